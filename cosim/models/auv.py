@@ -171,39 +171,24 @@ def derivatives(
 def velocity_coefficients(p: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The quadratic part of f(x), Eq. (4): per row of nu', coefficient by product of nu.
 
-    Row 0 is {"vv": 0.124, "ww": 0.397, "rr": 0.262, "vr": 1.153} in the paper's print;
-    here each is derived from Table 1 through M^-1.
+    Row 0 is {"vv": 0.124, "ww": 0.397, "rr": 0.262, "vr": 1.153} in the paper's print. They
+    are read off `hydrodynamic_force`, which is a quadratic form in nu, by polarisation:
+    q(a + b) - q(a) - q(b) is the coefficient of the product ab.
     """
-    half_rho, length, mass = 0.5 * p["density"], p["length"], p["mass"]
-    l2 = half_rho * length**2
-    l3 = half_rho * length**3
-    l4 = half_rho * length**4
     b = thrust_map(p)
-    sway = {
-        "ur": -mass + l3 * p["hydro.Y_ur"],
-        "wr": l3 * p["hydro.Y_wr"],
-        "uv": l2 * p["hydro.Y_uv"],
-        "vw": l2 * p["hydro.Y_vw"],
-    }
-    yaw = {
-        "ur": l4 * p["hydro.N_ur"],
-        "wr": l4 * p["hydro.N_wr"],
-        "uv": l3 * p["hydro.N_uv"],
-        "vw": l3 * p["hydro.N_vw"],
-    }
-    return [
-        {
-            "vv": b[0][0] * l2 * p["hydro.X_vv"],
-            "ww": b[0][0] * l2 * p["hydro.X_ww"],
-            "rr": b[0][0] * l4 * p["hydro.X_rr"],
-            "vr": b[0][0] * (mass + l3 * p["hydro.X_vr"]),
-        },
-        {k: b[1][1] * sway[k] + b[1][3] * yaw[k] for k in sway},
-        {
-            "vv": b[2][2] * l2 * p["hydro.Z_vv"],
-            "rr": b[2][2] * l4 * p["hydro.Z_rr"],
-            "uw": b[2][2] * l2 * p["hydro.Z_uw"],
-            "vr": b[2][2] * l3 * p["hydro.Z_vr"],
-        },
-        {k: b[3][1] * sway[k] + b[3][3] * yaw[k] for k in yaw},
-    ]
+
+    def acceleration(*moving: int) -> list[Any]:
+        u, v, w, r = (1.0 if i in moving else 0.0 for i in range(4))
+        return apply_thrust_map(b, hydrodynamic_force((u, v, w, r), p))
+
+    rows: list[dict[str, Any]] = [{}, {}, {}, {}]
+    names = "uvwr"
+    squares = [acceleration(i) for i in range(4)]
+    for i in range(4):
+        for j in range(i, 4):
+            pair = squares[i] if i == j else acceleration(i, j)
+            for row in range(4):
+                value = pair[row] if i == j else pair[row] - squares[i][row] - squares[j][row]
+                if value != 0.0:
+                    rows[row][names[i] + names[j]] = value
+    return rows
