@@ -27,6 +27,8 @@ of the thrust map is +2.40e-6.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
+from itertools import combinations_with_replacement
 from types import MappingProxyType
 from typing import Any
 
@@ -71,7 +73,7 @@ def inertia(p: Mapping[str, Any]) -> list[list[Any]]:
 
     `p` maps the names of `TABLE_1` to scalars.
     """
-    half_rho, length = 0.5 * p["density"], p["length"]
+    half_rho, length = p["density"] / 2, p["length"]
     l3 = half_rho * length**3
     l4 = half_rho * length**4
     l5 = half_rho * length**5
@@ -91,9 +93,9 @@ def thrust_map(p: Mapping[str, Any]) -> list[list[Any]]:
     m = inertia(p)
     det = m[1][1] * m[3][3] - m[1][3] * m[3][1]
     return [
-        [1.0 / m[0][0], 0.0, 0.0, 0.0],
+        [1 / m[0][0], 0.0, 0.0, 0.0],
         [0.0, m[3][3] / det, 0.0, -m[1][3] / det],
-        [0.0, 0.0, 1.0 / m[2][2], 0.0],
+        [0.0, 0.0, 1 / m[2][2], 0.0],
         [0.0, -m[3][1] / det, 0.0, m[1][1] / det],
     ]
 
@@ -101,7 +103,7 @@ def thrust_map(p: Mapping[str, Any]) -> list[list[Any]]:
 def hydrodynamic_force(nu: tuple[Any, Any, Any, Any], p: Mapping[str, Any]) -> list[Any]:
     """h(nu) of Eq. (3): rigid-body and hydrodynamic force and moment [N, N, N, N m]."""
     u, v, w, r = nu
-    half_rho, length, mass = 0.5 * p["density"], p["length"], p["mass"]
+    half_rho, length, mass = p["density"] / 2, p["length"], p["mass"]
     l2 = half_rho * length**2
     l3 = half_rho * length**3
     l4 = half_rho * length**4
@@ -168,27 +170,29 @@ def derivatives(
     ]
 
 
-def velocity_coefficients(p: Mapping[str, Any]) -> list[dict[str, Any]]:
+def velocity_coefficients(p: Mapping[str, Any]) -> list[dict[str, Fraction]]:
     """The quadratic part of f(x), Eq. (4): per row of nu', coefficient by product of nu.
 
     Row 0 is {"vv": 0.124, "ww": 0.397, "rr": 0.262, "vr": 1.153} in the paper's print. They
-    are read off `hydrodynamic_force`, which is a quadratic form in nu, by polarisation:
-    q(a + b) - q(a) - q(b) is the coefficient of the product ab.
+    are read off `hydrodynamic_force`, a quadratic form in nu, by polarisation: the
+    coefficient of ab is q(a + b) - q(a) - q(b). The arithmetic is exact in the numbers
+    given (their doubles, or Fractions of the decimals), so that nothing but true
+    coefficients remains.
     """
-    b = thrust_map(p)
+    exact = {name: Fraction(value) for name, value in p.items()}
+    b = thrust_map(exact)
 
-    def acceleration(*moving: int) -> list[Any]:
-        u, v, w, r = (1.0 if i in moving else 0.0 for i in range(4))
-        return apply_thrust_map(b, hydrodynamic_force((u, v, w, r), p))
+    def q(*moving: int) -> list[Any]:
+        u, v, w, r = (1 if i in moving else 0 for i in range(4))
+        return apply_thrust_map(b, hydrodynamic_force((u, v, w, r), exact))
 
-    rows: list[dict[str, Any]] = [{}, {}, {}, {}]
-    names = "uvwr"
-    squares = [acceleration(i) for i in range(4)]
-    for i in range(4):
-        for j in range(i, 4):
-            pair = squares[i] if i == j else acceleration(i, j)
-            for row in range(4):
-                value = pair[row] if i == j else pair[row] - squares[i][row] - squares[j][row]
-                if value != 0.0:
-                    rows[row][names[i] + names[j]] = value
+    rows: list[dict[str, Fraction]] = [{}, {}, {}, {}]
+    squares = [q(i) for i in range(4)]
+    for i, j in combinations_with_replacement(range(4), 2):
+        pair = q(i, j)
+        for row, coefficients in enumerate(rows):
+            square = squares[i][row]
+            value = square if i == j else pair[row] - square - squares[j][row]
+            if value != 0:
+                coefficients["uvwr"[i] + "uvwr"[j]] = value
     return rows
