@@ -1,0 +1,216 @@
+"""Eq. (7) of the paper, with any number of delays: the linear uncertain time-delay system.
+
+With delays 0 = d_0, d_1, ..., d_N:
+
+    x'(t) = sum_i (A_i + dA_i) x(t-d_i) + B u + C w(t)
+    z(t)  = D x(t) + D1 w(t) + D2 u
+    [dA_0 ... dA_N] = E F(t) [H_0 ... H_N],   F(t)'F(t) <= I
+    u = K x(t-d_f)                                            Eq. (8), f the feedback delay
+
+The paper's system has one delay and immediate feedback (d_f = 0); feedback over a link is a
+delay of its own, marked `feedback`. F may be rectangular, as the paper defines it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Matrix = NDArray[np.float64]
+
+
+def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
+    """Read-only float copy of `value`, checked against the shape (None: any)."""
+    expected = f"shape ({'any' if rows is None else rows}, {'any' if columns is None else columns})"
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: not a matrix of numbers; expected {expected}") from error
+    wrong_rows = rows is not None and matrix.shape[:1] != (rows,)
+    wrong_columns = columns is not None and matrix.shape[1:] != (columns,)
+    if matrix.ndim != 2 or wrong_rows or wrong_columns:
+        raise ValueError(f"{name}: wrong shape; expected {expected}, got {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name}: expected finite numbers, got {matrix[~np.isfinite(matrix)][0]}")
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _size(name: str, sizes: dict[str, int]) -> int:
+    """Dimension that all given matrices share; 0 if none is given."""
+    found = set(sizes.values())
+    if len(found) > 1:
+        got = ", ".join(f"{matrix} has {size}" for matrix, size in sizes.items())
+        raise ValueError(f"{name}: matrices disagree; expected one number, got {got}")
+    return found.pop() if found else 0
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Delay:
+    """One delayed term (A_i + dA_i) x(t-d_i), and what acts through the same delay.
+
+    Parameters
+    ----------
+    d : the delay [s], finite and not negative.
+    A : (n, n) the matrix of x(t-d).
+    H : (r, n) the uncertainty's right factor for this delay; None where nothing is uncertain.
+    feedback : the control acts through this delay, u = K x(t-d).
+    any_age : design for every time-varying delay tau(t) <= d, however fast it varies
+        (Q = 0 in the functional), instead of the constant delay d.
+    """
+
+    d: float
+    A: Matrix
+    H: Matrix
+    feedback: bool
+    any_age: bool
+
+    def __init__(
+        self,
+        d: float,
+        A: ArrayLike,
+        H: ArrayLike | None = None,
+        feedback: bool = False,  # noqa: FBT001, FBT002 - fields of a record
+        any_age: bool = False,  # noqa: FBT001, FBT002
+    ) -> None:
+        if not (math.isfinite(d) and d >= 0):
+            raise ValueError(f"delay d: expected a finite number of seconds >= 0, got {d}")
+        matrix = _matrix("A of a delay", A, None, None)
+        n = matrix.shape[0]
+        object.__setattr__(self, "d", float(d))
+        object.__setattr__(self, "A", _matrix("A of a delay", A, n, n))
+        right = np.zeros((0, n)) if H is None else H
+        object.__setattr__(self, "H", _matrix("H of a delay", right, None, n))
+        object.__setattr__(self, "feedback", bool(feedback))
+        object.__setattr__(self, "any_age", bool(any_age))
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class DelaySystem:
+    """Eq. (7) with several delays; matrices are read-only float arrays.
+
+    What is absent is zero, or does not exist: an absent matrix whose dimension is known from
+    another one is filled with zeros, otherwise that dimension is 0. Without a disturbance
+    (no C, no D1) or without a performance output (no D, no D1, no D2) only stability can be
+    asked; without E and H nothing is uncertain.
+
+    Parameters
+    ----------
+    A : (n, n).
+    B : (n, m) input matrix.
+    C : (n, q) disturbance matrix.
+    D, D1, D2 : (p, n), (p, q), (p, m) of the performance output z.
+    E : (n, s) left factor of the uncertainty; F(t) is (s, r).
+    H : (r, n) right factor for x(t); each delay carries its own.
+    delays : the delayed terms; at most one carries the feedback.
+    name : for messages and files.
+
+    Raises
+    ------
+    ValueError
+        Naming the matrix, what was expected and what was got.
+    """
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+    D1: Matrix
+    D2: Matrix
+    E: Matrix
+    H: Matrix
+    delays: tuple[Delay, ...]
+    name: str
+
+    def __init__(
+        self,
+        A: ArrayLike,
+        B: ArrayLike | None = None,
+        C: ArrayLike | None = None,
+        D: ArrayLike | None = None,
+        D1: ArrayLike | None = None,
+        D2: ArrayLike | None = None,
+        E: ArrayLike | None = None,
+        H: ArrayLike | None = None,
+        delays: Sequence[Delay] = (),
+        name: str = "",
+    ) -> None:
+        n = _matrix("A", A, None, None).shape[0]
+        if n == 0:
+            raise ValueError("A: expected at least one state, got shape (0, 0)")
+        given = {
+            key: _matrix(key, value, rows, columns)
+            for key, value, rows, columns in (
+                ("A", A, n, n),
+                ("B", B, n, None),
+                ("C", C, n, None),
+                ("D", D, None, n),
+                ("D1", D1, None, None),
+                ("D2", D2, None, None),
+                ("E", E, n, None),
+                ("H", H, None, n),
+            )
+            if value is not None
+        }
+
+        def size(what: str, axis: int, *names: str) -> int:
+            return _size(what, {k: given[k].shape[axis] for k in names if k in given})
+
+        m = size("inputs (columns of B, D2)", 1, "B", "D2")
+        q = size("disturbances (columns of C, D1)", 1, "C", "D1")
+        p = size("performance outputs (rows of D, D1, D2)", 0, "D", "D1", "D2")
+        for i, delay in enumerate(delays, 1):
+            if delay.A.shape != (n, n):
+                raise ValueError(f"A of delay {i}: expected {(n, n)}, got {delay.A.shape}")
+        rows = {f"H of delay {i}": x.H.shape[0] for i, x in enumerate(delays, 1) if x.H.size}
+        if "H" in given:
+            rows["H"] = given["H"].shape[0]
+        r = _size("rows of H", rows)
+        s = given["E"].shape[1] if "E" in given else 0
+        if (r == 0) != (s == 0):
+            got = "H without E" if s == 0 else "E without H"
+            raise ValueError(f"uncertainty E F [H ...]: expected both factors, got {got}")
+        feedbacks = [i for i, delay in enumerate(delays, 1) if delay.feedback]
+        if len(feedbacks) > 1:
+            raise ValueError(f"feedback: expected at most one delay, got delays {feedbacks}")
+        shapes = {
+            "A": (n, n),
+            "B": (n, m),
+            "C": (n, q),
+            "D": (p, n),
+            "D1": (p, q),
+            "D2": (p, m),
+            "E": (n, s),
+            "H": (r, n),
+        }
+        for key, shape in shapes.items():
+            matrix = given[key] if key in given else _matrix(key, np.zeros(shape), *shape)
+            object.__setattr__(self, key, matrix)
+        complete = tuple(
+            Delay(x.d, x.A, x.H if x.H.size else np.zeros((r, n)), x.feedback, x.any_age)
+            for x in delays
+        )
+        object.__setattr__(self, "delays", complete)
+        object.__setattr__(self, "name", name)
+
+    @property
+    def immediate_feedback(self) -> bool:
+        """Whether u = K x(t): no delay carries the feedback."""
+        return not any(delay.feedback for delay in self.delays)
+
+    @property
+    def has_performance(self) -> bool:
+        """Whether an H-infinity gain from w to z exists to be asked for."""
+        return bool(self.C.size and self.D.size)
+
+    @property
+    def feedback_delay(self) -> float:
+        """The delay d_f [s] of u = K x(t-d_f)."""
+        return next((delay.d for delay in self.delays if delay.feedback), 0.0)
