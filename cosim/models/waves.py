@@ -1,0 +1,239 @@
+"""The wave field: an irregular sea that is exactly the exosystem w' = G w of the paper.
+
+A sum of N harmonics with frequencies w_k, amplitudes a_k and phases p_k is the output of
+G = blkdiag([0 w_k; -w_k 0]) from the initial state (a_k sin p_k, a_k cos p_k): block k moves
+as (a_k sin(w_k t + p_k), a_k cos(w_k t + p_k)). It is evaluated in that closed form, so it
+does not drift and does not depend on any step size.
+
+Amplitudes and frequencies follow a sea spectrum (T. I. Fossen, Handbook of Marine Craft
+Hydrodynamics and Motion Control, Wiley 2011, ch. 8). With x = w / w_p, w_p = 2 pi / Tp:
+
+    S(w) = c (5/16) Hs^2 w_p^4 w^-5 exp(-5/4 x^-4) g^Y
+    Y    = exp(-(x - 1)^2 / (2 s^2)),  s = 0.07 for x <= 1 and 0.09 above
+
+g = 1 is Pierson-Moskowitz (c = 1), g = 3.3 the usual JONSWAP; c makes the variance Hs^2/16.
+
+At depth z in deep water a harmonic of elevation amplitude a accelerates the water by
+w^2 a exp(-w^2 z / g0), horizontally along the direction of travel and, a quarter period
+apart, vertically (linear theory: particles go round in circles).
+
+Modelling choice: a neutrally buoyant body that is small against the wave length is pushed by
+(m + added mass) times the acceleration of the water around it, hence moves with it: the
+water's acceleration enters nu' as it is. Limits: the water's speed is left out of the
+hydrodynamic force h(nu), as are the change of heading and position of the vehicle (direction
+is relative to its bow, the field is seen from one point) and waves of a few body lengths or
+less. Yaw comes from the uneven sway acceleration along the hull, here a plain gain on it.
+
+Written once, over scalars, with the functions taken from a passed namespace (floats,
+arrays, symbols). Nothing is imported but the standard library, since this file also travels
+inside the FMU.
+"""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+GRAVITY = 9.80665
+"""Standard acceleration of free fall [m/s^2]."""
+
+PEAK_FACTOR: Mapping[str, float] = MappingProxyType({"jonswap": 3.3, "pierson-moskowitz": 1.0})
+"""Usual peak factor g by name of the spectrum."""
+
+LOWEST, HIGHEST = 0.5, 3.0
+"""Frequencies used, as multiples of the peak's. Below lies 2e-9 of the energy (g = 1), above
+1.5 %; the amplitudes make up for both. Without an upper end the acceleration of the surface
+has no finite variance."""
+
+_MASK = 0xFFFFFFFFFFFFFFFF
+
+
+class Component(NamedTuple):
+    """One harmonic, amplitude * sin(omega t + phase) [rad/s, any unit, rad]."""
+
+    omega: Any
+    amplitude: Any
+    phase: Any
+
+
+class Gains(NamedTuple):
+    """What reaches u, v, w [1] and r [rad/m] of an acceleration of the water."""
+
+    u: Any
+    v: Any
+    w: Any
+    r: Any
+
+
+def splitmix64(state: int) -> tuple[int, int]:
+    """Advance the generator: the next state and a 64-bit output.
+
+    G. L. Steele, D. Lea, C. H. Flood, "Fast splittable pseudorandom number generators",
+    OOPSLA 2014, with the constants of S. Vigna's reference code. Integers only: the same
+    numbers on every machine and in every language.
+    """
+    state = (state + 0x9E3779B97F4A7C15) & _MASK
+    z = state
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return state, z ^ (z >> 31)
+
+
+def uniforms(seed: int, count: int) -> list[float]:
+    """`count` numbers in [0, 1), the upper 53 bits of each output of `splitmix64`.
+
+    Raises
+    ------
+    ValueError : if the seed is not an integer of 64 bits.
+    """
+    if not 0 <= seed <= _MASK:
+        raise ValueError(f"seed of the wave field: expected 0 to 2^64 - 1, got {seed}")
+    state, drawn = seed, []
+    for _ in range(count):
+        state, bits = splitmix64(state)
+        drawn.append((bits >> 11) * 2.0**-53)
+    return drawn
+
+
+def discretise(
+    Hs: Any, Tp: Any, peak_factor: Any, drawn: Sequence[Any], ns: Any = math
+) -> list[Component]:
+    """Elevation of the sea as N harmonics; the sum of a_k^2 / 2 is Hs^2/16.
+
+    The share of the Pierson-Moskowitz energy below x is q(x) = exp(-5/4 x^-4), so bins of
+    equal energy have edges in closed form. One frequency is drawn in each bin, so that
+    the sea does not repeat; it carries the bin's energy times g^Y. The peak is an edge of
+    the bins: on which side of it a frequency lies (s = 0.07 or 0.09) is known from its
+    number alone, and the formula holds for symbols too.
+
+    Parameters
+    ----------
+    Hs : significant wave height [m].
+    Tp : peak period [s].
+    peak_factor : g of the spectrum [1].
+    drawn : 2 N numbers in [0, 1): place in the bin and phase / 2 pi, for each harmonic.
+    ns : namespace with `exp`, `log` and `sqrt`.
+    """
+    count = len(drawn) // 2
+    q_low, q_peak, q_high = (math.exp(-1.25 * x**-4) for x in (LOWEST, 1.0, HIGHEST))
+    below = round(count * (q_peak - q_low) / (q_high - q_low))
+    omega, energy = [], []
+    for k in range(count):
+        if k < below:
+            start, width, s = q_low, (q_peak - q_low) / below, 0.07
+            place = k + drawn[2 * k]
+        else:
+            start, width, s = q_peak, (q_high - q_peak) / (count - below), 0.09
+            place = k - below + drawn[2 * k]
+        x = ns.sqrt(ns.sqrt(-1.25 / ns.log(start + width * place)))
+        omega.append(x * (2 * math.pi / Tp))
+        enhancement = ns.exp(-((x - 1) ** 2) / (2 * s * s))
+        energy.append(width * ns.exp(ns.log(peak_factor) * enhancement))
+    total = sum(energy)
+    return [
+        Component(omega[k], Hs / 4 * ns.sqrt(2 * energy[k] / total), 2 * math.pi * drawn[2 * k + 1])
+        for k in range(count)
+    ]
+
+
+def sea(
+    Hs: float,
+    Tp: float,
+    *,
+    spectrum: str = "jonswap",
+    peak_factor: float | None = None,
+    count: int = 20,
+    seed: int = 1,
+) -> list[Component]:
+    """Elevation of an irregular sea; same arguments, same sea, bit for bit.
+
+    Parameters
+    ----------
+    Hs, Tp : significant wave height [m] and peak period [s].
+    spectrum : "jonswap" or "pierson-moskowitz".
+    peak_factor : g, for a JONSWAP other than the usual 3.3 (1 to 10).
+    count : number of harmonics N.
+    seed : draws frequencies (within their bins) and phases.
+
+    Raises
+    ------
+    ValueError : on an argument outside its range.
+    """
+    if not (math.isfinite(Hs) and Hs >= 0):
+        raise ValueError(f"significant wave height Hs: expected a number >= 0 [m], got {Hs}")
+    if not (math.isfinite(Tp) and Tp > 0):
+        raise ValueError(f"peak period Tp: expected a number > 0 [s], got {Tp}")
+    if spectrum not in PEAK_FACTOR:
+        raise ValueError(f"spectrum: expected one of {sorted(PEAK_FACTOR)}, got {spectrum!r}")
+    factor = PEAK_FACTOR[spectrum] if peak_factor is None else peak_factor
+    if not 1 <= factor <= 10:
+        raise ValueError(f"peak factor: expected 1 to 10, got {factor}")
+    if spectrum == "pierson-moskowitz" and factor != 1:
+        raise ValueError(f"peak factor of a Pierson-Moskowitz spectrum: expected 1, got {factor}")
+    if count < 1:
+        raise ValueError(f"number of wave components: expected at least 1, got {count}")
+    return discretise(Hs, Tp, factor, uniforms(seed, 2 * count))
+
+
+def at_depth(elevation: Sequence[Component], depth: Any, ns: Any = math) -> list[Component]:
+    """Acceleration of the water [m/s^2] `depth` [m] below the mean surface, deep water."""
+    return [
+        Component(
+            c.omega, c.omega**2 * c.amplitude * ns.exp(-(c.omega**2) * depth / GRAVITY), c.phase
+        )
+        for c in elevation
+    ]
+
+
+def gains(direction: Any, yaw_gain: Any, ns: Any = math) -> Gains:
+    """Gains of waves that travel towards `direction` [rad] from the bow, starboard positive.
+
+    `yaw_gain` [rad/s^2 per m/s^2] times the sway acceleration is the yaw acceleration.
+    """
+    sway = ns.sin(direction)
+    return Gains(ns.cos(direction), sway, 1.0, yaw_gain * sway)
+
+
+def accelerations(
+    t: Any, components: Sequence[Component], gain: Gains, ns: Any = math
+) -> list[Any]:
+    """Disturbance of u, v, w [m/s^2] and r [rad/s^2] at time `t` [s].
+
+    With S = sum of a_k sin(w_k t + p_k) along the direction of travel, the water's downward
+    acceleration is minus the sum of a_k cos(w_k t + p_k) (z points down). `components` come
+    from `at_depth`, or are given outright: a single (1, 1, 0) with gain 1 on u is exactly
+    sin t, the disturbance of section 5. `ns` provides `sin` and `cos`.
+    """
+    along: Any = 0
+    down: Any = 0
+    for c in components:
+        angle = c.omega * t + c.phase
+        along = along + c.amplitude * ns.sin(angle)
+        down = down - c.amplitude * ns.cos(angle)
+    return [gain.u * along, gain.v * along, gain.w * down, gain.r * along]
+
+
+def exosystem(components: Sequence[Component]) -> tuple[list[list[float]], list[float]]:
+    """G (2N x 2N) and w(0) (2N) of the exosystem w' = G w that these components are."""
+    size = 2 * len(components)
+    G = [[0.0] * size for _ in range(size)]
+    start: list[float] = []
+    for k, c in enumerate(components):
+        G[2 * k][2 * k + 1], G[2 * k + 1][2 * k] = c.omega, -c.omega
+        start += [c.amplitude * math.sin(c.phase), c.amplitude * math.cos(c.phase)]
+    return G, start
+
+
+def exosystem_output(count: int, gain: Gains) -> list[list[float]]:
+    """C (4 x 2N): `accelerations` are C w(t) with w of the exosystem."""
+    along, down = [1.0, 0.0] * count, [0.0, -1.0] * count
+    return [
+        [gain.u * s for s in along],
+        [gain.v * s for s in along],
+        [gain.w * s for s in down],
+        [gain.r * s for s in along],
+    ]
