@@ -126,11 +126,12 @@ class PacketSchedule:
     def statistics(self) -> dict[str, int | float | None]:
         """Figures of the link over the run, JSON-safe.
 
-        sent = delivered + dropped + in_flight. Keys: `sent`; `delivered`; `dropped` = `lost` + `overtaken`; `in_flight` (arrival after
-        the end); `substitutions` (losses after which the `on_loss` value came into use);
-        `mean_delay_s`, `max_delay_s` of the delivered messages [s]; `max_age_s` [s], the
-        largest age of a message in use, taken just before it is replaced or at the end of the
-        run. The last three are None when nothing was delivered.
+        sent = delivered + dropped + in_flight. Keys: `sent`; `delivered`; `dropped` = `lost` +
+        `overtaken`; `in_flight` (arrival after the end); `substitutions` (losses after which
+        the `on_loss` value came into use); `mean_delay_s`, `max_delay_s` of the delivered
+        messages [s]; `max_age_s` [s], the largest age of a message in use, taken just before
+        it is replaced or at the end of the run. The last three are None when nothing was
+        delivered (`max_age_s` also when nothing delivered was ever in use).
         """
         counts = np.bincount(self.status, minlength=4)
         arrived = self.status == DELIVERED
@@ -152,8 +153,11 @@ class PacketSchedule:
             "max_age_s": int(age.max()) / 1e9 if age.size else None,
         }
 
-    def _changes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """When what is in use changes, and to what; one change per instant."""
+    def changes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Instants [ns] at which what is in use changes, and to what (as in `in_use`).
+
+        Two arrays of shape (m,), the instants strictly increasing.
+        """
         counts = self.status == DELIVERED
         if self.link.on_loss != "hold":
             counts = counts | _noticed(self)
@@ -210,11 +214,10 @@ def align(
     schedules : of all the links of one run (same end_ns).
     points_ns : communication points [ns], strictly increasing from 0 to end_ns; or the step
         [ns] of a uniform grid (its multiples up to end_ns, and end_ns itself).
-    policy : "align": every instant of sending, of delivery and of a noticed loss (`on_loss` other
-        than "hold") becomes a point, and the schedules stay as they are. "grid": the points stay; a message is sent at the first
-        point at or after its instant, and arrives at the first point at or after that plus
-        delay plus jitter, so that it is never early. Messages that would be sent after the
-        last point are not sent, those that would arrive after it are in flight.
+    policy : "align": every instant of sending, of delivery and of a noticed loss (`on_loss`
+        other than "hold") becomes a point, and the schedules stay as they are. "grid": the
+        points stay; a message is sent at the first point at or after its instant, and arrives
+        at the first point at or after that plus delay plus jitter, so that it is never early.
 
     Raises
     ------
@@ -330,4 +333,5 @@ def _noticed(s: PacketSchedule) -> NDArray[np.bool_]:
     delivered = np.where(s.status == DELIVERED, s.arrival_ns, never)
     earliest = np.minimum.accumulate(delivered[::-1])[::-1]
     newer: NDArray[np.int64] = np.append(earliest[1:], [never])[: s.sent_ns.size]
-    return (s.status == LOST) & (newer > s.arrival_ns)
+    noticed: NDArray[np.bool_] = (s.status == LOST) & (newer > s.arrival_ns)
+    return noticed

@@ -167,7 +167,7 @@ def file_descriptor(schema_name: str, signals: Sequence[Signal]) -> FileDescript
         message.field.add(
             name=name,
             number=i + 1,
-            type=_TYPES[signal.kind],  # type: ignore[arg-type]
+            type=_TYPES[signal.kind],
             label=FieldDescriptorProto.LABEL_OPTIONAL,
             proto3_optional=True,
             oneof_index=i,
