@@ -1,5 +1,7 @@
 """Traces: MCAP files of runs; write, read, describe, hash."""
 
+from cosim.trace.content import content_hash
+from cosim.trace.info import describe, render
 from cosim.trace.layout import (
     DROPPED_SIGNALS,
     Signal,
@@ -9,16 +11,23 @@ from cosim.trace.layout import (
     output_topic,
     result_of_link,
 )
+from cosim.trace.reader import Table, TopicInfo, Trace
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
     "DROPPED_SIGNALS",
     "Attachment",
     "Signal",
+    "Table",
+    "TopicInfo",
+    "Trace",
     "TraceWriter",
+    "content_hash",
+    "describe",
     "dropped_topic",
     "input_topic",
     "link_topic",
     "output_topic",
+    "render",
     "result_of_link",
 ]

@@ -112,7 +112,9 @@ class TraceWriter:
                 got=str(error),
             ) from error
         self._open = True
-        self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=method)
+        self._writer = Writer(
+            self._stream, chunk_size=chunk_bytes, compression=method, enable_data_crcs=True
+        )
         with self._disk():
             self._writer.start(profile="", library="auv-cosim")
             self._writer.add_metadata(layout.RUN, entries)
