@@ -140,7 +140,7 @@ def solve(
             return np.asarray(f(inside, x, delayed), dtype=float)
 
         run = solve_ivp(rate, (a, b), x, "DOP853", dense_output=True, rtol=rtol, atol=atol)
-        if not run.success:
+        if not run.success or run.sol is None:
             raise ArithmeticError(f"reference integration on [{a}, {b}]: {run.message}")
         x = run.y[:, -1]
         solution.pieces.append(run.sol)

@@ -1,0 +1,53 @@
+# Every target sets up its own environment in $(VENV); it needs Python 3.11 or later with venv,
+# make, and a C compiler (the native FMUs and one reference tool of the tests are compiled).
+
+PYTHON ?= python3
+VENV ?= .venv
+JOBS ?= 2
+
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint bench fmus clean
+
+help: ## show this list
+	@echo "make <target>   [PYTHON=$(PYTHON)] [VENV=$(VENV)] [JOBS=$(JOBS)]"
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-7s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+demo: $(READY) ## fly two designs over the same late link, from design to trace
+	$(BIN)/cosim demo
+
+test: $(READY) ## run the tests, all but the slow ones
+	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
+
+lint: $(READY) ## check style, formatting and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(READY) ## run every benchmark; each prints its table and its JSON
+	@set -e; for script in tests/benchmarks/[!_]*.py; do \
+		echo "== $$script"; $(BIN)/python "$$script"; \
+	done
+
+fmus: $(READY) ## build every FMU into fmus/
+	$(BIN)/python build_fmu.py
+
+clean: ## remove what the other targets made, traces excepted
+	rm -rf .venv .venv-ci fmus dist build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find cosim fmu_src tests -type d -name __pycache__ -prune -exec rm -rf {} +
+
+# The environment is hidden from git and from ruff wherever it stands.
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "Python 3.11 or later with its venv module is needed."; \
+		echo "  got: $(PYTHON), $$($(PYTHON) --version 2>&1)"; \
+		echo "  try: make PYTHON=python3.11 $(MAKECMDGOALS)"; \
+		exit 1; } >&2
+	$(PYTHON) -m venv $(VENV)
+	@echo '*' > $(VENV)/.gitignore
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		-c constraints.txt -e '.[plot,test,lint]'
+	@touch $@
