@@ -1,0 +1,135 @@
+"""The random numbers: the published generator, and the distributions they claim."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+from scipy import stats
+
+from cosim.network import GilbertElliott, Jitter, PacketLink, draws, schedule
+
+MASK = 2**64 - 1
+
+
+def philox(counter: list[int], key: list[int]) -> list[int]:
+    """Philox 4x64-10 in plain integers, from the paper (Salmon et al. 2011, section 3.3)."""
+    c, k = list(counter), list(key)
+    for turn in range(10):
+        if turn:
+            k = [(k[0] + 0x9E3779B97F4A7C15) & MASK, (k[1] + 0xBB67AE8584CAA73B) & MASK]
+        first, second = 0xD2E7470EE14C6C93 * c[0], 0xCA5A826395121157 * c[2]
+        c = [
+            (second >> 64) ^ c[1] ^ k[0],
+            second & MASK,
+            (first >> 64) ^ c[3] ^ k[1],
+            first & MASK,
+        ]
+    return c
+
+
+def raw_stream(seed: int, name: str, purpose: str, count: int, turn: int = 0) -> list[int]:
+    """The stream as documented: key from SHA-256, counter from 1."""
+    label = f"auv-cosim\0{seed}\0{name}\0{purpose}\0{turn}"
+    digest = hashlib.sha256(label.encode()).digest()
+    key = [int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")]
+    blocks = [philox([i + 1, 0, 0, 0], key) for i in range(-(-count // 4))]
+    return [word for block in blocks for word in block][:count]
+
+
+def test_reference_is_philox():
+    """The plain-integer Philox gives the known answer of the Random123 distribution."""
+    assert philox([0, 0, 0, 0], [0, 0]) == [
+        0x16554D9ECA36314C,
+        0xDB20FE9D672D0FDC,
+        0xD7E772CEE186176B,
+        0x7E68B68AEC7BA23B,
+    ]
+
+
+@pytest.mark.parametrize(("seed", "name"), [(0, "a"), (7, "τ_sc"), (2**63 - 1, "long name/x.y")])
+def test_uniform_is_the_documented_stream(seed, name):
+    """Every double is the upper 53 bits of the documented Philox output."""
+    expected = [(word >> 11) * 2.0**-53 for word in raw_stream(seed, name, "jitter", 41)]
+    assert draws.uniform(seed, name, "jitter", 41).tolist() == expected
+
+
+def test_uniform_jitter_exactly():
+    """Uniform jitter is floor(width * 53 bits / 2**53) in exact arithmetic."""
+    link = PacketLink("sc", 10, jitter=Jitter("uniform", width_ns=12_345_678), seed=5)
+    words = raw_stream(5, "sc", "jitter", 101)
+    expected = [math.floor(Fraction(word >> 11, 2**53) * 12_345_678) for word in words]
+    assert schedule(link, 1000).transit_ns.tolist() == expected
+
+
+def test_logarithm():
+    """The logarithm is that of arbitrary-precision arithmetic to 2 ulp, also near 1 and 0."""
+    x = np.concatenate(
+        [
+            draws.uniform(1, "x", "test", 2000),
+            2.0 ** -np.arange(1, 54),
+            1 - 2.0 ** -np.arange(2, 54),
+        ]
+    )
+    x = x[x > 0]
+    for value, got in zip(x.tolist(), draws.log(x).tolist(), strict=True):
+        exact = flint.arb(value).log()
+        assert abs(float((flint.arb(got) - exact).mid())) <= 2 * math.ulp(got)
+
+
+@pytest.mark.parametrize(
+    ("jitter", "law"),
+    [
+        (Jitter("uniform", width_ns=10**7), stats.uniform(0, 1e7)),
+        (Jitter("exponential", mean_ns=10**6), stats.expon(0, 1e6)),
+        (
+            Jitter("exponential", mean_ns=10**6, max_ns=15 * 10**5),
+            stats.truncexpon(1.5, scale=1e6),
+        ),
+        (Jitter("normal", sigma_ns=10**6), stats.halfnorm(0, 1e6)),
+        (
+            Jitter("normal", mean_ns=10**6, sigma_ns=10**6, max_ns=25 * 10**5),
+            stats.truncnorm(-1.0, 1.5, loc=1e6, scale=1e6),
+        ),
+    ],
+)
+def test_jitter_distribution(jitter, law):
+    """20 000 draws of each jitter pass Kolmogorov-Smirnov against SciPy's law."""
+    extra = draws.jitter_ns(jitter, 3, "link", 20_000)
+    assert stats.kstest(extra, law.cdf).pvalue > 1e-3
+    assert extra.min() >= 0
+    assert jitter.max_ns is None or extra.max() <= jitter.max_ns
+
+
+def test_bernoulli_loss():
+    """The number lost of 100 000 lies within five standard deviations of the binomial law."""
+    lost = draws.lost(0.2, 1, "link", 100_000)
+    assert abs(lost.sum() - 20_000) < 5 * math.sqrt(100_000 * 0.2 * 0.8)
+
+
+def test_gilbert_elliott_loss():
+    """Long-run loss and mean burst length are those of the Markov chain."""
+    lost = draws.lost(GilbertElliott(0.05, 0.25), 1, "link", 200_000)
+    assert lost.mean() == pytest.approx(0.05 / 0.30, rel=0.03)
+    starts = np.flatnonzero(lost[1:] & ~lost[:-1]).size + int(lost[0])
+    assert lost.sum() / starts == pytest.approx(4.0, rel=0.03)
+    assert not lost[0]
+
+
+def test_gilbert_elliott_with_equal_states_is_bernoulli():
+    """If both states lose alike, the chain does not matter: the very same messages are lost."""
+    chain = draws.lost(GilbertElliott(0.3, 0.4, 0.2, 0.2), 9, "link", 5000)
+    assert (chain == draws.lost(0.2, 9, "link", 5000)).all()
+
+
+@pytest.mark.parametrize("kind", ["exponential", "normal"])
+def test_longer_run_begins_with_the_shorter(kind):
+    """Truncation by refusal does not let one message's draws depend on another's."""
+    scale = {"exponential": {"mean_ns": 50}, "normal": {"sigma_ns": 50}}[kind]
+    jitter = Jitter(kind, max_ns=60, **scale)
+    short, long = (draws.jitter_ns(jitter, 1, "link", n) for n in (50, 500))
+    assert (long[:50] == short).all()
