@@ -1,0 +1,1 @@
+"""The components that become FMUs: variables, behaviour, and the shells around them."""

@@ -1,0 +1,31 @@
+"""An FMU archive whose bytes depend on its content alone."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def deterministic_zip(files: Mapping[str, bytes], destination: Path) -> Path:
+    """Write the files, sorted, with a fixed date and forward slashes; replaces atomically.
+
+    Stored, not deflated: what a compressor makes of the same bytes differs between builds
+    of zlib, and an FMU is unpacked before use anyway.
+    """
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    partial = destination.with_suffix(f".{os.getpid()}.partial")
+    try:
+        with zipfile.ZipFile(partial, "w", zipfile.ZIP_STORED) as archive:
+            for name in sorted(files):
+                info = zipfile.ZipInfo(name, _DATE)
+                info.external_attr = 0o100644 << 16
+                info.create_system = 3  # the same on every host
+                archive.writestr(info, files[name])
+        partial.replace(destination)
+    finally:
+        partial.unlink(missing_ok=True)
+    return destination

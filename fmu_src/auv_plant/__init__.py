@@ -1,0 +1,1 @@
+"""The delayed vehicle as a component."""

@@ -1,0 +1,90 @@
+"""FMI variables of AuvPlant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.models.auv import STATE, TABLE_1
+from fmu_src.spec import ComponentSpec, Variable
+
+_UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
+_STATE_TEXT = (
+    "position north, earth frame",
+    "position east, earth frame",
+    "depth, earth frame (down positive)",
+    "heading",
+    "surge speed, body frame",
+    "sway speed, body frame",
+    "heave speed, body frame (down positive)",
+    "yaw rate",
+)
+_PHYSICAL = {
+    "mass": ("kg", "dry mass m", 1e-3),
+    "inertia.z": ("kg.m2", "moment of inertia I_z about the vertical axis", 1e-3),
+    "density": ("kg/m3", "density of water", 1e-3),
+    "length": ("m", "length L of the vehicle", 1e-3),
+}
+
+
+def _variables() -> list[Variable]:
+    table = [
+        Variable("force.x", "input", "thrust along the body's x axis", "N"),
+        Variable("force.y", "input", "thrust along the body's y axis", "N"),
+        Variable("force.z", "input", "thrust along the body's z axis", "N"),
+        Variable("moment.z", "input", "thruster moment about the body's z axis", "N.m"),
+        Variable("disturbance.u", "input", "surge acceleration by waves and current", "m/s2"),
+        Variable("disturbance.v", "input", "sway acceleration by waves and current", "m/s2"),
+        Variable("disturbance.w", "input", "heave acceleration by waves and current", "m/s2"),
+        Variable("disturbance.r", "input", "yaw acceleration by waves and current", "rad/s2"),
+    ]
+    for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True):
+        table.append(Variable(name, "output", text, unit))
+    for name, start in TABLE_1.items():
+        unit, text, minimum = _PHYSICAL.get(
+            name, (None, f"hydrodynamic derivative {name.removeprefix('hydro.')} (Table 1)", None)
+        )
+        table.append(Variable(name, "parameter", text, unit, start, minimum=minimum))
+    for axis in "uvwr":
+        table.append(
+            Variable(
+                f"damping.{axis}",
+                "parameter",
+                f"gain of the onboard damping loop on nu.{axis}(t - delay.d)",
+                "1/s",
+                0.05,
+                minimum=0.0,
+            )
+        )
+    table.append(
+        Variable("delay.d", "parameter", "age of the damping loop's data", "s", 0.5, minimum=0.0)
+    )
+    for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True):
+        table.append(
+            Variable(f"initial.{name}", "parameter", f"{text}, for all t <= start", unit)
+        )
+    table.append(
+        Variable(
+            "solver.step",
+            "parameter",
+            "largest internal integration step",
+            "s",
+            0.05,
+            minimum=1e-6,
+        )
+    )
+    return table
+
+
+SPEC = ComponentSpec(
+    name="AuvPlant",
+    description=(
+        "Autonomous underwater vehicle in four degrees of freedom with an internal time delay, "
+        "Eqs. (1)-(4) and (6)"
+    ),
+    variables=tuple(_variables()),
+    behaviour="fmu_src.auv_plant.behaviour:AuvPlant",
+    sources=("cosim.models.auv", "cosim.models.delay_line", "fmu_src.auv_plant.behaviour"),
+    readme=Path(__file__).with_name("readme.md"),
+    stop_time=60.0,
+    step_size=0.05,
+)

@@ -1,0 +1,1 @@
+"""Eq. (7) with any matrices as a component."""

@@ -1,0 +1,1 @@
+"""Static state feedback, sampled, as a component."""

@@ -1,0 +1,69 @@
+"""Sampled state feedback between its FMI variables and `cosim.models.feedback`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cosim.models.feedback import command, limited
+
+
+class StateFeedback:
+    """u = map K (x - reference), limited, taken at t = k sample_time and held.
+
+    What is sampled at a communication point is seen at the next one: no output depends on
+    an input without delay. A sample time of 0 samples at every communication point.
+    """
+
+    def __init__(self, constants: dict[str, Any]) -> None:
+        self._measured: list[str] = constants["measured"]
+        self._reference: list[str | None] = constants["reference"]
+        self._outputs: list[str] = constants["outputs"]
+        self._limits: list[str] = constants["limits"]  # a parameter per output, or empty
+        self._mapped: bool = constants["mapped"]
+
+    def initialise(self, v: dict[str, float], start: float) -> None:
+        """Take gain, map, limits and sample time from `v`; the outputs start at zero."""
+        rows, columns = range(len(self._outputs)), range(len(self._measured))
+        self._gain = [[v[f"K[{i + 1},{j + 1}]"] for j in columns] for i in rows]
+        self._map = (
+            [[v[f"thrust_map[{i + 1},{j + 1}]"] for j in rows] for i in rows]
+            if self._mapped
+            else None
+        )
+        self._sample_time = v["sample_time"]
+        self._time = self._start = start
+        self._samples = 0
+        for name in self._outputs:
+            v[name] = 0.0
+
+    def advance(self, v: dict[str, float], end: float) -> None:
+        """Sample if a sample instant lies in [now, end); the outputs hold from there on."""
+        # an instant that rounding alone puts before `end` belongs to the next step
+        before = end - 1e-9 * max(self._sample_time, 1e-3)
+        if self._sample_time > 0.0:
+            due = self._start + self._samples * self._sample_time < before
+            while self._start + self._samples * self._sample_time < before:
+                self._samples += 1
+        else:
+            due = True
+        if due:
+            x = [v[name] for name in self._measured]
+            reference = [0.0 if name is None else v[name] for name in self._reference]
+            values = command(self._gain, x, reference, self._map)
+            if self._limits:
+                values = limited(values, [v[name] for name in self._limits])
+            for name, value in zip(self._outputs, values, strict=True):
+                v[name] = value
+        self._time = end
+
+    def refresh(self, v: dict[str, float]) -> None:
+        """No output depends on an input without delay: nothing to do."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """Sampling clock; the held outputs are variables."""
+        return {"time": self._time, "start": self._start, "samples": self._samples}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Return to a `snapshot`."""
+        self._time, self._start = saved["time"], saved["start"]
+        self._samples = saved["samples"]

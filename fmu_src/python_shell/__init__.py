@@ -1,0 +1,1 @@
+"""The pythonfmu flavour: FMI 2.0 plumbing around a behaviour, apart from any physics."""

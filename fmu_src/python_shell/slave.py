@@ -1,0 +1,229 @@
+"""The pythonfmu slave around a behaviour: life cycle, variables, refusals, state.
+
+pythonfmu turns an exception that leaves the slave into fmi2Fatal and frees the instance;
+the next call of a host that goes on then ends in a crash. So nothing is raised here: a call
+that must be refused is logged as an error, leaves every value as it was, and makes the next
+step fail. Standard library and pythonfmu only.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from pythonfmu import Fmi2Slave
+from pythonfmu.enums import Fmi2Causality, Fmi2Status, Fmi2Variability
+from pythonfmu.variables import Integer, Real
+
+_CAUSALITY = {
+    "input": Fmi2Causality.input,
+    "output": Fmi2Causality.output,
+    "parameter": Fmi2Causality.parameter,
+}
+_INT_MAX = 2**31 - 1
+
+
+class BehaviourSlave(Fmi2Slave):
+    """A slave whose variables are `TABLE` and whose life is a `BEHAVIOUR`.
+
+    The generated module of each FMU derives from it and sets the three class attributes.
+    """
+
+    TABLE: tuple[dict[str, Any], ...] = ()
+    BEHAVIOUR: Any = None
+    CONSTANTS: dict[str, Any] = {}  # noqa: RUF012 - replaced as a whole by each FMU
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._names = [entry["name"] for entry in self.TABLE]
+        self._values: dict[str, Any] = {entry["name"]: entry["start"] for entry in self.TABLE}
+        for entry in self.TABLE:
+            self._register(entry)
+        self._behaviour = self.BEHAVIOUR(self.CONSTANTS)
+        self._phase = "instantiated"  # -> initializing -> running -> terminated
+        self._time = 0.0
+        self._stale = False  # parameters or inputs changed since the outputs were computed
+        self._refused: str | None = None
+
+    def _register(self, entry: dict[str, Any]) -> None:
+        name = entry["name"]
+        kind = Integer if entry["kind"] == "Integer" else Real
+        fixed = entry["causality"] == "parameter"
+        discrete = Fmi2Variability.discrete if kind is Integer else Fmi2Variability.continuous
+        self.register_variable(
+            kind(
+                name,
+                causality=_CAUSALITY[entry["causality"]],
+                variability=Fmi2Variability.fixed if fixed else discrete,
+                getter=lambda: self._values[name],
+                setter=lambda value: self._values.__setitem__(name, value),
+            )
+        )
+
+    # ---- life cycle
+
+    def setup_experiment(
+        self, start_time: float, stop_time: float | None, tolerance: float | None
+    ) -> None:
+        """Take the start time; stop time and tolerance mean nothing to these components."""
+        del stop_time, tolerance
+        self._time = start_time
+
+    def enter_initialization_mode(self) -> None:
+        """From here on outputs follow the parameters."""
+        if self._phase != "instantiated":
+            self._refuse(f"enterInitializationMode is not allowed while {self._phase}")
+            return
+        self._phase = "initializing"
+        self._initialise()
+
+    def exit_initialization_mode(self) -> None:
+        """Fix the parameters; the outputs stand at the initial state."""
+        if self._phase != "initializing":
+            self._refuse(f"exitInitializationMode is not allowed while {self._phase}")
+            return
+        self._initialise()
+        self._phase = "running"
+
+    def terminate(self) -> None:
+        """End of the run; values stay readable."""
+        self._phase = "terminated"
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """Advance; False (with a logged reason) when the step cannot be computed."""
+        try:
+            return self._do_step(current_time, step_size)
+        except Exception as error:  # noqa: BLE001 - see the module: nothing may leave do_step
+            return self._refuse(f"doStep at t = {current_time!r} s: {error}")
+
+    def _do_step(self, current_time: float, step_size: float) -> bool:
+        if self._refused is not None:
+            return self._refuse(self._refused)
+        if self._phase != "running":
+            return self._refuse(f"doStep is not allowed while {self._phase}")
+        if not (math.isfinite(step_size) and step_size >= 0.0):
+            return self._refuse(f"the step must be finite and not negative, got {step_size!r} s")
+        # a master that adds up its steps drifts by rounding; anything more is an error
+        if abs(current_time - self._time) > 1e-9 * max(1.0, abs(self._time)):
+            return self._refuse(
+                f"the step starts at t = {current_time!r} s, but the instance is at "
+                f"{self._time!r} s; set a saved state to go back"
+            )
+        end = current_time + step_size
+        if end > self._time:
+            self._behaviour.advance(self._values, end)
+            self._time = end
+        self._stale = False
+        return True
+
+    def _initialise(self) -> None:
+        try:
+            self._behaviour.initialise(self._values, self._time)
+            self._stale = False
+        except Exception as error:  # noqa: BLE001 - see the module: nothing may leave the slave
+            self._refuse(f"initialisation: {error}")
+
+    def _refuse(self, why: str) -> bool:
+        self._refused = why
+        self.log(why, Fmi2Status.error, "logStatusError")
+        return False
+
+    # ---- variables
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        """Values of Real variables; an unknown reference is logged and reads as 0."""
+        return [float(value) for value in self._get(vrs, "Real")]
+
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        """Values of Integer variables; an unknown reference is logged and reads as 0."""
+        return [int(value) for value in self._get(vrs, "Integer")]
+
+    def _get(self, vrs: list[int], kind: str) -> list[Any]:
+        if self._stale:
+            self._refresh()
+        try:
+            return [self._values[self._names[self._known(vr, kind)]] for vr in vrs]
+        except LookupError as error:
+            self._refuse(str(error.args[0]))
+            return [0] * len(vrs)
+
+    def _refresh(self) -> None:
+        if self._phase == "initializing":
+            self._initialise()
+        elif self._phase == "running":
+            self._behaviour.refresh(self._values)
+            self._stale = False
+
+    def _known(self, vr: int, kind: str) -> int:
+        if not 0 <= vr < len(self.TABLE):
+            raise LookupError(f"value reference {vr} is unknown; 0 to {len(self.TABLE) - 1} exist")
+        if self.TABLE[vr]["kind"] != kind:
+            name, found = self._names[vr], self.TABLE[vr]["kind"]
+            raise LookupError(f"value reference {vr} ({name}) is of type {found}, not {kind}")
+        return vr
+
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        """Write Real variables: all of the call, or none of it with a logged refusal."""
+        self._set(vrs, values, "Real")
+
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        """Write Integer variables: all of the call, or none of it with a logged refusal."""
+        self._set(vrs, values, "Integer")
+
+    def _set(self, vrs: list[int], values: list[Any], kind: str) -> None:
+        for vr, value in zip(vrs, values, strict=True):
+            why = self._objection(vr, value, kind)
+            if why is not None:
+                self._refuse(why)
+                return
+        for vr, value in zip(vrs, values, strict=True):
+            self._values[self._names[vr]] = value
+        self._stale = True
+
+    def _objection(self, vr: int, value: float, kind: str) -> str | None:
+        try:
+            entry = self.TABLE[self._known(vr, kind)]
+        except LookupError as error:
+            return str(error.args[0])
+        name, causality = entry["name"], entry["causality"]
+        if not math.isfinite(value):
+            return f"{name} must be finite, got {value!r}"
+        if causality == "output" and self._phase != "instantiated":
+            return f"{name} is an output and cannot be written"
+        if causality == "parameter" and self._phase not in ("instantiated", "initializing"):
+            return f"{name} is a fixed parameter and cannot be written after initialisation"
+        low, high = entry["minimum"], entry["maximum"]
+        if (low is not None and value < low) or (high is not None and value > high):
+            return f"{name} must lie between {low} and {high} (None: no bound), got {value!r}"
+        return None
+
+    # ---- the whole state
+
+    def _get_fmu_state(self) -> dict[str, Any]:
+        state = {
+            "values": dict(self._values),
+            "phase": self._phase,
+            "time": self._time,
+            "stale": self._stale,
+            "refused": self._refused,
+            "behaviour": None,
+        }
+        if self._phase != "instantiated":
+            state["behaviour"] = self._behaviour.snapshot()
+        # a deep copy: the instance goes on and must not change what was saved
+        copy: dict[str, Any] = json.loads(json.dumps(state))
+        return copy
+
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        try:
+            self._values.update(state["values"])
+            self._time = state["time"]
+            if state["behaviour"] is not None:
+                self._behaviour.initialise(self._values, self._time)
+                self._behaviour.restore(state["behaviour"])
+                self._values.update(state["values"])
+            self._phase, self._stale = state["phase"], state["stale"]
+            self._refused = state["refused"]
+        except Exception as error:  # noqa: BLE001 - see the module: nothing may leave the slave
+            self._refuse(f"the saved state does not fit this component: {error}")
