@@ -112,13 +112,18 @@ def _split(
     return links, rest
 
 
+def _text(value: object) -> Text:
+    """Text as it is: brackets are no markup, and what is in a file cannot steer the terminal."""
+    return Text("".join(c if c.isprintable() else "\ufffd" for c in str(value)))
+
+
 def _facts(description: Mapping[str, Any]) -> RichTable:
     facts = RichTable.grid(padding=(0, 2))
     facts.add_column(style="bold")
     facts.add_column(overflow="fold")
 
     def row(name: str, value: object) -> None:
-        facts.add_row(name, Text(str(value)))  # Text: brackets in names are no markup
+        facts.add_row(_text(name), _text(value))
 
     row("trace", f"{description['path']} ({description['bytes']} bytes)")
     state = "finished" if description["finished"] else "the run did not finish"
@@ -148,7 +153,7 @@ def _topics(topics: list[dict[str, Any]]) -> RichTable:
             f"{s['name']} [{s['unit']}]" if s["unit"] else s["name"] for s in topic["signals"]
         )
         table.add_row(
-            Text(topic["topic"]), str(topic["count"]), rate, Text(signals or topic["schema"])
+            _text(topic["topic"]), str(topic["count"]), rate, _text(signals or topic["schema"])
         )
     return table
 
@@ -158,7 +163,7 @@ def _links(links: Mapping[str, Mapping[str, str]]) -> RichTable:
     table = RichTable(box=None, padding=(0, 2, 0, 0))
     table.add_column("link")
     for figure in figures:
-        table.add_column(Text(figure), justify="right")
+        table.add_column(_text(figure), justify="right")
     for name, link in links.items():
-        table.add_row(Text(name), *(Text(link.get(figure, "")) for figure in figures))
+        table.add_row(_text(name), *(_text(link.get(figure, "")) for figure in figures))
     return table

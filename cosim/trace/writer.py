@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import math
+import operator
 import os
-import struct
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -329,7 +329,16 @@ class TraceWriter:
     def _add(
         self, topic_id: int, log_ns: int, data: bytes, publish_ns: int | None, sequence: int
     ) -> None:
-        publish = log_ns if publish_ns is None else publish_ns
+        try:  # before the chunk is touched: half a message in it would spoil all that follow
+            log_ns, sequence = operator.index(log_ns), operator.index(sequence)
+            publish = log_ns if publish_ns is None else operator.index(publish_ns)
+        except TypeError as error:
+            raise InputError(
+                "times and sequence numbers are integers",
+                where="trace",
+                expected="int or numpy integer",
+                got=f"log time {log_ns!r}, publish time {publish_ns!r}, sequence {sequence!r}",
+            ) from error
         if not (0 <= log_ns < 2**63 and 0 <= publish < 2**63 and 0 <= sequence < 2**32):
             raise InputError(
                 "time or sequence number out of range",
@@ -337,16 +346,8 @@ class TraceWriter:
                 expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
                 got=f"log time {log_ns}, publish time {publish}, sequence {sequence}",
             )
-        try:
-            with self._disk():
-                self._writer.add_message(topic_id, log_ns, data, publish, sequence)
-        except struct.error as error:
-            raise InputError(
-                "times and sequence numbers are integers",
-                where="trace",
-                expected="int or numpy integer",
-                got=f"log time {log_ns!r}, publish time {publish!r}, sequence {sequence!r}",
-            ) from error
+        with self._disk():
+            self._writer.add_message(topic_id, log_ns, data, publish, sequence)
         if time.monotonic() - self._flushed >= self._interval:
             self.flush()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from fractions import Fraction
+from typing import Any
 
 import flint
 import numpy as np
@@ -33,7 +34,7 @@ def philox(counter: list[int], key: list[int]) -> list[int]:
 
 
 def raw_stream(seed: int, name: str, purpose: str, count: int, turn: int = 0) -> list[int]:
-    """The stream as documented: key from SHA-256, counter from 1."""
+    """Return the stream as documented: key from SHA-256, counter from 1."""
     label = f"auv-cosim\0{seed}\0{name}\0{purpose}\0{turn}"
     digest = hashlib.sha256(label.encode()).digest()
     key = [int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")]
@@ -41,7 +42,7 @@ def raw_stream(seed: int, name: str, purpose: str, count: int, turn: int = 0) ->
     return [word for block in blocks for word in block][:count]
 
 
-def test_reference_is_philox():
+def test_reference_is_philox() -> None:
     """The plain-integer Philox gives the known answer of the Random123 distribution."""
     assert philox([0, 0, 0, 0], [0, 0]) == [
         0x16554D9ECA36314C,
@@ -52,13 +53,13 @@ def test_reference_is_philox():
 
 
 @pytest.mark.parametrize(("seed", "name"), [(0, "a"), (7, "τ_sc"), (2**63 - 1, "long name/x.y")])
-def test_uniform_is_the_documented_stream(seed, name):
+def test_uniform_is_the_documented_stream(seed: int, name: str) -> None:
     """Every double is the upper 53 bits of the documented Philox output."""
     expected = [(word >> 11) * 2.0**-53 for word in raw_stream(seed, name, "jitter", 41)]
     assert draws.uniform(seed, name, "jitter", 41).tolist() == expected
 
 
-def test_uniform_jitter_exactly():
+def test_uniform_jitter_exactly() -> None:
     """Uniform jitter is floor(width * 53 bits / 2**53) in exact arithmetic."""
     link = PacketLink("sc", 10, jitter=Jitter("uniform", width_ns=12_345_678), seed=5)
     words = raw_stream(5, "sc", "jitter", 101)
@@ -66,7 +67,7 @@ def test_uniform_jitter_exactly():
     assert schedule(link, 1000).transit_ns.tolist() == expected
 
 
-def test_logarithm():
+def test_logarithm() -> None:
     """The logarithm is that of arbitrary-precision arithmetic to 2 ulp, also near 1 and 0."""
     x = np.concatenate(
         [
@@ -97,7 +98,7 @@ def test_logarithm():
         ),
     ],
 )
-def test_jitter_distribution(jitter, law):
+def test_jitter_distribution(jitter: Jitter, law: Any) -> None:
     """20 000 draws of each jitter pass Kolmogorov-Smirnov against SciPy's law."""
     extra = draws.jitter_ns(jitter, 3, "link", 20_000)
     assert stats.kstest(extra, law.cdf).pvalue > 1e-3
@@ -105,13 +106,13 @@ def test_jitter_distribution(jitter, law):
     assert jitter.max_ns is None or extra.max() <= jitter.max_ns
 
 
-def test_bernoulli_loss():
+def test_bernoulli_loss() -> None:
     """The number lost of 100 000 lies within five standard deviations of the binomial law."""
     lost = draws.lost(0.2, 1, "link", 100_000)
     assert abs(lost.sum() - 20_000) < 5 * math.sqrt(100_000 * 0.2 * 0.8)
 
 
-def test_gilbert_elliott_loss():
+def test_gilbert_elliott_loss() -> None:
     """Long-run loss and mean burst length are those of the Markov chain."""
     lost = draws.lost(GilbertElliott(0.05, 0.25), 1, "link", 200_000)
     assert lost.mean() == pytest.approx(0.05 / 0.30, rel=0.03)
@@ -120,14 +121,14 @@ def test_gilbert_elliott_loss():
     assert not lost[0]
 
 
-def test_gilbert_elliott_with_equal_states_is_bernoulli():
+def test_gilbert_elliott_with_equal_states_is_bernoulli() -> None:
     """If both states lose alike, the chain does not matter: the very same messages are lost."""
     chain = draws.lost(GilbertElliott(0.3, 0.4, 0.2, 0.2), 9, "link", 5000)
     assert (chain == draws.lost(0.2, 9, "link", 5000)).all()
 
 
 @pytest.mark.parametrize("kind", ["exponential", "normal"])
-def test_longer_run_begins_with_the_shorter(kind):
+def test_longer_run_begins_with_the_shorter(kind: str) -> None:
     """Truncation by refusal does not let one message's draws depend on another's."""
     scale = {"exponential": {"mean_ns": 50}, "normal": {"sigma_ns": 50}}[kind]
     jitter = Jitter(kind, max_ns=60, **scale)

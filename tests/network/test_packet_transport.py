@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
         ({"seed": 1.5}, "seed"),
     ],
 )
-def test_link_refuses(change, word):
+def test_link_refuses(change: dict[str, Any], word: str) -> None:
     """Each bad parameter is named, with what was expected and what was got."""
     with pytest.raises(InputError, match=word) as caught:
         PacketLink(**{"name": "a", "sample_time_ns": 10} | change)
@@ -61,13 +62,13 @@ def test_link_refuses(change, word):
         ({"kind": "uniform", "width_ns": 3, "max_ns": 3}, "max_ns"),
     ],
 )
-def test_jitter_refuses(arguments, word):
+def test_jitter_refuses(arguments: Any, word: str) -> None:
     """A jitter takes the parameters of its kind and no others."""
     with pytest.raises(InputError, match=word):
         Jitter(**arguments)
 
 
-def test_gilbert_elliott_refuses():
+def test_gilbert_elliott_refuses() -> None:
     """Each of the four probabilities is checked."""
     for key in ("p_enter", "p_exit", "loss_good", "loss_bad"):
         with pytest.raises(InputError, match=key):
@@ -75,14 +76,14 @@ def test_gilbert_elliott_refuses():
 
 
 @given(st.lists(st.floats(-1e6, 1e6), max_size=20), st.sampled_from([0.5, 0.25, 2.0, 1.0]))
-def test_quantizer(values, step):
+def test_quantizer(values: list[float], step: int) -> None:
     """Values go to the nearest multiple of the step, ties to even, as exact rationals say."""
     link = PacketLink("a", 1, quantization=step)
     expected = [float(round(Fraction(v) / Fraction(step)) * Fraction(step)) for v in values]
     assert link.quantize(np.array(values, np.float64)).tolist() == expected
 
 
-def test_substitute():
+def test_substitute() -> None:
     """The value on loss is none, 0 or the number given."""
     got = [PacketLink("a", 1, on_loss=value).substitute for value in ("hold", "zero", 2.5)]
     assert got == [None, 0.0, 2.5]
@@ -93,7 +94,7 @@ def test_substitute():
     st.integers(0, 120),
     st.integers(-3, 3),
 )
-def test_transport_of_a_ramp(steps, delay, slope):
+def test_transport_of_a_ramp(steps: list[int], delay: int, slope: int) -> None:
     """A ramp comes out delayed, on any points: linear interpolation is exact on it."""
     points = np.concatenate(([0], np.cumsum(steps)))
     index, weight = TransportLink("t", delay).rows(points)
@@ -108,14 +109,14 @@ def test_transport_of_a_ramp(steps, delay, slope):
         assert value == pytest.approx(slope * max(t - delay, 0), abs=1e-12 * 1000)
 
 
-def test_transport_without_delay_is_a_wire():
+def test_transport_without_delay_is_a_wire() -> None:
     """Zero delay reads row k at point k."""
     index, weight = TransportLink("t").rows(np.arange(0, 100, 7))
     assert index.tolist() == list(range(index.size))
     assert not weight.any()
 
 
-def test_transport_refuses():
+def test_transport_refuses() -> None:
     """A transport link needs a name and a delay in whole nanoseconds."""
     for arguments in [("", 1), ("a", -1), ("a", 0.5)]:
         with pytest.raises(InputError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -24,6 +25,9 @@ from cosim.network import (
     align,
     schedule,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 jitters = st.one_of(
     st.just(Jitter()),
@@ -52,7 +56,16 @@ ends = st.integers(0, 120)
 class Receiver:
     """A slow model: messages on their way, looked at one nanosecond after the other."""
 
-    def __init__(self, link, end, sent, transit, lost, rounded=lambda t: t):
+    def __init__(
+        self,
+        link: PacketLink,
+        end: int,
+        sent: list[int],
+        transit: list[int],
+        lost: list[bool],
+        *,
+        rounded: Callable[[int], int] = int,
+    ) -> None:
         self.due = [rounded(s + d) for s, d in zip(sent, transit, strict=True)]
         self.fate = ["in flight"] * len(sent)
         self.when = [-1] * len(sent)
@@ -78,7 +91,7 @@ class Receiver:
                 else:
                     self.fate[k] = "delivered"
                     newest, in_use = max(newest, k), k
-            changed = in_use != before or (in_use == SUBSTITUTE and self.noticed(t, lost, newest))
+            changed = in_use != before or (in_use == SUBSTITUTE and self.noticed(t, newest))
             self.substitutions += changed and in_use == SUBSTITUTE
             if changed and before >= 0:
                 ages.append(t - sent[before])
@@ -87,7 +100,7 @@ class Receiver:
             ages.append(end - sent[in_use])
         self.max_age = max(ages, default=None)
 
-    def noticed(self, t, lost, newest):
+    def noticed(self, t: int, newest: int) -> bool:
         return any(
             fate == "lost" and w == t and k > newest
             for k, (fate, w) in enumerate(zip(self.fate, self.when, strict=True))
@@ -95,7 +108,7 @@ class Receiver:
 
 
 @given(links, ends)
-def test_schedule_is_what_the_receiver_sees(link, end):
+def test_schedule_is_what_the_receiver_sees(link: PacketLink, end: int) -> None:
     """Fate, instant of delivery, message in use and statistics are those of the slow model."""
     s = schedule(link, end)
     assert s.sent_ns.tolist() == list(range(link.offset_ns, end + 1, link.sample_time_ns))
@@ -125,7 +138,7 @@ def test_schedule_is_what_the_receiver_sees(link, end):
 
 
 @given(links, ends)
-def test_never_early_and_in_order(link, end):
+def test_never_early_and_in_order(link: PacketLink, end: int) -> None:
     """No delivery before sent + delay; under fifo none before its predecessor's."""
     s = schedule(link, end)
     arrived = s.delivered_ns >= 0
@@ -136,7 +149,7 @@ def test_never_early_and_in_order(link, end):
 
 
 @given(links, ends, st.integers(1, 40))
-def test_longer_run_begins_with_the_shorter(link, end, more):
+def test_longer_run_begins_with_the_shorter(link: PacketLink, end: int, more: int) -> None:
     """What is drawn for a message does not depend on the length of the run."""
     short, long = schedule(link, end), schedule(link, end + more)
     n = short.sent_ns.size
@@ -144,7 +157,7 @@ def test_longer_run_begins_with_the_shorter(link, end, more):
         assert (getattr(long, key)[:n] == getattr(short, key)).all()
 
 
-def test_seed_and_name_decide_the_draws():
+def test_seed_and_name_decide_the_draws() -> None:
     """Same seed and name, same schedule; another of either, another schedule."""
     jitter = Jitter("uniform", width_ns=10**6)
     one = PacketLink("a", 10, jitter=jitter, seed=1)
@@ -158,7 +171,7 @@ def test_seed_and_name_decide_the_draws():
         assert (schedule(other, 1000).transit_ns != schedule(one, 1000).transit_ns).mean() > 0.9
 
 
-def test_loss_leaves_the_delays_alone():
+def test_loss_leaves_the_delays_alone() -> None:
     """Changing the loss changes which messages are lost and no delay."""
     jitter = Jitter("normal", sigma_ns=10**6)
     few, many = (
@@ -171,7 +184,7 @@ def test_loss_leaves_the_delays_alone():
 
 @pytest.mark.parametrize("order", ["newest-wins", "fifo", "as-arrived"])
 @pytest.mark.parametrize("policy", ["align", "grid"])
-def test_wire(order, policy):
+def test_wire(order: str, policy: str) -> None:
     """Without delay, jitter and loss, sampled at each point, a link is a wire."""
     s = schedule(PacketLink("wire", 10, order=order), 1000)
     points, (aligned,) = align([s], 10, policy)
@@ -182,26 +195,20 @@ def test_wire(order, policy):
     assert aligned.statistics()["max_age_s"] == 10 / 1e9
 
 
-def test_constant_delay_by_hand():
+def test_constant_delay_by_hand() -> None:
     """Period 10, delay 25: message k is in use from 10 k + 25 on, its age 25 to 35."""
     s = schedule(PacketLink("a", 10, delay_ns=25), 100)
     points, (s,) = align([s], 10)
     assert points.tolist() == sorted({*range(0, 101, 10), *range(25, 101, 10)})
-    assert s.rows([*range(0, 101, 10), *range(25, 101, 10)] and points)[:6].tolist() == [
-        -1,
-        -1,
-        -1,
-        0,
-        0,
-        1,
-    ]
+    # points 0, 10, 20, 25, 30, 35, 40: the message sent at 0 (row 0), then that of 10 (row 1)
+    assert s.rows(points)[:7].tolist() == [-1, -1, -1, 0, 0, 1, 1]
     assert s.statistics()["max_age_s"] == 35 / 1e9
     assert s.statistics()["in_flight"] == 3  # sent at 80, 90, 100
     assert s.age_ns([24, 25, 34, 35]).tolist() == [-1, 25, 34, 25]
 
 
 @given(st.lists(links, min_size=1, max_size=2), ends, st.integers(1, 20))
-def test_align_makes_points_of_events(some, end, step):
+def test_align_makes_points_of_events(some: list[PacketLink], end: int, step: int) -> None:
     """Under "align" every sending and delivery is a point, and rows name what was sent."""
     schedules = [schedule(link, end) for link in some]
     points, aligned = align(schedules, step)
@@ -219,14 +226,14 @@ def test_align_makes_points_of_events(some, end, step):
 
 
 @given(links, ends, st.integers(1, 20))
-def test_grid_rounds_up(link, end, step):
+def test_grid_rounds_up(link: PacketLink, end: int, step: int) -> None:
     """Under "grid" sends and arrivals are rounded up to the points, in exact integers."""
     exact = schedule(link, end)
     points, (s,) = align([exact], step, "grid")
     grid = points.tolist()
     assert grid == [*range(0, end, step), end]
 
-    def up(t):
+    def up(t: int) -> int:
         return min((p for p in grid if p >= t), default=t)
 
     assert s.sent_ns.tolist() == [up(t) for t in exact.sent_ns.tolist()]
@@ -240,14 +247,14 @@ def test_grid_rounds_up(link, end, step):
     s.rows(points)  # every send lies on a point
 
 
-def test_rows_refuse_sends_between_points():
+def test_rows_refuse_sends_between_points() -> None:
     """A schedule that was not aligned is refused, and the message names the instant."""
     s = schedule(PacketLink("a", 7), 20)
     with pytest.raises(InputError, match="7 ns"):
         s.rows([0, 10, 20])
 
 
-def test_align_refuses():
+def test_align_refuses() -> None:
     """Unknown policies, runs of different length and disordered points are refused."""
     a, b = schedule(PacketLink("a", 7), 20), schedule(PacketLink("b", 7), 30)
     for arguments, word in [
@@ -263,7 +270,7 @@ def test_align_refuses():
             align(*arguments)
 
 
-def test_too_many_messages():
+def test_too_many_messages() -> None:
     """A period of 1 ns over an hour is taken for seconds mistaken for nanoseconds."""
     with pytest.raises(InputError, match="nanoseconds"):
         schedule(PacketLink("a", 1), 3600 * 10**9)

@@ -1,0 +1,456 @@
+"""Reading: content, interruption, damage."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import random
+import signal
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from rich.console import Console
+
+from cosim.errors import CosimError, InputError, LossError
+from cosim.trace import (
+    Attachment,
+    Signal,
+    Trace,
+    TraceWriter,
+    content_hash,
+    describe,
+    render,
+    result_of_link,
+)
+from cosim.trace.records import MAGIC
+
+ETA = [Signal("eta.x", 1, "m"), Signal("eta.psi", 4, "rad")]
+
+
+def write(
+    path: Path,
+    *,
+    run: dict[str, str] | None = None,
+    result: dict[str, str] | None = None,
+    rows: Any = None,
+    topic: str = "/plant/output",
+    signals: Any = None,
+    **options: Any,
+) -> Path:
+    """Write a trace of 2000 rows, or of those given: (log, publish, sequence, values)."""
+    if rows is None:
+        rows = [(10 * k, 10 * k, k, [0.5 * k, -k]) for k in range(2000)]
+    with TraceWriter(path, run=run or {"seed": "1"}, **options) as writer:
+        eta = writer.add_topic(topic, signals or ETA, schema_name="cosim.plant.Output")
+        for log, publish, sequence, values in rows:
+            writer.write(eta, log, values, publish_time_ns=publish, sequence=sequence)
+        return writer.finish(result or {"state": "done"})
+
+
+def test_read_back(tmp_path: Path) -> None:
+    """Run, result, attachments, topics and columns are what was written."""
+    path = write(
+        tmp_path / "a.mcap", attachments=[Attachment("s.toml", "application/toml", b"\x00\xff")]
+    )
+    trace = Trace(path)
+    assert trace.run == {"seed": "1"}
+    assert trace.result == {"state": "done"}
+    assert (trace.finished, trace.complete, trace.damage) == (True, True, None)
+    assert trace.attachments == {"s.toml": b"\x00\xff"}
+    info = trace.topics["/plant/output"]
+    assert (info.count, info.start_ns, info.end_ns) == (2000, 0, 19_990)
+    assert list(info.signals) == ETA
+    table = trace.read("/plant/output")
+    assert table["eta.x"].tolist() == [0.5 * k for k in range(2000)]
+    assert table["eta.psi"].tolist() == [-k for k in range(2000)]
+    assert (
+        table.log_time_ns.tolist() == table.publish_time_ns.tolist() == list(range(0, 20_000, 10))
+    )
+    assert table.sequence.tolist() == list(range(2000))
+    assert all(column.all() for column in table.present.values())
+    with pytest.raises(InputError, match=r"eta\.y"):
+        table["eta.y"]
+    with pytest.raises(InputError, match="/plant/input"):
+        trace.read("/plant/input")
+
+
+def test_kinds_and_absent_values(tmp_path: Path) -> None:
+    """Columns have their kind; an absent value is marked and reads NaN, 0, False or nothing."""
+    signals = [Signal(kind, kind=kind) for kind in ("float", "int", "bool", "string")]
+    values = [[0.0, -(2**63), True, "é"], [None] * 4, [1.0, 5, False, ""]]
+    path = write(
+        tmp_path / "a.mcap", signals=signals, rows=[(k, k, k, v) for k, v in enumerate(values)]
+    )
+    table = Trace(path).read("/plant/output")
+    assert all(present.tolist() == [True, False, True] for present in table.present.values())
+    assert np.array_equal(table["float"], [0.0, np.nan, 1.0], equal_nan=True)
+    assert table["int"].tolist() == [-(2**63), 0, 5]
+    assert table["bool"].tolist() == [True, False, False]
+    assert table["string"].tolist() == ["é", "", ""]
+    assert [s.kind for s in Trace(path).topics["/plant/output"].signals] == [
+        s.kind for s in signals
+    ]
+
+
+def test_content_hash_ignores_storage_and_host(tmp_path: Path) -> None:
+    """Compression, chunk size, flushing, attachments and `host.` keys leave the hash alone."""
+    hashes = {
+        content_hash(path)
+        for path in (
+            write(tmp_path / "a.mcap"),
+            write(tmp_path / "b.mcap", compression="lz4", chunk_bytes=1000),
+            write(tmp_path / "c.mcap", compression="none", flush_interval_s=0.0),
+            write(tmp_path / "d.mcap", run={"seed": "1", "host.name": "x", "host.time": "now"}),
+            write(tmp_path / "e.mcap", result={"state": "done", "host.wall_s": "3.5"}),
+            write(tmp_path / "f.mcap", attachments=[Attachment("a", "text/plain", b"a")]),
+        )
+    }
+    assert len(hashes) == 1
+    assert len(hashes.pop()) == 64
+
+
+def test_content_hash_ignores_ids(tmp_path: Path) -> None:
+    """Channel and schema ids do not matter: an unused topic before the used one shifts both."""
+    hashes = set()
+    for name, extra in (("a", 0), ("b", 3)):
+        with TraceWriter(tmp_path / f"{name}.mcap", run={}) as writer:
+            for k in range(extra):
+                writer.add_topic(f"/unused/{k}", ETA, schema_name="cosim.U")
+            topic = writer.add_topic("/eta", ETA, schema_name="cosim.E")
+            writer.write(topic, 5, [1.0, 2.0])
+            hashes.add(content_hash(writer.finish({})))
+    assert len(hashes) == 1
+
+
+def test_content_hash_sees_every_change(tmp_path: Path) -> None:
+    """Any change of a value, time, order, topic, unit or metadata changes the hash."""
+    row = (10, 5, 1, [1.0, 2.0])
+    changes: list[dict[str, Any]] = [
+        {},
+        {"rows": [(10, 5, 1, [1.0, np.nextafter(2.0, 3.0)])]},
+        {"rows": [(10, 5, 1, [1.0, None])]},
+        {"rows": [(11, 5, 1, [1.0, 2.0])]},
+        {"rows": [(10, 6, 1, [1.0, 2.0])]},
+        {"rows": [(10, 5, 2, [1.0, 2.0])]},
+        {"rows": [row, row]},
+        {"rows": []},
+        {"rows": [row, (20, 5, 1, [0.0, 0.0])]},
+        {"rows": [(20, 5, 1, [0.0, 0.0]), row]},
+        {"topic": "/plant/input"},
+        {"signals": [Signal("eta.x", 1, "km"), ETA[1]]},
+        {"signals": [Signal("eta.x", 1, "m"), Signal("eta.y", 4, "rad")]},
+        {"run": {"seed": "2"}},
+        {"run": {"seed": "1", "step": "2"}},
+        {"result": {"state": "diverged"}},
+    ]
+    hashes = [
+        content_hash(write(tmp_path / f"{k}.mcap", **({"rows": [row]} | change)))
+        for k, change in enumerate(changes)
+    ]
+    assert len(set(hashes)) == len(changes)
+
+
+def test_partial_after_an_exception(tmp_path: Path) -> None:
+    """An exception leaves a whole `.partial` file with all rows and no result."""
+
+    def run() -> None:
+        with TraceWriter(tmp_path / "a.mcap", run={"seed": "1"}) as writer:
+            topic = writer.add_topic("/eta", ETA, schema_name="cosim.E")
+            for k in range(10):
+                writer.write(topic, k, [k, 1 / (5 - k)])
+
+    with pytest.raises(ZeroDivisionError):
+        run()
+    assert not (tmp_path / "a.mcap").exists()
+    trace = Trace(tmp_path / "a.mcap.partial")
+    assert (trace.finished, trace.complete, trace.result) == (False, True, None)
+    assert trace.run == {"seed": "1"}
+    assert trace.read("/eta")["eta.x"].tolist() == [0, 1, 2, 3, 4]
+
+
+KILLED = """
+import os, signal, sys
+from cosim.trace import Signal, TraceWriter
+writer = TraceWriter(sys.argv[1], run={"seed": "1"}, flush_interval_s=1e9)
+topic = writer.add_topic("/eta", [Signal("x")], schema_name="cosim.E")
+for k in range(1000):
+    writer.write(topic, k, [k])
+    if k == 699:
+        writer.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_killed_process(tmp_path: Path) -> None:
+    """After kill -9 the `.partial` file is readable up to the last flush."""
+    path = tmp_path / "a.mcap"
+    command = [sys.executable, "-c", KILLED, str(path)]
+    done = subprocess.run(command, check=False, env=_here())  # noqa: S603 - our own script
+    assert done.returncode == -signal.SIGKILL
+    partial = tmp_path / "a.mcap.partial"
+    trace = Trace(partial)
+    assert (trace.finished, trace.complete) == (False, False)
+    assert trace.damage
+    assert trace.read("/eta")["x"].tolist() == list(range(700))
+    summary = describe(partial)
+    assert (summary["finished"], summary["message_count"]) == (False, 700)
+    with pytest.raises(LossError, match="cut short"):
+        Trace(partial, incomplete=False)
+
+
+def _here() -> dict[str, str]:
+    root = str(Path(__file__).resolve().parents[2])
+    return os.environ | {"PYTHONPATH": root}
+
+
+def test_flushed_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A row never waits longer than the interval while rows keep coming."""
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=1.0)
+    topic = writer.add_topic("/eta", ETA, schema_name="cosim.E")
+    counts = []
+    for k in range(30):
+        now[0] = k / 10
+        writer.write(topic, k, [k, k])
+        info = Trace(writer.partial_path).topics.get("/eta")
+        counts.append(info.count if info else 0)
+    writer.close()
+    assert counts == [0] * 10 + [11] * 10 + [21] * 10
+
+
+def test_cut_at_every_length(tmp_path: Path) -> None:
+    """Cut after any byte, a `.partial` file reads without failing, and never loses more."""
+    rows = [(k, k, k, [k, k]) for k in range(200)]
+    whole = write(
+        tmp_path / "a.mcap",
+        rows=rows,
+        chunk_bytes=600,
+        attachments=[Attachment("a", "text/plain", b"hello")],
+    ).read_bytes()
+    cut = tmp_path / "cut.mcap.partial"
+    last = 0
+    lengths = sorted({*range(8, len(whole), 37), len(whole) - 1, len(whole)})
+    for length in lengths:
+        cut.write_bytes(whole[:length])
+        trace = Trace(cut)
+        assert trace.complete == (length == len(whole))
+        info = trace.topics.get("/plant/output")
+        count = info.count if info else 0
+        assert count >= last
+        last = count
+        if count:
+            assert trace.read("/plant/output")["eta.x"].tolist() == list(range(count))
+    assert last == 200
+    cut.rename(tmp_path / "cut.mcap")
+    (tmp_path / "cut.mcap").write_bytes(whole[:-1])
+    with pytest.raises(LossError, match="cut short"):
+        Trace(tmp_path / "cut.mcap")
+
+
+def test_a_flipped_bit_in_the_data_is_noticed(tmp_path: Path) -> None:
+    """Checksums cover all that a trace says: no flipped bit there goes unnoticed."""
+    path = write(tmp_path / "a.mcap", rows=[(k, k, k, [k, k]) for k in range(50)])
+    whole = path.read_bytes()
+    end = whole.index(struct.pack("<BQI", 0x0F, 4, _data_checksum(whole)))
+    choose = random.Random(1)  # noqa: S311 - to be repeatable
+    for _ in range(300):
+        damaged = bytearray(whole)
+        damaged[choose.randrange(8, end)] ^= 1 << choose.randrange(8)
+        path.write_bytes(damaged)
+        with pytest.raises(LossError):
+            Trace(path)
+
+
+def _data_checksum(whole: bytes) -> int:
+    """Find the CRC of the data section: the one DataEnd record that fits what precedes it."""
+    at = -1
+    while (at := whole.find(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00", at + 1)) >= 0:
+        given = int.from_bytes(whole[at + 9 : at + 13], "little")
+        if given == zlib.crc32(whole[:at]):
+            return given
+    raise AssertionError("no checksum of the data section")
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    """One MCAP record."""
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def chunk(data: bytes, compression: str = "", size: int | None = None, crc: int = 0) -> bytes:
+    """One chunk record, with any claim about its size."""
+    name = compression.encode()
+    claimed = len(data) if size is None else size
+    head = struct.pack("<QQQI", 0, 0, claimed, crc) + struct.pack("<I", len(name)) + name
+    return record(6, head + struct.pack("<Q", len(data)) + data)
+
+
+def channel(channel_id: int = 1, schema_id: int = 0, topic: bytes = b"/t") -> bytes:
+    """One channel record without encoding and metadata."""
+    head = struct.pack("<HHI", channel_id, schema_id, len(topic))
+    return record(4, head + topic + struct.pack("<II", 0, 0))
+
+
+def message(channel_id: int = 1, data: bytes = b"") -> bytes:
+    """One message record."""
+    return record(5, struct.pack("<HIQQ", channel_id, 0, 0, 0) + data)
+
+
+HEADER = record(1, struct.pack("<II", 0, 0))
+ZSTD_BOMB = bytes.fromhex("28b52ffde0ffffffffffff0f00010000")
+HOSTILE = {
+    "nothing after the magic": b"",
+    "zeros": bytes(1000),
+    "a record of 2**63 bytes": struct.pack("<BQ", 1, 2**63),
+    "a chunk that claims 2**62 bytes": HEADER + chunk(b"x", size=2**62),
+    "a chunk that claims more than it has": HEADER + chunk(b"x" * 20, size=40),
+    "a wrong checksum": HEADER + chunk(message(), crc=1),
+    "not zstd": HEADER + chunk(b"garbage!" * 4, "zstd", size=100),
+    "not lz4": HEADER + chunk(b"garbage!" * 4, "lz4", size=100),
+    "a zstd frame of another size": HEADER + chunk(ZSTD_BOMB, "zstd", size=100),
+    "unknown compression": HEADER + chunk(b"x", "rar"),
+    "a cut record inside a chunk": HEADER + chunk(message()[:-1]),
+    "a chunk inside a chunk": HEADER + chunk(chunk(b"")),
+    "a message without channel": HEADER + message(),
+    "a message shorter than its head": HEADER + channel() + record(5, b"abc"),
+    "a channel without schema": HEADER + channel(schema_id=7),
+    "a channel declared twice": HEADER + channel() + channel(topic=b"/other"),
+    "a text longer than its record": HEADER + record(12, struct.pack("<I", 2**31) + b"abc"),
+    "a text that is not UTF-8": HEADER + record(12, struct.pack("<I", 2) + b"\xff\xfe" + b"\0" * 4),
+    "an attachment too short": HEADER + record(9, b"abc"),
+    "schema 0": HEADER + record(3, struct.pack("<HIII", 0, 0, 0, 0)),
+    "bytes after the end": HEADER + record(2, bytes(20)) + MAGIC + b"more",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_content(tmp_path: Path, name: str) -> None:
+    """Damage is a `LossError`; under `.partial` it is told, and nothing else fails."""
+    path = tmp_path / "a.mcap"
+    path.write_bytes(MAGIC + HOSTILE[name])
+    with pytest.raises(LossError) as caught:
+        Trace(path)
+    assert str(path) in str(caught.value)
+    partial = path.rename(tmp_path / "a.mcap.partial")
+    trace = Trace(partial)
+    assert trace.damage
+    assert not trace.complete
+    json.dumps(describe(partial), allow_nan=False)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCA", b"PK\x03\x04" * 100, b"\x89MCAP1\r\n" * 3])
+@pytest.mark.parametrize("name", ["a.mcap", "a.mcap.partial"])
+def test_not_a_trace(tmp_path: Path, content: bytes, name: str) -> None:
+    """Empty files and files that are no MCAP are bad input, whatever their name."""
+    (tmp_path / name).write_bytes(content)
+    for read in (Trace, content_hash, describe):
+        with pytest.raises(InputError, match=r"empty|not an MCAP"):
+            read(tmp_path / name)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    """Missing files, directories, pipes and impossible names are bad input."""
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(InputError, match="No such file"):
+        Trace(tmp_path / "none.mcap")
+    with pytest.raises(InputError, match="directory"):
+        Trace(tmp_path)
+    with pytest.raises(InputError, match="regular"):
+        Trace(tmp_path / "pipe.mcap")
+    with pytest.raises(InputError, match="opened"):
+        Trace("a\0b.mcap")
+
+
+def test_random_damage_never_escapes(tmp_path: Path) -> None:
+    """Bytes changed at random give a trace or one of our errors, in every reading function."""
+    path = tmp_path / "a.mcap.partial"
+    rows = [(k, k, k, [k, None if k % 7 else k]) for k in range(60)]
+    whole = write(tmp_path / "a.mcap", rows=rows, compression="none", chunk_bytes=500).read_bytes()
+    # without checksums the damage reaches the inner layers
+    whole = _without_checksums(whole)
+    choose = random.Random(2)  # noqa: S311 - to be repeatable
+    for _ in range(400):
+        damaged = bytearray(whole)
+        for _ in range(choose.randrange(1, 6)):
+            damaged[choose.randrange(8, len(whole))] = choose.randrange(256)
+        path.write_bytes(damaged)
+        try:
+            trace = Trace(path)
+            json.dumps(describe(path), allow_nan=False)
+            for topic in trace.topics:
+                trace.read(topic)
+        except CosimError as error:
+            assert str(error)  # noqa: PT017 - most damage raises nothing
+
+
+def _without_checksums(whole: bytes) -> bytes:
+    changed, at = bytearray(whole), len(MAGIC)
+    while at < len(whole) - len(MAGIC):
+        opcode, length = struct.unpack_from("<BQ", whole, at)
+        start = at + 9
+        if opcode == 6:
+            changed[start + 24 : start + 28] = bytes(4)
+        elif opcode == 15:
+            changed[start : start + 4] = bytes(4)
+        at = start + length
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+@pytest.mark.parametrize("chunking", [True, False])
+def test_foreign_file(tmp_path: Path, compression: CompressionType, *, chunking: bool) -> None:
+    """A file by another writer, JSON, two channels on a topic, is described as it is."""
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=compression, use_chunking=chunking)
+        writer.start(profile="ros2", library="other 1.0")
+        schema = writer.register_schema("Thing", "jsonschema", b"{}")
+        ids = [writer.register_channel("/thing", "json", schema) for _ in range(2)]
+        raw = writer.register_channel("/raw", "", 0)
+        for k in range(10):
+            writer.add_message(ids[k % 2], 10**9 * (10 - k), b"{}", 5, k)
+        writer.add_message(raw, 2**63 + 5, b"\x00", 0)
+        writer.add_metadata("theirs", {"a": "b"})
+        writer.finish()
+    summary = describe(path, incomplete=False)
+    json.dumps(summary, allow_nan=False)
+    assert (summary["library"], summary["finished"], summary["run"]) == ("other 1.0", False, {})
+    thing, other = summary["topics"]
+    assert (thing["topic"], thing["schema"], thing["count"]) == ("/thing", "Thing", 10)
+    assert (thing["start_ns"], thing["end_ns"], thing["rate_hz"]) == (10**9, 10**10, 1.0)
+    assert (other["topic"], other["count"], other["rate_hz"]) == ("/raw", 1, None)
+    with pytest.raises(InputError, match="protobuf"):
+        Trace(path).read("/thing")
+
+
+def test_describe_and_render(tmp_path: Path) -> None:
+    """The summary has the facts, the links' figures apart, and people see them, brackets too."""
+    figures = {"sent": 12, "delivered": 11, "mean_delay_s": 0.25, "max_age_s": None}
+    path = write(
+        tmp_path / "a.mcap",
+        signals=[Signal("K[1,3]", 3, "N"), Signal("[bold]", 4)],
+        run={"scenario": "station [red]", "[/red]": "x", "host.time": "\x1b[2J2024"},
+        result={"state": "done", **result_of_link("sensor.sc", figures)},
+    )
+    summary = json.loads(json.dumps(describe(path), allow_nan=False))
+    assert summary["links"] == {
+        "sensor.sc": {"sent": "12", "delivered": "11", "mean_delay_s": "0.25"}
+    }
+    assert summary["result"] == {"state": "done"}
+    assert summary["content_hash"] == content_hash(path)
+    assert summary["topics"][0]["rate_hz"] == pytest.approx(1e8)
+    assert summary["topics"][0]["signals"][0]["unit"] == "N"
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(render(summary))
+    text = console.export_text()
+    for word in ("finished", "K[1,3] [N]", "[bold]", "station [red]", "sensor.sc", "0.25", "2000"):
+        assert word in text
+    assert "\x1b" not in text
