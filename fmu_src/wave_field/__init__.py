@@ -1,0 +1,1 @@
+"""The irregular sea as a component."""

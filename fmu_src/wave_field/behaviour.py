@@ -1,0 +1,68 @@
+"""WaveField between its FMI variables and the equations of `cosim.models.waves`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cosim.models.waves import Component, Gains, accelerations, at_depth, gains, sea
+
+_SPECTRA = {1: "jonswap", 2: "pierson-moskowitz"}
+_EXPLICIT = 0
+_OUTPUTS = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+
+
+class WaveField:
+    """Accelerations of the water at the present time; nothing depends on any step size."""
+
+    def __init__(self, constants: dict[str, Any]) -> None:
+        self._slots: int = constants["slots"]
+
+    def initialise(self, v: dict[str, float], start: float) -> None:
+        """Draw the sea, or take the explicit components; fills the outputs.
+
+        Raises
+        ------
+        ValueError : a wave height, period, spectrum or number of components out of range.
+        """
+        self._components: list[Component] = []
+        own = [v[f"gain.{axis}"] for axis in "uvwr"]
+        if v["spectrum"] == _EXPLICIT:
+            for k in range(1, self._slots + 1):
+                if v[f"amplitude[{k}]"] != 0.0:
+                    self._components.append(
+                        Component(v[f"omega[{k}]"], v[f"amplitude[{k}]"], v[f"phase[{k}]"])
+                    )
+            self._gains = Gains(*own)
+        else:
+            spectrum = _SPECTRA[int(v["spectrum"])]
+            elevation = sea(
+                v["Hs"],
+                v["Tp"],
+                spectrum=spectrum,
+                peak_factor=v["peak_factor"] if spectrum == "jonswap" else None,
+                count=int(v["components"]),
+                seed=int(v["seed"]),
+            )
+            self._components = at_depth(elevation, v["depth"])
+            by_direction = gains(v["direction"], v["yaw_gain"])
+            self._gains = Gains(*(a * b for a, b in zip(own, by_direction, strict=True)))
+        self._publish(v, start)
+
+    def advance(self, v: dict[str, float], end: float) -> None:
+        """Accelerations at `end`."""
+        self._publish(v, end)
+
+    def refresh(self, v: dict[str, float]) -> None:
+        """There are no inputs: nothing to do."""
+
+    def _publish(self, v: dict[str, float], t: float) -> None:
+        values = accelerations(t, self._components, self._gains)
+        for name, value in zip(_OUTPUTS, values, strict=True):
+            v[name] = float(value)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything follows from parameters and time."""
+        return {}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Return to a `snapshot`: the outputs are variables already."""

@@ -1,0 +1,95 @@
+"""FMI variables of WaveField."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.models.waves import GRAVITY, accelerations, at_depth, gains, sea
+from fmu_src.spec import ComponentSpec, Variable
+
+SLOTS = 8
+"""Explicit components that an FMU has room for."""
+
+_MOST = 200
+_SEA = {"Hs": 1.0, "Tp": 8.0, "depth": 30.0, "direction": 0.6, "yaw_gain": 0.02}
+_COUNT, _SEED = 20, 1
+
+
+def _variables() -> list[Variable]:
+    drawn = at_depth(sea(_SEA["Hs"], _SEA["Tp"], count=_COUNT, seed=_SEED), _SEA["depth"])
+    start = accelerations(0.0, drawn, gains(_SEA["direction"], _SEA["yaw_gain"]))
+    table = [
+        Variable(
+            f"disturbance.{axis}",
+            "output",
+            f"acceleration of {text} by the water around the vehicle",
+            "rad/s2" if axis == "r" else "m/s2",
+            float(value),
+        )
+        for axis, text, value in zip("uvwr", ("surge", "sway", "heave", "yaw"), start, strict=True)
+    ]
+    integer = [
+        ("spectrum", "1: JONSWAP, 2: Pierson-Moskowitz, 0: the explicit components", 1, 0, 2),
+        ("components", "number of harmonics of the spectrum", _COUNT, 1, _MOST),
+        ("seed", "draws frequencies and phases", _SEED, 0, 2**31 - 1),
+    ]
+    table += [
+        Variable(n, "parameter", text, None, value, "Integer", minimum=low, maximum=high)
+        for n, text, value, low, high in integer
+    ]
+    table += [
+        Variable("Hs", "parameter", "significant wave height", "m", _SEA["Hs"], minimum=0.0),
+        Variable("Tp", "parameter", "peak period", "s", _SEA["Tp"], minimum=0.1),
+        Variable(
+            "peak_factor",
+            "parameter",
+            "peak factor of JONSWAP",
+            None,
+            3.3,
+            minimum=1.0,
+            maximum=10.0,
+        ),
+        Variable(
+            "depth", "parameter", "depth below the surface", "m", _SEA["depth"], minimum=0.0
+        ),
+        Variable(
+            "direction",
+            "parameter",
+            "towards which the waves travel, from the bow, starboard positive",
+            "rad",
+            _SEA["direction"],
+        ),
+        Variable(
+            "yaw_gain", "parameter", "yaw acceleration per sway acceleration", "rad/m",
+            _SEA["yaw_gain"],
+        ),
+    ]
+    table += [
+        Variable(f"gain.{axis}", "parameter", f"factor on disturbance.{axis}", None, 1.0)
+        for axis in "uvwr"
+    ]
+    for k in range(1, SLOTS + 1):
+        table += [
+            Variable(f"omega[{k}]", "parameter", f"frequency of component {k}", "rad/s", 1.0),
+            Variable(
+                f"amplitude[{k}]", "parameter", f"acceleration amplitude of component {k}", "m/s2"
+            ),
+            Variable(f"phase[{k}]", "parameter", f"phase of component {k} at t = 0", "rad"),
+        ]
+    return table
+
+
+SPEC = ComponentSpec(
+    name="WaveField",
+    description=(
+        "Irregular sea as an exosystem: accelerations of the water at the vehicle's depth "
+        f"(deep water, g = {GRAVITY} m/s2)"
+    ),
+    variables=tuple(_variables()),
+    behaviour="fmu_src.wave_field.behaviour:WaveField",
+    sources=("cosim.models.waves", "fmu_src.wave_field.behaviour"),
+    readme=Path(__file__).with_name("readme.md"),
+    stop_time=60.0,
+    step_size=0.05,
+    constants={"slots": SLOTS},
+)
