@@ -41,8 +41,8 @@ clean: ## remove what the other targets made, traces excepted
 
 # The environment is hidden from git and from ruff wherever it stands.
 $(READY): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
-		echo "Python 3.11 or later with its venv module is needed."; \
+	@$(PYTHON) -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "Python 3.11 or later with its venv and ensurepip modules is needed."; \
 		echo "  got: $(PYTHON), $$($(PYTHON) --version 2>&1)"; \
 		echo "  try: make PYTHON=python3.11 $(MAKECMDGOALS)"; \
 		exit 1; } >&2
