@@ -111,10 +111,15 @@ def _script(spec: ComponentSpec, package: str, renamed: dict[str, str]) -> str:
     return (
         f'"""{spec.name}: {spec.description}.\n\n'
         f'Edit the parts in {package}; this module only joins them.\n"""\n\n'
+        "import ctypes\n\n"
         f"from {renamed[module]} import {cls} as {behaviour}\n"
         f"from {renamed[_SLAVE]} import BehaviourSlave\n"
         f"from {package}.table import CONSTANTS as _CONSTANTS\n"
-        f"from {package}.table import TABLE as _TABLE\n\n\n"
+        f"from {package}.table import TABLE as _TABLE\n\n"
+        "# PythonFMU's loader runs this text for every instance and gives back a reference to\n"
+        "# the module's dictionary that it never took: without one more, the second instance\n"
+        "# of a process would run on a freed dictionary.\n"
+        "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n\n\n"
         f"class {spec.name}(BehaviourSlave):\n"
         f'    """{spec.description}."""\n\n'
         f"    TABLE = _TABLE\n"
