@@ -170,6 +170,9 @@ class PacketLink:
         number: that value, from the instant the lost message was due (sent + delay + its
         jitter; under fifo not before its predecessors) until the next message is accepted,
         but only if no newer message had been delivered by then.
+    data_rate, frame_size : bit/s (integer) and bits of a message, headers included; 0: a message
+        takes no time to send. Else each takes frame_size / data_rate, and one that is due while
+        another is still being sent waits for it (losses happen later, so they take their turn).
     quantization : step of the quantizer applied to the values sent; 0: none.
     seed : seed of the run (0 to 2**63 - 1). Two links of one run share it and still draw
         independently, since their names differ.
@@ -189,6 +192,8 @@ class PacketLink:
     on_loss: Literal["hold", "zero"] | float = "hold"
     quantization: float = 0.0
     seed: int = 0
+    data_rate: int = 0
+    frame_size: int = 0
 
     def __post_init__(self) -> None:
         _check_name("link", self.name)
@@ -226,6 +231,23 @@ class PacketLink:
                 expected="a finite number, 0 (none) or larger",
                 got=repr(self.quantization),
             )
+        for key in ("data_rate", "frame_size"):
+            value = getattr(self, key)
+            if not _is_integer(value) or not 0 <= value <= MAX_NS:
+                raise InputError(
+                    f"{key} out of range",
+                    where=f"{where}: {key}",
+                    expected="an integer from 0 (none) to 2**53",
+                    got=repr(value),
+                )
+        if (self.data_rate == 0) != (self.frame_size == 0):
+            raise InputError(
+                "a data rate and a frame size go together",
+                where=f"{where}: data_rate, frame_size",
+                expected="both or neither",
+                got=f"{self.data_rate} bit/s, {self.frame_size} bit",
+            )
+        check_duration(f"{where}: frame_size / data_rate", self.frame_ns)
         if not _is_integer(self.seed) or not 0 <= self.seed < 2**63:
             raise InputError(
                 "seed out of range",
@@ -233,6 +255,13 @@ class PacketLink:
                 expected="an integer from 0 to 2**63 - 1",
                 got=repr(self.seed),
             )
+
+    @property
+    def frame_ns(self) -> int:
+        """Time to send one message, frame_size / data_rate rounded up [ns]; 0 without a rate."""
+        if self.data_rate == 0:
+            return 0
+        return -(-int(self.frame_size) * 10**9 // int(self.data_rate))
 
     @property
     def substitute(self) -> float | None:

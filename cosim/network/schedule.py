@@ -49,8 +49,8 @@ class PacketSchedule:
     end_ns : end of the run [ns].
     sent_ns : instant of sending [ns], int64 (n,).
     transit_ns : delay + jitter [ns], int64 (n,), also of those that are lost.
-    arrival_ns : instant at which the message arrives or would have [ns], int64 (n,); under
-        fifo after waiting for its predecessors.
+    arrival_ns : instant at which the message arrives or would have [ns], int64 (n,): sending,
+        the sender's queue (`data_rate`), transit, and under fifo waiting for its predecessors.
     delivered_ns : instant of delivery [ns], int64 (n,); -1 if it was not delivered in the run
         (lost, overtaken, or in flight at the end).
     sequence : sequence number, int64 (n,).
@@ -198,6 +198,14 @@ def schedule(link: PacketLink, end_ns: int) -> PacketSchedule:
         )
     sent = link.offset_ns + np.arange(count, dtype=np.int64) * link.sample_time_ns
     transit = link.delay_ns + draws.jitter_ns(link.jitter, link.seed, link.name, count)
+    if count * link.frame_ns >= 2**62:
+        raise InputError(
+            "the messages take longer to send than can be counted",
+            where=f"link {link.name!r}: data_rate",
+            expected="less than 2**62 ns for all messages of the run",
+            got=f"{count} messages of {link.frame_ns} ns",
+            hint="data_rate is in bit/s, frame_size in bits",
+        )
     lost = draws.lost(link.loss, link.seed, link.name, count)
     return _resolve(link, int(end_ns), sent, transit, lost)
 
@@ -295,7 +303,7 @@ def _resolve(
     points: NDArray[np.int64] | None = None,
 ) -> PacketSchedule:
     """Apply order and loss to messages already drawn."""
-    arrival = sent + transit
+    arrival = _transmitted(link, sent) + transit
     if points is not None:
         arrival = _up(arrival, points)
     if link.order == "fifo":
@@ -317,6 +325,17 @@ def _resolve(
         status=status,
         lost=lost,
     )
+
+
+def _transmitted(link: PacketLink, sent: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Instant at which the sender has put each message on the link.
+
+    One after the other: out[k] = max(sent[k], out[k-1]) + frame, which unrolls into
+    frame (k + 1) + max over j <= k of (sent[j] - frame j).
+    """
+    before = link.frame_ns * np.arange(sent.size, dtype=np.int64)
+    queued: NDArray[np.int64] = np.maximum.accumulate(sent - before) + before
+    return queued + np.int64(link.frame_ns)
 
 
 def _overtaken(arrival: NDArray[np.int64], lost: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.errors import InputError
@@ -38,11 +39,15 @@ jitters = st.one_of(
 losses = st.one_of(
     st.sampled_from([0.0, 0.3, 0.8, 1.0]), st.just(GilbertElliott(0.3, 0.4, 0.1, 0.9))
 )
+rates = st.sampled_from(
+    [{}, {"data_rate": 10**9, "frame_size": 4}, {"data_rate": 3 * 10**8, "frame_size": 4}]
+)
 links = st.builds(
-    PacketLink,
+    lambda name, rate, **rest: PacketLink(name, **rate, **rest),
     st.sampled_from(["sensor", "actuator"]),
+    rates,
     sample_time_ns=st.integers(1, 15),
-    offset_ns=st.integers(0, 20),
+    offset_ns=st.integers(0, 5),
     delay_ns=st.integers(0, 30),
     jitter=jitters,
     loss=losses,
@@ -66,7 +71,11 @@ class Receiver:
         *,
         rounded: Callable[[int], int] = int,
     ) -> None:
-        self.due = [rounded(s + d) for s, d in zip(sent, transit, strict=True)]
+        self.due = []
+        free = 0  # when the sender has put the message before on the link
+        for s, d in zip(sent, transit, strict=True):
+            free = max(s, free) + math.ceil(Fraction(link.frame_size * 10**9, link.data_rate or 1))
+            self.due.append(rounded(free + d))
         self.fate = ["in flight"] * len(sent)
         self.when = [-1] * len(sent)
         self.used = []
@@ -107,6 +116,7 @@ class Receiver:
         )
 
 
+@settings(max_examples=400)
 @given(links, ends)
 def test_schedule_is_what_the_receiver_sees(link: PacketLink, end: int) -> None:
     """Fate, instant of delivery, message in use and statistics are those of the slow model."""
@@ -205,6 +215,15 @@ def test_constant_delay_by_hand() -> None:
     assert s.statistics()["max_age_s"] == 35 / 1e9
     assert s.statistics()["in_flight"] == 3  # sent at 80, 90, 100
     assert s.age_ns([24, 25, 34, 35]).tolist() == [-1, 25, 34, 25]
+
+
+def test_messages_that_arrive_together() -> None:
+    """Of messages that arrive at one instant none is overtaken, and the last sent is in use."""
+    s = schedule(PacketLink("a", 5), 30)
+    points, (s,) = align([s], 10, "grid")
+    assert s.sent_ns.tolist() == s.delivered_ns.tolist() == [0, 10, 10, 20, 20, 30, 30]
+    assert s.statistics()["overtaken"] == 0
+    assert s.in_use(points).tolist() == [0, 2, 4, 6]
 
 
 @given(st.lists(links, min_size=1, max_size=2), ends, st.integers(1, 20))

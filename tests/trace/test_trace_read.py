@@ -307,27 +307,33 @@ def message(channel_id: int = 1, data: bytes = b"") -> bytes:
 HEADER = record(1, struct.pack("<II", 0, 0))
 ZSTD_BOMB = bytes.fromhex("28b52ffde0ffffffffffff0f00010000")
 HOSTILE = {
-    "nothing after the magic": b"",
-    "zeros": bytes(1000),
-    "a record of 2**63 bytes": struct.pack("<BQ", 1, 2**63),
-    "a chunk that claims 2**62 bytes": HEADER + chunk(b"x", size=2**62),
-    "a chunk that claims more than it has": HEADER + chunk(b"x" * 20, size=40),
-    "a wrong checksum": HEADER + chunk(message(), crc=1),
-    "not zstd": HEADER + chunk(b"garbage!" * 4, "zstd", size=100),
-    "not lz4": HEADER + chunk(b"garbage!" * 4, "lz4", size=100),
-    "a zstd frame of another size": HEADER + chunk(ZSTD_BOMB, "zstd", size=100),
-    "unknown compression": HEADER + chunk(b"x", "rar"),
-    "a cut record inside a chunk": HEADER + chunk(message()[:-1]),
-    "a chunk inside a chunk": HEADER + chunk(chunk(b"")),
-    "a message without channel": HEADER + message(),
-    "a message shorter than its head": HEADER + channel() + record(5, b"abc"),
-    "a channel without schema": HEADER + channel(schema_id=7),
-    "a channel declared twice": HEADER + channel() + channel(topic=b"/other"),
-    "a text longer than its record": HEADER + record(12, struct.pack("<I", 2**31) + b"abc"),
-    "a text that is not UTF-8": HEADER + record(12, struct.pack("<I", 2) + b"\xff\xfe" + b"\0" * 4),
-    "an attachment too short": HEADER + record(9, b"abc"),
-    "schema 0": HEADER + record(3, struct.pack("<HIII", 0, 0, 0, 0)),
-    "bytes after the end": HEADER + record(2, bytes(20)) + MAGIC + b"more",
+    "nothing after the magic": (b"", "the file ends"),
+    "zeros": (bytes(1000), "no record at byte 8"),
+    "a record of 2**63 bytes": (struct.pack("<BQ", 1, 2**63), "byte 8 is cut short"),
+    "a chunk that claims 2**62 bytes": (HEADER + chunk(b"x", size=2**62), "claims"),
+    "a chunk that claims more than it has": (HEADER + chunk(b"x" * 20, size=40), "20 bytes where"),
+    "a wrong checksum": (HEADER + channel() + chunk(message(), crc=1), "checksum of a chunk"),
+    "not zstd": (HEADER + chunk(b"garbage!" * 4, "zstd", size=100), "does not decompress"),
+    "not lz4": (HEADER + chunk(b"garbage!" * 4, "lz4", size=100), "does not decompress"),
+    "a zstd frame of another size": (HEADER + chunk(ZSTD_BOMB, "zstd", size=100), "of the size"),
+    "unknown compression": (HEADER + chunk(b"x", "rar"), "'rar'"),
+    "a cut record inside a chunk": (HEADER + channel() + chunk(message()[:-1]), "inside the chunk"),
+    "a chunk inside a chunk": (HEADER + chunk(chunk(b"")), "type 6 inside"),
+    "a message without channel": (HEADER + message(), "channel 1, which is not declared"),
+    "a message too short": (HEADER + channel() + record(5, b"abc"), "message is cut short"),
+    "a channel without schema": (HEADER + channel(schema_id=7), "schema 7, which is not"),
+    "a channel declared twice": (
+        HEADER + channel() + channel(topic=b"/b"),
+        "channel 1 is declared",
+    ),
+    "a text too long": (HEADER + record(12, struct.pack("<I", 2**31) + b"abc"), "longer than"),
+    "a text that is not UTF-8": (
+        HEADER + record(12, struct.pack("<I", 2) + b"\xff\xfe" + b"\0" * 4),
+        "UTF-8",
+    ),
+    "an attachment too short": (HEADER + record(9, b"abc"), "checksum of an attachment"),
+    "schema 0": (HEADER + record(3, struct.pack("<HIII", 0, 0, 0, 0)), "schema 0"),
+    "bytes after the end": (HEADER + record(2, bytes(20)) + MAGIC + b"more", "closing magic"),
 }
 
 
@@ -335,13 +341,15 @@ HOSTILE = {
 def test_hostile_content(tmp_path: Path, name: str) -> None:
     """Damage is a `LossError`; under `.partial` it is told, and nothing else fails."""
     path = tmp_path / "a.mcap"
-    path.write_bytes(MAGIC + HOSTILE[name])
+    content, told = HOSTILE[name]
+    path.write_bytes(MAGIC + content)
     with pytest.raises(LossError) as caught:
         Trace(path)
     assert str(path) in str(caught.value)
     partial = path.rename(tmp_path / "a.mcap.partial")
     trace = Trace(partial)
     assert trace.damage
+    assert told in trace.damage
     assert not trace.complete
     json.dumps(describe(partial), allow_nan=False)
 
