@@ -6,6 +6,8 @@ about it. The command line prints the message and leaves with `exit_code`; no tr
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import ClassVar
 
 
@@ -51,6 +53,21 @@ class InputError(CosimError, ValueError):
     """Bad input or usage: a file, a key, a value, a shape, a name."""
 
     exit_code = 2
+
+    @classmethod
+    def unknown(
+        cls, kind: str, name: str, known: Iterable[str], *, where: str | None = None
+    ) -> InputError:
+        """The error for a name that does not exist, with the nearest that do."""
+        names = sorted(known)
+        near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+        listed = ", ".join(names) if len(names) <= 12 else f"one of {len(names)} names"
+        return cls(
+            f"there is no {kind} {name!r}",
+            where=where,
+            expected=listed or "nothing: there is none",
+            hint=f"did you mean {' or '.join(near)}?" if near else None,
+        )
 
 
 class CheckFailedError(CosimError):

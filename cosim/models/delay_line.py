@@ -87,9 +87,7 @@ class DelayLine:
         b = s * s * (3.0 - 2.0 * s)
         c = h * s * r * r
         e = -h * s * s * r
-        return [
-            a * p + b * q + c * u + e * v for p, q, u, v in zip(x0, x1, m0, m1, strict=True)
-        ]
+        return [a * p + b * q + c * u + e * v for p, q, u, v in zip(x0, x1, m0, m1, strict=True)]
 
     def advance(self, end: float, f: RightHandSide, *, jump: bool) -> None:
         """Integrate to `end` with the inputs inside `f` held.

@@ -61,5 +61,7 @@ def output(
     """z = D x + D1 w + D2 u of Eq. (7), length p."""
     return [
         a + b + c
-        for a, b, c in zip(product(m["D"], x), product(m["D1"], w), product(m["D2"], u), strict=True)
+        for a, b, c in zip(
+            product(m["D"], x), product(m["D1"], w), product(m["D2"], u), strict=True
+        )
     ]

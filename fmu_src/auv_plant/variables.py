@@ -59,9 +59,7 @@ def _variables() -> list[Variable]:
         Variable("delay.d", "parameter", "age of the damping loop's data", "s", 0.5, minimum=0.0)
     )
     for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True):
-        table.append(
-            Variable(f"initial.{name}", "parameter", f"{text}, for all t <= start", unit)
-        )
+        table.append(Variable(f"initial.{name}", "parameter", f"{text}, for all t <= start", unit))
     table.append(
         Variable(
             "solver.step",

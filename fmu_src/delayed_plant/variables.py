@@ -29,7 +29,9 @@ def delayed_plant_spec(
     `F` is amplitude and angular frequency [rad/s] of the uncertainty F(t); start values are
     the given ones, dimensions are fixed.
     """
-    shapes = {k: [len(matrices[k]), len(matrices[k][0]) if len(matrices[k]) else 0] for k in LETTERS}
+    shapes = {
+        k: [len(matrices[k]), len(matrices[k][0]) if len(matrices[k]) else 0] for k in LETTERS
+    }
     n, m = shapes["B"]
     p, q = shapes["D"][0], shapes["C"][1]
     at_start = [sum(a * b for a, b in zip(row, initial, strict=True)) for row in matrices["D"]]
@@ -59,8 +61,15 @@ def delayed_plant_spec(
                 table.append(Variable(f"{letter}[{i},{j}]", "parameter", text, None, float(value)))
     table += [
         Variable("delay.d", "parameter", "delay d of Eq. (7)", "s", d, minimum=0.0),
-        Variable("F.amplitude", "parameter", "F(t) = amplitude sin(omega t), times the identity",
-                 None, F[0], minimum=-1.0, maximum=1.0),
+        Variable(
+            "F.amplitude",
+            "parameter",
+            "F(t) = amplitude sin(omega t), times the identity",
+            None,
+            F[0],
+            minimum=-1.0,
+            maximum=1.0,
+        ),
         Variable("F.omega", "parameter", "angular frequency of F(t)", "rad/s", F[1]),
     ]
     table += [
@@ -68,8 +77,9 @@ def delayed_plant_spec(
         for i, value in enumerate(initial, 1)
     ]
     table.append(
-        Variable("solver.step", "parameter", "largest internal integration step", "s", 0.01,
-                 minimum=1e-6)
+        Variable(
+            "solver.step", "parameter", "largest internal integration step", "s", 0.01, minimum=1e-6
+        )
     )
     return ComponentSpec(
         name=name,

@@ -55,9 +55,7 @@ def _vehicle() -> ComponentSpec:
         for name, unit in _FORCE
     ]
     position, speed = DEFAULT_GAIN
-    K = [
-        [position if j == i else speed if j == i + 4 else 0.0 for j in range(8)] for i in range(4)
-    ]
+    K = [[position if j == i else speed if j == i + 4 else 0.0 for j in range(8)] for i in range(4)]
     table += _gain(K)
     table += [
         Variable(

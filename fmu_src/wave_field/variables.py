@@ -49,9 +49,7 @@ def _variables() -> list[Variable]:
             minimum=1.0,
             maximum=10.0,
         ),
-        Variable(
-            "depth", "parameter", "depth below the surface", "m", _SEA["depth"], minimum=0.0
-        ),
+        Variable("depth", "parameter", "depth below the surface", "m", _SEA["depth"], minimum=0.0),
         Variable(
             "direction",
             "parameter",
@@ -60,7 +58,10 @@ def _variables() -> list[Variable]:
             _SEA["direction"],
         ),
         Variable(
-            "yaw_gain", "parameter", "yaw acceleration per sway acceleration", "rad/m",
+            "yaw_gain",
+            "parameter",
+            "yaw acceleration per sway acceleration",
+            "rad/m",
             _SEA["yaw_gain"],
         ),
     ]

@@ -1,0 +1,133 @@
+"""An FMU from the outside: what it declares, without loading its binary."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+from fmpy import read_model_description
+
+from cosim.errors import InputError
+
+SignalKind = Literal["float", "int", "bool"]
+_KINDS: Mapping[str, SignalKind] = MappingProxyType(
+    {"Real": "float", "Integer": "int", "Enumeration": "int", "Boolean": "bool"}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A variable as the master sees it; `kind` is None for what it cannot exchange (String)."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    kind: SignalKind | None
+    unit: str | None
+    start: float | None
+    description: str | None
+    feedthrough: bool  # an output that some input reaches without delay
+
+
+@dataclass(frozen=True, slots=True)
+class FmuDescription:
+    """What an FMU declares.
+
+    Attributes
+    ----------
+    path, sha256 : the file and the hash of its bytes.
+    model : fmpy's model description.
+    ports : variable name -> Port.
+    xml : modelDescription.xml as it stands in the FMU.
+    """
+
+    path: Path
+    sha256: str
+    model: Any
+    ports: Mapping[str, Port]
+    xml: bytes
+
+    @property
+    def variable_step(self) -> bool:
+        """Whether the FMU takes communication steps of changing size."""
+        return bool(self.model.coSimulation.canHandleVariableCommunicationStepSize)
+
+    def port(self, name: str, *, where: str) -> Port:
+        """The variable `name`; an `InputError` with the nearest names if there is none."""
+        found = self.ports.get(name)
+        if found is None:
+            raise InputError.unknown("variable", name, self.ports, where=where)
+        return found
+
+
+def describe_fmu(path: Path) -> FmuDescription:
+    """Read and validate the model description of an FMU 2.0 for co-simulation.
+
+    Raises
+    ------
+    InputError : no such file, not an FMU, a model description that breaks the standard, or an
+        FMI version or type that is not supported.
+    """
+    if not path.is_file():
+        raise InputError("no such FMU", where=str(path), hint="build it: python build_fmu.py")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            xml = archive.read("modelDescription.xml")
+        model = read_model_description(str(path))
+    except Exception as error:  # fmpy and zipfile raise many kinds; each means the same here
+        raise InputError(
+            "not a valid FMU", where=str(path), expected="an FMU 2.0", got=str(error)
+        ) from error
+    if model.fmiVersion != "2.0" or model.coSimulation is None:
+        offered = [k for k in ("coSimulation", "modelExchange") if getattr(model, k, None)]
+        raise InputError(
+            "this FMU cannot be run",
+            where=str(path),
+            expected="FMI 2.0 for co-simulation",
+            got=f"FMI {model.fmiVersion}, {', '.join(offered) or 'neither type'}",
+        )
+    direct = _outputs_with_feedthrough(model)
+    ports = {}
+    for variable in model.modelVariables:
+        start = variable.start
+        kind = _KINDS.get(variable.type)
+        ports[variable.name] = Port(
+            name=variable.name,
+            reference=variable.valueReference,
+            causality=variable.causality,
+            variability=variable.variability,
+            kind=kind,
+            unit=variable.unit
+            or (variable.declaredType.unit if variable.declaredType is not None else None),
+            start=None if start is None or kind is None else _number(start),
+            description=variable.description,
+            feedthrough=variable.name in direct,
+        )
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return FmuDescription(path, digest, model, MappingProxyType(ports), xml)
+
+
+def _outputs_with_feedthrough(model: Any) -> set[str]:
+    """Outputs with a direct dependency on an input; undeclared dependencies mean all."""
+    names = set()
+    for unknown in model.outputs:
+        dependencies = unknown.dependencies
+        if dependencies is None:
+            if any(v.causality == "input" for v in model.modelVariables):
+                names.add(unknown.variable.name)
+        elif any(v.causality == "input" for v in dependencies):
+            names.add(unknown.variable.name)
+    return names
+
+
+def _number(text: Any) -> float:
+    lowered = str(text).strip().lower()
+    if lowered in ("true", "false"):
+        return 1.0 if lowered == "true" else 0.0
+    return float(lowered)

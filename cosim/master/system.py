@@ -1,0 +1,183 @@
+"""What the master runs: components, what connects them, and when they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription, Port
+from cosim.network import PacketLink, PacketSchedule, TransportLink, align, schedule
+
+Link = PacketLink | TransportLink
+Events = Literal["align", "grid"]
+
+_MOST_POINTS = 20_000_000
+
+
+class Endpoint(NamedTuple):
+    """A variable of a component."""
+
+    component: str
+    variable: str
+
+    def __str__(self) -> str:
+        return f"{self.component}.{self.variable}"
+
+
+class Connection(NamedTuple):
+    """An output wired to an input, directly or over a link."""
+
+    source: Endpoint
+    target: Endpoint
+    link: str | None = None
+
+
+@dataclass(frozen=True)
+class Component:
+    """An FMU with the parameters it starts from."""
+
+    description: FmuDescription
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class System:
+    """A closed description of one run.
+
+    Attributes
+    ----------
+    components : by name, in the order in which they are stepped.
+    connections : one per input at most.
+    links : by name.
+    driven : inputs that follow a given signal, as a function of the points [s].
+    step_ns, end_ns : communication step and end [ns].
+    events : "align": sends and arrivals become communication points; "grid": they are moved
+        to the next point of the grid.
+    divergence : a magnitude of any output from which on the run counts as diverged.
+    """
+
+    components: Mapping[str, Component]
+    connections: Sequence[Connection]
+    links: Mapping[str, Link]
+    driven: Mapping[Endpoint, NDArray[np.float64]]
+    timetable: Timetable
+    divergence: float
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    def port(self, end: Endpoint) -> Port:
+        """The variable behind an endpoint."""
+        where = f"component {end.component!r}"
+        component = self.components.get(end.component)
+        if component is None:
+            raise InputError.unknown("component", end.component, self.components)
+        return component.description.port(end.variable, where=where)
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """Every communication point of a run, and the schedule of every packet link.
+
+    Attributes
+    ----------
+    points_ns : strictly increasing from 0 to the end [ns], int64 (n,).
+    schedules : by name of the link; all their instants are points, or were moved to one.
+    step_ns : the communication step asked for [ns].
+    """
+
+    points_ns: NDArray[np.int64]
+    schedules: Mapping[str, PacketSchedule]
+    step_ns: int
+
+
+def make_timetable(
+    links: Mapping[str, Link], step_ns: int, end_ns: int, events: Events
+) -> Timetable:
+    """Lay out the whole run in time before it starts.
+
+    Raises
+    ------
+    InputError : a step that is not positive or exceeds the end, or far too many points.
+    """
+    if step_ns < 1 or end_ns < step_ns:
+        raise InputError(
+            "the communication step does not fit the run",
+            where="run",
+            expected="0 < step <= end",
+            got=f"step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
+        )
+    if end_ns // step_ns > _MOST_POINTS:
+        raise InputError(
+            "too many communication points",
+            where="run",
+            expected=f"at most {_MOST_POINTS}",
+            got=f"{end_ns // step_ns}: one each {step_ns / 1e9:g} s up to {end_ns / 1e9:g} s",
+        )
+    grid = np.append(np.arange(0, end_ns, step_ns, dtype=np.int64), np.int64(end_ns))
+    packet = [link for link in links.values() if isinstance(link, PacketLink)]
+    if not packet:
+        return Timetable(grid, {}, step_ns)
+    aligned = align([schedule(link, end_ns) for link in packet], grid, events)
+    return Timetable(aligned.points_ns, {s.link.name: s for s in aligned.schedules}, step_ns)
+
+
+def _check(system: System) -> None:
+    taken: dict[Endpoint, str] = {}
+    for connection in system.connections:
+        source, target = system.port(connection.source), system.port(connection.target)
+        where = f"connection {connection.source} -> {connection.target}"
+        if source.causality != "output" or target.causality != "input":
+            raise InputError(
+                "a connection leads from an output to an input",
+                where=where,
+                got=f"{source.causality} -> {target.causality}",
+            )
+        if source.kind is None or source.kind != target.kind:
+            raise InputError(
+                "the types of the two ends do not fit",
+                where=where,
+                expected="both Real, both Integer or both Boolean",
+                got=f"{source.kind or 'String'} -> {target.kind or 'String'}",
+            )
+        if source.unit and target.unit and source.unit != target.unit:
+            raise InputError(
+                "the units of the two ends differ",
+                where=where,
+                got=f"{source.unit} -> {target.unit}",
+            )
+        if connection.link is not None and connection.link not in system.links:
+            raise InputError.unknown("link", connection.link, system.links, where=where)
+        _take(taken, connection.target, f"connection from {connection.source}")
+    for target, values in system.driven.items():
+        port = system.port(target)
+        if port.causality != "input" or port.kind != "float":
+            raise InputError(
+                "only a Real input can follow a signal",
+                where=str(target),
+                got=f"{port.causality}, {port.kind or 'String'}",
+            )
+        if values.shape != system.timetable.points_ns.shape or not np.isfinite(values).all():
+            raise InputError("the signal of an input must be finite", where=str(target))
+        _take(taken, target, "driven signal")
+    irregular = np.unique(np.diff(system.timetable.points_ns)).size > 1
+    for name, component in system.components.items():
+        if irregular and not component.description.variable_step:
+            raise InputError(
+                "this FMU takes steps of one size only",
+                where=f"component {name!r} ({component.description.path.name})",
+                hint='set events = "grid" and an end that is a multiple of the step',
+            )
+
+
+def _take(taken: dict[Endpoint, str], target: Endpoint, by: str) -> None:
+    if target in taken:
+        raise InputError(
+            "an input has two sources", where=str(target), got=f"{taken[target]}, and {by}"
+        )
+    taken[target] = by
