@@ -1,0 +1,75 @@
+"""Where the commands stood at their limits, and whether that was a limit cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import Run
+
+_LIMITS = {
+    "force.x": "limit.force",
+    "force.y": "limit.force",
+    "force.z": "limit.force",
+    "moment.z": "limit.moment",
+}
+_REVERSALS = 4
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """How the limits were used.
+
+    Attributes
+    ----------
+    fraction : share of the time in which at least one command stood at its limit.
+    largest : command name -> largest magnitude [N, N m].
+    limit_cycle : in the last quarter of the run some command stood at its limit more than half
+        of the time, from one side to the other at least four times: the limits, not the
+        feedback, bound the motion.
+    """
+
+    fraction: float
+    largest: dict[str, float]
+    limit_cycle: bool
+
+
+def saturation(run: Run, controller: str) -> Saturation | None:
+    """Use of the limits by a controller; None if it has none."""
+    station = next((s for s in run.stations if s.name == controller), None)
+    if station is None or run.points_ns.size < 2:
+        return None
+    ports = station.component.description.ports
+    limited = [n for n, limit in _LIMITS.items() if n in ports and limit in ports]
+    if not limited:
+        return None
+    parameters = station.component.parameters
+    bounds = np.array(
+        [parameters.get(_LIMITS[n], ports[_LIMITS[n]].start or 0.0) for n in limited]
+    )
+    commands = np.column_stack([run.signal(controller, n) for n in limited])
+    duration = np.diff(run.points_ns).astype(float)
+    at_limit = np.abs(commands) >= bounds * (1 - 1e-12)
+    last_quarter = run.points_ns[:-1] >= run.points_ns[-1] * 3 // 4
+    cycling = any(
+        _alternates(commands[:-1][last_quarter, j], at_limit[:-1][last_quarter, j])
+        and _share(at_limit[:-1][last_quarter, j], duration[last_quarter]) > 0.5
+        for j in range(len(limited))
+    )
+    return Saturation(
+        fraction=_share(at_limit[:-1].any(axis=1), duration),
+        largest={n: float(np.abs(commands[:, j]).max()) for j, n in enumerate(limited)},
+        limit_cycle=cycling,
+    )
+
+
+def _share(where: NDArray[np.bool_], duration: NDArray[np.float64]) -> float:
+    total = float(duration.sum())
+    return float(duration[where].sum()) / total if total else 0.0
+
+
+def _alternates(command: NDArray[np.float64], at_limit: NDArray[np.bool_]) -> bool:
+    sides = np.sign(command[at_limit])
+    return int(np.count_nonzero(np.diff(sides))) >= _REVERSALS

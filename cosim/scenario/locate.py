@@ -1,0 +1,83 @@
+"""Where a key stands in a TOML file, for messages that point at it.
+
+`tomllib` gives no positions. This scan knows headers, dotted and quoted keys and multi-line
+values well enough to find the line of a key in a file that has already been parsed; when it
+finds nothing it says so instead of guessing.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+
+_HEADER = re.compile(r"^\s*(\[\[|\[)\s*(?P<keys>[^\]]+?)\s*\]")
+_ASSIGNMENT = re.compile(r"""^\s*(?P<keys>(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_PART = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
+
+
+def line_of(text: str, path: Sequence[str | int]) -> int | None:
+    """Line (from 1) of the longest prefix of `path` that stands in `text`; None if none does.
+
+    `path` has a string per key and an integer per place in an array of tables.
+    """
+    best: tuple[int, int] | None = None
+    table: list[str | int] = []
+    counts: dict[tuple[str | int, ...], int] = {}
+    for number, line in _statements(text):
+        header = _HEADER.match(line)
+        if header:
+            keys: list[str | int] = _split(header["keys"])
+            if header[1] == "[[":
+                place = counts.get(tuple(keys), -1) + 1
+                counts[tuple(keys)] = place
+                keys = [*keys, place]
+            elif (count := counts.get(tuple(keys[:1]))) is not None:
+                keys = [keys[0], count, *keys[1:]]
+            table, found = keys, keys
+        else:
+            assignment = _ASSIGNMENT.match(line)
+            if not assignment:
+                continue
+            found = [*table, *_split(assignment["keys"])]
+        depth = _common(found, path)
+        if depth == len(found) and (best is None or depth > best[0]):
+            best = (depth, number)
+    return best[1] if best else None
+
+
+def _statements(text: str) -> list[tuple[int, str]]:
+    """Lines that begin a statement; the inside of multi-line values is passed over."""
+    result = []
+    lines = text.splitlines()
+    i = 0
+    while i < len(lines):
+        start = i
+        if _ASSIGNMENT.match(lines[i]):
+            # a value goes on as long as what stands there does not parse by itself
+            while i + 1 < len(lines) and not _parses("\n".join(lines[start : i + 1])):
+                i += 1
+        result.append((start + 1, lines[start]))
+        i += 1
+    return result
+
+
+def _parses(statement: str) -> bool:
+    try:
+        tomllib.loads(statement)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
+
+
+def _split(keys: str) -> list[str | int]:
+    return [part.strip("\"'") for part in _PART.findall(keys)]
+
+
+def _common(a: Sequence[str | int], b: Sequence[str | int]) -> int:
+    depth = 0
+    for x, y in zip(a, b, strict=False):
+        if x != y:
+            break
+        depth += 1
+    return depth

@@ -1,0 +1,102 @@
+"""What the run did to the disturbance: z = D x + D1 w + D2 u of Eq. (7) along the rows.
+
+Inputs are held between communication points, so integrals of w'w are exact; z'z is taken by
+the trapezoidal rule within each interval, both ends with the held u and w of the interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import Run
+from cosim.models.auv import STATE, TABLE_1, thrust_map
+from cosim.models.delay_system import DelaySystem
+
+_FORCE = ("force.x", "force.y", "force.z", "moment.z")
+_DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+
+
+@dataclass(frozen=True)
+class Binding:
+    """Which variables of the plant are x, u and w of Eq. (7).
+
+    `input_map` (m, m) turns the plant's inputs into u: for the vehicle, forces into the
+    accelerations that the theory calls u.
+    """
+
+    state: tuple[str, ...]
+    control: tuple[str, ...]
+    disturbance: tuple[str, ...]
+    input_map: NDArray[np.float64]
+
+
+def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
+    """The binding of a plant, from the names of its variables; None if they are others."""
+    station = next((s for s in run.stations if s.name == plant), None)
+    if station is None:
+        return None
+    ports = station.component.description.ports
+    if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
+        values = {
+            name: station.component.parameters.get(name, ports[name].start or 0.0)
+            for name in TABLE_1
+        }
+        return Binding(STATE, _FORCE, _DISTURBANCE, np.array(thrust_map(values), dtype=float))
+    n, m = system.A.shape[0], system.B.shape[1]
+    q = 0 if system.C is None else system.C.shape[1]
+    names = (
+        tuple(f"x[{i + 1}]" for i in range(n)),
+        tuple(f"u[{j + 1}]" for j in range(m)),
+        tuple(f"w[{k + 1}]" for k in range(q)),
+    )
+    if all(name in ports for group in names for name in group):
+        return Binding(*names, np.eye(m))
+    return None
+
+
+def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -> float | None:
+    """sqrt(int z'z / int w'w) over the run; None if there was no disturbance, or no z."""
+    if system.C is None or system.D is None:
+        return None
+    x = _signals(run, plant, binding.state)
+    u = _signals(run, plant, binding.control) @ binding.input_map.T
+    w = _signals(run, plant, binding.disturbance)
+    h = np.diff(run.points_ns) / 1e9
+    energy_in = float(h @ (w[:-1] ** 2).sum(axis=1))
+    if energy_in == 0.0:
+        return None
+    direct = w[:-1] @ _or_zero(system.D1, system.D.shape[0], w.shape[1]).T
+    direct = direct + u[:-1] @ _or_zero(system.D2, system.D.shape[0], u.shape[1]).T
+    left = x[:-1] @ system.D.T + direct
+    right = x[1:] @ system.D.T + direct
+    energy_out = float(h @ (0.5 * (left**2).sum(axis=1) + 0.5 * (right**2).sum(axis=1)))
+    gain = math.sqrt(energy_out / energy_in)
+    return gain if math.isfinite(gain) else None
+
+
+def _or_zero(
+    matrix: NDArray[np.float64] | None, rows: int, columns: int
+) -> NDArray[np.float64]:
+    return np.zeros((rows, columns)) if matrix is None else matrix
+
+
+def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float64]:
+    """Values at the points reached, (k, len(names)); an input nobody drives stays at its start."""
+    columns = []
+    station = next(s for s in run.stations if s.name == component)
+    reached = run.points_ns.size
+    for name in names:
+        recorded = {p.name for p in (*station.output_ports, *station.input_ports)}
+        if name in recorded:
+            columns.append(run.signal(component, name))
+        else:
+            start = station.component.parameters.get(
+                name, station.component.description.ports[name].start or 0.0
+            )
+            columns.append(np.full(reached, start))
+    return np.column_stack(columns) if columns else np.zeros((reached, 0))
