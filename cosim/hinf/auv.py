@@ -1,0 +1,83 @@
+"""The vehicle as a system in the letters of Eq. (7), feedback over a link included.
+
+Eq. (6) names no A1, C, E, H for the vehicle; these are this project's choice:
+
+* state x = (eta, nu) about rest on station, A = [[0, I], [0, 0]], u an acceleration, B = [0; I];
+* A1 = [[0, 0], [0, -diag(a)]]: an onboard rate-damping loop closed through navigation data
+  `state_delay` seconds old;
+* C = [0; I]: accelerations by waves and current;
+* z = (position_weight * eta, u): position error against effort;
+* E, H from an operating envelope (`cosim.hinf.envelope`);
+* the control acts through `loop_delay`, u = K x(t - tau), for any age tau up to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.hinf.envelope import Envelope, auv_uncertainty
+from cosim.models.auv import TABLE_1
+from cosim.models.delay_system import Delay, DelaySystem
+
+DEFAULT_ENVELOPE = Envelope(u=0.3, v=0.3, w=0.2, r=0.06, psi=0.35)
+"""Slow manoeuvring about a station: a path at 0.1 m/s with a sea on top."""
+
+DEFAULT_K1, DEFAULT_K2 = (-0.3, -1.0), (0.3, 1.0)
+"""k1 and k2 for the state delay and the loop delay; gamma is flat about them."""
+
+
+@dataclass(frozen=True)
+class AuvDesign:
+    """What a gain for the vehicle is designed for.
+
+    Attributes
+    ----------
+    state_delay, loop_delay : age of the damping loop's data, largest age of the measurements
+        that the control acts on [s]; a loop delay of 0 means immediate feedback.
+    damping : a of the four velocities [1/s].
+    position_weight : weight of eta in z [1/s^2].
+    envelope : operating envelope.
+    any_age : for every age up to the loop delay, however it varies (a packet link), instead
+        of the constant delay.
+    parameters : names of Table 1 to numbers.
+    """
+
+    state_delay: float = 0.5
+    loop_delay: float = 1.25
+    damping: tuple[float, float, float, float] = (0.05, 0.05, 0.05, 0.05)
+    position_weight: float = 0.1
+    envelope: Envelope = DEFAULT_ENVELOPE
+    any_age: bool = True
+    parameters: Mapping[str, float] = TABLE_1
+
+
+def auv_system(settings: AuvDesign | None = None) -> DelaySystem:
+    """Eq. (7) of the vehicle: n = 8, m = 4, q = 4, p = 8, one delay or two."""
+    settings = settings or AuvDesign()
+    zero, one = np.zeros((4, 4)), np.eye(4)
+    uncertainty = auv_uncertainty(settings.envelope, settings.parameters)
+    delays = [
+        Delay(settings.state_delay, np.block([[zero, zero], [zero, -np.diag(settings.damping)]]))
+    ]
+    if settings.loop_delay > 0:
+        delays.append(
+            Delay(
+                settings.loop_delay, np.zeros((8, 8)), feedback=True, any_age=settings.any_age
+            )
+        )
+    entry = np.vstack([zero, one])
+    return DelaySystem(
+        A=np.block([[zero, one], [zero, zero]]),
+        B=entry,
+        C=entry,
+        D=np.block([[settings.position_weight * one, zero], [zero, zero]]),
+        D1=np.zeros((8, 4)),
+        D2=entry,
+        E=uncertainty.E,
+        H=uncertainty.H,
+        delays=tuple(delays),
+        name="auv",
+    )

@@ -1,0 +1,172 @@
+"""From an operating envelope to E and H, with a proof over the whole box.
+
+The vehicle's f(x) is A x plus what depends on the state, and that part is exactly
+
+    dA(x) x,   dA(x) = [ 0  J(psi) - I ]        J(psi) - I acts on (u, v) alone,
+                       [ 0  Q(nu)      ]        Q(nu) nu = M^-1 h(nu), Q linear in nu.
+
+With |psi| <= psi_bar, |u| <= u_bar, ... two norms bound it:
+
+* J(psi) - I has norm 2 |sin(psi/2)|, largest at psi_bar;
+* S^-1 Q(nu) T^-1 is linear in nu and a norm is convex, so its largest value over the box is
+  taken at one of the 16 vertices. Each vertex is checked in exact rational arithmetic:
+  q^2 I - N N' > 0 for the rounded q that is used.
+
+Hence dA(x) = E F H with F = diag(F1, F2), |F1| <= 1, |F2| <= 1, so F'F <= I, for
+
+    E = [ k I2  0   ]  rows (x, y)          H = [ k I2 on (u, v)       ]
+        [ 0     q S ]  rows (u, v, w, r)        [ (1/q') T on nu       ]
+
+with k^2 = 2 sin(psi_bar/2) and the factors of q split between E and H. S and T (diagonal,
+positive) and the split are free: the LMI has one multiplier for both blocks, so that they
+matter for gamma; any positive choice is sound.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
+
+import flint
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.models.auv import velocity_coefficients
+
+_AXES = "uvwr"
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Bounds on |u|, |v|, |w| [m/s], |r| [rad/s] and |psi| [rad], each positive."""
+
+    u: float
+    v: float
+    w: float
+    r: float
+    psi: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            top = math.pi if field.name == "psi" else math.inf
+            if not (math.isfinite(value) and 0 < value <= top):
+                raise InputError(
+                    "a bound of the envelope is out of range",
+                    where=f"envelope.{field.name}",
+                    expected="a positive number" + (" up to pi" if field.name == "psi" else ""),
+                    got=repr(value),
+                )
+
+    @property
+    def velocity(self) -> tuple[float, float, float, float]:
+        """(u, v, w, r)."""
+        return self.u, self.v, self.w, self.r
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Free factors of the factorisation: S (rows), T (columns), and the split between blocks.
+
+    The defaults come from minimising the certified gamma over them for the envelope
+    |u|, |v| <= 0.3, |w| <= 0.2, |r| <= 0.06, |psi| <= 0.35; they serve others well too.
+    """
+
+    rows: tuple[float, float, float, float] = (1.0, 1.0, 1.2, 0.8)
+    columns: tuple[float, float, float, float] = (1.0, 1.0, 1.3, 1.8)
+    split: float = 0.6
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """E (8, 6) and H (6, 8), and the two bounds they are made of, both proved."""
+
+    E: NDArray[np.float64]
+    H: NDArray[np.float64]
+    kinematic: float
+    quadratic: float
+
+
+def auv_uncertainty(
+    envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling | None = None
+) -> Uncertainty:
+    """E and H of the vehicle for an envelope, rounded outward.
+
+    `parameters` maps the names of `cosim.models.auv.TABLE_1` to numbers.
+    """
+    scaling = scaling or Scaling()
+    kinematic = _up(float((2 * (flint.arb(envelope.psi) / 2).sin()).upper()))
+    quadratic = _quadratic_bound(envelope, parameters, scaling)
+    E, H = np.zeros((8, 6)), np.zeros((6, 8))
+    # The product of the two square roots, as doubles, must not fall below the bound.
+    k = _up(math.sqrt(kinematic))
+    root = _up(math.sqrt(quadratic))
+    E[0, 0] = E[1, 1] = H[0, 4] = H[1, 5] = k
+    for i in range(4):
+        E[4 + i, 2 + i] = _up(root * scaling.split * scaling.rows[i])
+        H[2 + i, 4 + i] = _up(root / scaling.split * scaling.columns[i])
+    return Uncertainty(E, H, kinematic, quadratic)
+
+
+def quadratic_part(
+    nu: Sequence[Fraction | float], coefficients: Sequence[Mapping[str, Fraction]]
+) -> list[list[Fraction]]:
+    """Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f; products shared evenly."""
+    Q = [[Fraction(0)] * 4 for _ in range(4)]
+    exact = [Fraction(value) for value in nu]
+    for i, row in enumerate(coefficients):
+        for product, c in row.items():
+            a, b = (_AXES.index(letter) for letter in product)
+            # a square has both halves in one column
+            Q[i][a] += c * exact[b] / 2
+            Q[i][b] += c * exact[a] / 2
+    return Q
+
+
+def _quadratic_bound(
+    envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling
+) -> float:
+    """q with |S^-1 Q(nu) T^-1| <= q on the whole box: 16 vertices, each proved."""
+    coefficients = velocity_coefficients(parameters)
+    S = [Fraction(value) for value in scaling.rows]
+    T = [Fraction(value) for value in scaling.columns]
+    vertices = []
+    # Q(-nu) = -Q(nu): half of the vertices stand for all
+    for signs in itertools.product((1, -1), repeat=3):
+        nu = [
+            Fraction(bound) * sign
+            for bound, sign in zip(envelope.velocity, (1, *signs), strict=True)
+        ]
+        Q = quadratic_part(nu, coefficients)
+        vertices.append([[Q[i][j] / S[i] / T[j] for j in range(4)] for i in range(4)])
+    q = max(float(np.linalg.norm(np.array(N, dtype=float), 2)) for N in vertices)
+    while not all(_norm_below(N, Fraction(q)) for N in vertices):
+        q *= 1 + 1e-13
+    return q
+
+
+def _norm_below(N: list[list[Fraction]], q: Fraction) -> bool:
+    """Whether |N| < q: q^2 I - N N' is positive definite, by exact elimination."""
+    n = len(N)
+    G = [
+        [(q * q if i == j else Fraction(0)) - sum(a * b for a, b in zip(N[i], N[j], strict=True))
+         for j in range(n)]
+        for i in range(n)
+    ]
+    for k in range(n):
+        if G[k][k] <= 0:
+            return False
+        for i in range(k + 1, n):
+            factor = G[i][k] / G[k][k]
+            for j in range(k, n):
+                G[i][j] -= factor * G[k][j]
+    return True
+
+
+def _up(value: float) -> float:
+    """A double above `value` by a few units in the last place: rounding goes outward."""
+    return value * (1 + 4 * math.ulp(1.0))
