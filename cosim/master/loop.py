@@ -123,7 +123,7 @@ def _loop(
 ) -> Run:
     in_step_order = [s for name in system.components for s in stations if s.name == name]
     last = len(clock.seconds) - 1
-    k = 0
+    complete = 0  # rows: one that a component broke off counts no more than one never begun
 
     def ended(ending: Ending, reason: str | None, reached: int) -> Run:
         if reason is not None:
@@ -138,12 +138,13 @@ def _loop(
                 station.send(k)
             for station in stations:
                 station.receive(k)
+            complete = k + 1
             for observer in observers:
                 observer.point(k)
             beyond = _beyond(stations, k, system.divergence)
             if beyond is not None:
                 why = f"{beyond} left the range of +-{system.divergence:g}"
-                return ended("diverged", f"{why} at t = {clock.seconds[k]:g} s", k + 1)
+                return ended("diverged", f"{why} at t = {clock.seconds[k]:g} s", complete)
             if k < last:
                 now = clock.seconds[k]
                 size = (int(clock.points_ns[k + 1]) - clock.now_ns) / 1e9
@@ -152,8 +153,8 @@ def _loop(
     except ComponentError as error:
         # a state beyond the range of numbers is the end of a divergence, not a defect
         overflow = "no longer finite" in (error.got or "")
-        return ended("diverged" if overflow else "failed", error.text(), k + 1)
-    return ended("finished", None, last + 1)
+        return ended("diverged" if overflow else "failed", error.text(), complete)
+    return ended("finished", None, complete)
 
 
 def _beyond(stations: Sequence[Station], k: int, bound: float) -> Endpoint | None:

@@ -79,11 +79,6 @@ class Station:
         self.routes: list[Route] = []
         self._prompt, self._direct = prompt, direct
 
-    @property
-    def has_feedthrough(self) -> bool:
-        """Whether some output depends on an input without delay."""
-        return bool(self._direct)
-
     def attach(self, slave: FmuSlave) -> None:
         """Take the slave that plays this component."""
         self.slave = slave
@@ -173,11 +168,6 @@ def _in_order(stations: dict[str, Station], system: System) -> list[Station]:
         row, _ = _rows_in_use(system, c.link)
         if (row == np.arange(row.size)).any():
             waits[c.target.component].add(c.source.component)
-    # a component without feedthrough may wait for others, but nobody waits for it
-    for name, station in stations.items():
-        if not station.has_feedthrough:
-            for others in waits.values():
-                others.discard(name)
     try:
         order = list(TopologicalSorter(waits).static_order())
     except CycleError as error:
@@ -185,6 +175,7 @@ def _in_order(stations: dict[str, Station], system: System) -> list[Station]:
             "the connections form an algebraic loop",
             where=" -> ".join(error.args[1]),
             expected="at least one component of the loop without direct feedthrough",
-            hint="put a link with a delay into the loop",
+            # a transport link passes the initial value on at the start, which is a loop still
+            hint="put a packet link with a delay into the loop",
         ) from error
     return [stations[name] for name in order]

@@ -140,13 +140,14 @@ class DelayLine:
         for point in [*self._breaks[:due], end]:
             if point - previous <= near or (end - point <= near and point != end):
                 continue
-            pieces = math.ceil((point - previous) / self._shortest - 1e-9)
-            if pieces > _STEP_LIMIT:
+            parts = (point - previous) / self._shortest  # infinite for a denormal delay
+            if parts > _STEP_LIMIT:
                 raise ValueError(
                     f"a delay of {self._shortest!r} s divides a communication step of "
-                    f"{end - begin!r} s into {pieces} parts; at most {_STEP_LIMIT} are taken: "
+                    f"{end - begin!r} s into {parts:.3g} parts; at most {_STEP_LIMIT} are taken: "
                     "use a shorter communication step, or no delay at all"
                 )
+            pieces = math.ceil(parts - 1e-9)
             ends.extend(previous + (point - previous) * i / pieces for i in range(1, pieces))
             ends.append(point)
             previous = point

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from cosim.models.feedback import command, limited
@@ -38,12 +39,12 @@ class StateFeedback:
 
     def advance(self, v: dict[str, float], end: float) -> None:
         """Sample if a sample instant lies in [now, end); the outputs hold from there on."""
-        # an instant that rounding alone puts before `end` belongs to the next step
-        before = end - 1e-9 * max(self._sample_time, 1e-3)
         if self._sample_time > 0.0:
-            due = self._start + self._samples * self._sample_time < before
-            while self._start + self._samples * self._sample_time < before:
-                self._samples += 1
+            # an instant that rounding alone puts before `end` belongs to the next step
+            near = max(1e-9 * max(self._sample_time, 1e-3), 16.0 * math.ulp(end))
+            taken = math.ceil((end - near - self._start) / self._sample_time)
+            due = taken > self._samples
+            self._samples = max(taken, self._samples)
         else:
             due = True
         if due:

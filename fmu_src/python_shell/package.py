@@ -40,9 +40,22 @@ def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
 
 
 def guid(spec: ComponentSpec) -> str:
-    """The hash that tells whether a built FMU is up to date, pythonfmu's version included."""
-    version = importlib.metadata.version("pythonfmu")
-    return spec.guid({**component_sources(spec), "pythonfmu": version.encode()})
+    """The hash that tells whether a built FMU is up to date.
+
+    It covers all that a build puts into the archive, what is generated included: PythonFMU's
+    version, the joining script, the model description and the documentation.
+    """
+    sources = component_sources(spec)
+    unnamed = {module: _flat(module) for module in sources}
+    return spec.guid(
+        {
+            **sources,
+            "pythonfmu": importlib.metadata.version("pythonfmu").encode(),
+            "script": _script(spec, "", unnamed).encode(),
+            "modelDescription.xml": _description(spec, ""),
+            **documentation_files(spec),
+        }
+    )
 
 
 def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
@@ -76,10 +89,14 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
                 for name in archive.namelist()
                 if not name.endswith("/") and "__pycache__" not in name
             }
-    tool = f"auv-cosim with PythonFMU {importlib.metadata.version('pythonfmu')}"
-    files["modelDescription.xml"] = fmi2_xml(spec, identity, tool=tool, needs_tool=True)
+    files["modelDescription.xml"] = _description(spec, identity)
     files.update(documentation_files(spec))
     return deterministic_zip(files, destination / f"{spec.name}.fmu")
+
+
+def _description(spec: ComponentSpec, identity: str) -> bytes:
+    tool = f"auv-cosim with PythonFMU {importlib.metadata.version('pythonfmu')}"
+    return fmi2_xml(spec, identity, tool=tool, needs_tool=True)
 
 
 def _flat(module: str) -> str:

@@ -104,6 +104,8 @@ class BehaviourSlave(Fmi2Slave):
             return self._refuse(f"doStep is not allowed while {self._phase}")
         if not (math.isfinite(step_size) and step_size >= 0.0):
             return self._refuse(f"the step must be finite and not negative, got {step_size!r} s")
+        if not math.isfinite(current_time):
+            return self._refuse(f"the step must start at a finite time, got {current_time!r} s")
         # a master that adds up its steps drifts by rounding; anything more is an error
         if abs(current_time - self._time) > 1e-9 * max(1.0, abs(self._time)):
             return self._refuse(
@@ -139,6 +141,25 @@ class BehaviourSlave(Fmi2Slave):
         """Values of Integer variables; an unknown reference is logged and reads as 0."""
         return [int(value) for value in self._get(vrs, "Integer")]
 
+    # No component has Boolean or String variables. PythonFMU's own methods would raise, which
+    # ends in a crash a few calls later.
+
+    def get_boolean(self, vrs: list[int]) -> list[bool]:
+        """Log what the variables are instead; reads as False."""
+        return [bool(value) for value in self._get(vrs, "Boolean")]
+
+    def get_string(self, vrs: list[int]) -> list[str]:
+        """Log what the variables are instead; reads as empty."""
+        return [str(value or "") for value in self._get(vrs, "String")]
+
+    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
+        """Log what the variables are instead."""
+        self._set(vrs, values, "Boolean")
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        """Log what the variables are instead."""
+        self._set(vrs, values, "String")
+
     def _get(self, vrs: list[int], kind: str) -> list[Any]:
         if self._stale:
             self._refresh()
@@ -152,7 +173,10 @@ class BehaviourSlave(Fmi2Slave):
         if self._phase == "initializing":
             self._initialise()
         elif self._phase == "running":
-            self._behaviour.refresh(self._values)
+            try:
+                self._behaviour.refresh(self._values)
+            except Exception as error:  # noqa: BLE001 - see the module: nothing may leave the slave
+                self._refuse(f"outputs: {error}")
             self._stale = False
 
     def _known(self, vr: int, kind: str) -> int:
@@ -181,7 +205,7 @@ class BehaviourSlave(Fmi2Slave):
             self._values[self._names[vr]] = value
         self._stale = True
 
-    def _objection(self, vr: int, value: float, kind: str) -> str | None:
+    def _objection(self, vr: int, value: Any, kind: str) -> str | None:
         try:
             entry = self.TABLE[self._known(vr, kind)]
         except LookupError as error:
@@ -215,7 +239,23 @@ class BehaviourSlave(Fmi2Slave):
         copy: dict[str, Any] = json.loads(json.dumps(state))
         return copy
 
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> dict[str, Any]:
+        # what cannot be read is refused when it is to be used: see `_set_fmu_state`
+        try:
+            found = json.loads(state.decode("utf-8"))
+        except ValueError as error:
+            return {"unreadable": str(error)}
+        return found if isinstance(found, dict) else {"unreadable": "no saved state"}
+
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        if "unreadable" in state:
+            self._refuse(f"the saved state cannot be read: {state['unreadable']}")
+            return
+        values = state.get("values")
+        if not isinstance(values, dict) or values.keys() != self._values.keys():
+            self._refuse("the saved state is not one of this component: its variables differ")
+            return
         try:
             self._values.update(state["values"])
             self._time = state["time"]
