@@ -14,7 +14,7 @@ Eq. (6) names no A1, C, E, H for the vehicle; these are this project's choice:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class AuvDesign:
     position_weight: float = 0.1
     envelope: Envelope = DEFAULT_ENVELOPE
     any_age: bool = True
-    parameters: Mapping[str, float] = TABLE_1
+    parameters: Mapping[str, float] = field(default_factory=lambda: TABLE_1)
 
 
 def auv_system(settings: AuvDesign | None = None) -> DelaySystem:
