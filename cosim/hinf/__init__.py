@@ -1,0 +1,29 @@
+"""H-infinity design over delays: the LMI, the exact proof, the exact yardsticks."""
+
+from cosim.hinf.auv import AuvDesign, auv_system
+from cosim.hinf.certificate import Certificate, check_certificate
+from cosim.hinf.closed_loop import close
+from cosim.hinf.envelope import Envelope
+from cosim.hinf.named import NamedSystem, system_by_name
+from cosim.hinf.norm import hinf_norm
+from cosim.hinf.roots import characteristic_roots, spectral_abscissa
+from cosim.hinf.saved import design_from_json, design_to_json
+from cosim.hinf.synthesis import Design, design
+
+__all__ = [
+    "AuvDesign",
+    "Certificate",
+    "Design",
+    "Envelope",
+    "NamedSystem",
+    "auv_system",
+    "characteristic_roots",
+    "check_certificate",
+    "close",
+    "design",
+    "design_from_json",
+    "design_to_json",
+    "hinf_norm",
+    "spectral_abscissa",
+    "system_by_name",
+]

@@ -47,8 +47,7 @@ def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
             for name in TABLE_1
         }
         return Binding(STATE, _FORCE, _DISTURBANCE, np.array(thrust_map(values), dtype=float))
-    n, m = system.A.shape[0], system.B.shape[1]
-    q = 0 if system.C is None else system.C.shape[1]
+    (n, m), q = system.B.shape, system.C.shape[1]
     names = (
         tuple(f"x[{i + 1}]" for i in range(n)),
         tuple(f"u[{j + 1}]" for j in range(m)),
@@ -61,7 +60,7 @@ def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
 
 def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -> float | None:
     """sqrt(int z'z / int w'w) over the run; None if there was no disturbance, or no z."""
-    if system.C is None or system.D is None:
+    if not system.has_performance:
         return None
     x = _signals(run, plant, binding.state)
     u = _signals(run, plant, binding.control) @ binding.input_map.T
@@ -70,19 +69,12 @@ def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -
     energy_in = float(h @ (w[:-1] ** 2).sum(axis=1))
     if energy_in == 0.0:
         return None
-    direct = w[:-1] @ _or_zero(system.D1, system.D.shape[0], w.shape[1]).T
-    direct = direct + u[:-1] @ _or_zero(system.D2, system.D.shape[0], u.shape[1]).T
+    direct = w[:-1] @ system.D1.T + u[:-1] @ system.D2.T
     left = x[:-1] @ system.D.T + direct
     right = x[1:] @ system.D.T + direct
     energy_out = float(h @ (0.5 * (left**2).sum(axis=1) + 0.5 * (right**2).sum(axis=1)))
     gain = math.sqrt(energy_out / energy_in)
     return gain if math.isfinite(gain) else None
-
-
-def _or_zero(
-    matrix: NDArray[np.float64] | None, rows: int, columns: int
-) -> NDArray[np.float64]:
-    return np.zeros((rows, columns)) if matrix is None else matrix
 
 
 def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float64]:

@@ -1,0 +1,320 @@
+"""Least gamma for given delays (Remark 2), with a gain that is certified as it flies.
+
+Steps, for a gain to be found or one that is given:
+
+1. minimise gamma over the LMI (`cosim.hinf.lmi`), k1 and k2 given;
+2. a little above the least gamma, maximise the margin of the LMI against its own scale: a
+   solution in the middle of what is feasible, where rounding does no harm;
+3. round the gain to a few decimals; what differs from machine to machine in a solver's last
+   digits does not reach what flies;
+4. with the rounded gain fixed, maximise the margin again, and prove the result exactly
+   (`cosim.hinf.certificate`). Where the proof fails, step 2 starts again a little higher.
+
+The gamma of a design is the gamma of its proof.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.errors import InputError, NotAchievableError
+from cosim.hinf.certificate import Variables, certificate_to_json, certify
+from cosim.hinf.closed_loop import close
+from cosim.hinf.lmi import Unknowns, omega, unknowns
+from cosim.hinf.norm import hinf_norm
+from cosim.hinf.roots import spectral_abscissa
+from cosim.models.delay_system import DelaySystem
+
+GAIN_DIGITS = 6
+"""Significant digits of a designed gain, relative to its largest entry."""
+
+_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
+_SOLVED = ("optimal", "optimal_inaccurate", "user_limit")
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A gain and what is known of it.
+
+    Attributes
+    ----------
+    system : what it is designed for.
+    K : (m, n) the gain, as the doubles that fly.
+    gamma : certified bound of the gain from w to z, uncertainty included; None where the
+        system has no w or no z, and stability alone is certified.
+    k1, k2 : one per delay.
+    least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
+    abscissa : spectral abscissa of the nominal loop [1/s], computed.
+    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, or
+        where there is no w or no z.
+    norm_frequency : where it is attained [rad/s]; None at infinite frequency.
+    certificate : the proof as JSON values, for `check_certificate`.
+    """
+
+    system: DelaySystem
+    K: NDArray[np.float64]
+    gamma: float | None
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    least_gamma: float | None
+    abscissa: float
+    exact_norm: float | None
+    norm_frequency: float | None
+    certificate: dict[str, Any]
+
+    @property
+    def certified(self) -> bool:
+        """Always true: a `Design` exists only behind a proof."""
+        return True
+
+
+def design(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+) -> Design:
+    """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
+
+    Parameters
+    ----------
+    system : Eq. (7) with delays (n states, m inputs).
+    k1, k2 : one number per delay, k2 not zero (Theorem 2).
+    gamma : a bound to be met instead of the least one.
+    gain : (m, n) a gain to be analysed instead of designed.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : the LMI has no certified solution at k1, k2 (and gamma).
+    """
+    one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
+    if any(value == 0 for value in two):
+        raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
+    fixed = None if gain is None else _fitting(gain, system)
+    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
+    if gamma is not None:
+        _reachable(gamma, floor, system)
+    problem = _Problem(system, one, two)
+    least = problem.least_gamma(fixed) if system.has_performance else None
+    if gamma is not None:
+        levels = [gamma]
+        if least is not None and gamma < least * (1 - 1e-7):
+            raise NotAchievableError(
+                f"gamma = {gamma:g} cannot be reached with these k1, k2",
+                where=system.name or None,
+                expected=f"gamma >= {least:.6g}, the least of the LMI at k1 = {list(one)}, "
+                f"k2 = {list(two)}",
+                got=f"{gamma:g}",
+                hint="another k1, k2: the least gamma depends on them strongly",
+            )
+    elif least is None:
+        levels = [1.0]
+    else:
+        levels = [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
+    reason = None
+    for level in levels:
+        found = problem.central(level, fixed)
+        if found is None:
+            continue
+        K, variables = found
+        proof = certify(system, K, variables)
+        if proof.valid:
+            return _finished(system, K, variables, least)
+        reason = proof.reason
+    raise NotAchievableError(
+        "no solution of the LMI could be certified",
+        where=system.name or None,
+        expected=f"an exact proof for gamma <= {levels[-1]:.6g} at k1 = {list(one)}, "
+        f"k2 = {list(two)}",
+        got=reason or "the solver finds no feasible point",
+        hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
+    )
+
+
+def _finished(
+    system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
+) -> Design:
+    loop = close(system, K)
+    peak = hinf_norm(loop) if system.has_performance else None
+    frequency = None if peak is None else float(peak.frequency)
+    return Design(
+        system=system,
+        K=K,
+        gamma=variables.gamma,
+        k1=variables.k1,
+        k2=variables.k2,
+        least_gamma=least,
+        abscissa=float(spectral_abscissa(loop)),
+        exact_norm=None if peak is None else float(peak.value),
+        norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
+        certificate=certificate_to_json(system, K, variables),
+    )
+
+
+class _Problem:
+    """The LMI of one system at one k1, k2."""
+
+    def __init__(
+        self, system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]
+    ) -> None:
+        self._system, self._k1, self._k2 = system, k1, k2
+
+    def least_gamma(self, gain: NDArray[np.float64] | None) -> float:
+        """Remark 2: the least gamma, as far as the solver's word goes."""
+        v = unknowns(self._system, gain=gain, gamma=None)
+        whole, positive = omega(self._system, self._k1, self._k2, v)
+        constraints = [_symmetric(whole) << 0, *(matrix >> 0 for matrix in positive)]
+        status = _solve(cp.Problem(cp.Minimize(v.gamma), constraints))
+        if status not in _SOLVED or v.gamma.value is None:
+            raise NotAchievableError(
+                "the LMI has no solution for any gamma",
+                where=self._system.name or None,
+                expected=f"a feasible LMI at k1 = {list(self._k1)}, k2 = {list(self._k2)}",
+                got=f"the solver says {status}",
+                hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
+            )
+        return float(v.gamma.value)
+
+    def central(
+        self, gamma: float, gain: NDArray[np.float64] | None
+    ) -> tuple[NDArray[np.float64], Variables] | None:
+        """A gain and variables with a margin at `gamma`; None if the solver finds none."""
+        if gain is None:
+            first = self._with_margin(gamma, None)
+            if first is None:
+                return None
+            gain = _rounded(np.linalg.solve(first.X, _value(first.Y).T).T)
+        solution = self._with_margin(gamma, gain)
+        if solution is None:
+            return None
+        return gain, Variables(
+            X=solution.X,
+            Q=solution.Q,
+            R=solution.R,
+            eps=float(solution.eps) if self._system.E.size else None,
+            k1=self._k1,
+            k2=self._k2,
+            gamma=gamma if self._system.has_performance else None,
+        )
+
+    def _with_margin(self, gamma: float, gain: NDArray[np.float64] | None) -> Unknowns | None:
+        """Maximise t with Omega <= -t scale; two rounds, the second on the first one's scale."""
+        scale: NDArray[np.float64] | None = None
+        best: Unknowns | None = None
+        for _ in range(2):
+            v = unknowns(self._system, gain=gain, gamma=gamma)
+            whole, positive = omega(self._system, self._k1, self._k2, v)
+            size = whole.shape[0]
+            t = cp.Variable()
+            weights = np.ones(size) if scale is None else scale
+            n = self._system.A.shape[0]
+            constraints = [
+                _symmetric(whole) << -t * np.diag(weights),
+                *(matrix >> 0 for matrix in positive),
+                # without w and z the LMI is homogeneous, and the margin needs a bound
+                v.X << 1e3 * np.eye(n),
+                t <= 1,
+            ]
+            status = _solve(cp.Problem(cp.Maximize(t), constraints))
+            if status not in _SOLVED or t.value is None or v.X.value is None:
+                return best
+            best = _evaluated(v)
+            scale = np.maximum(-np.diag(np.asarray(whole.value)), 1e-9)
+            scale = scale / scale.max()
+        return best
+
+
+def _evaluated(v: Unknowns) -> Unknowns:
+    return Unknowns(
+        X=_value(v.X),
+        Y=_value(v.Y),
+        Q=tuple(_value(q) for q in v.Q),
+        R=tuple(_value(r) for r in v.R),
+        eps=float(v.eps.value) if v.eps.value is not None else 1.0,
+        gamma=v.gamma,
+    )
+
+
+def _value(expression: Any) -> NDArray[np.float64]:
+    return np.asarray(getattr(expression, "value", expression), dtype=np.float64)
+
+
+def _solve(problem: Any) -> str:
+    with warnings.catch_warnings():
+        # that a solution may be inaccurate is what the exact proof is there for
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError as error:
+            return f"failed: {error}"
+    return str(problem.status)
+
+
+def _symmetric(matrix: Any) -> Any:
+    return (matrix + matrix.T) / 2
+
+
+def _rounded(K: NDArray[np.float64]) -> NDArray[np.float64]:
+    """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise."""
+    decimals = GAIN_DIGITS - 1 - int(np.floor(np.log10(np.abs(K).max())))
+    rounded: NDArray[np.float64] = np.round(K, decimals) + 0.0  # no negative zero
+    return rounded
+
+
+def _rounded_up(gamma: float) -> float:
+    """Seven significant digits, upward."""
+    digits = 6 - int(np.floor(np.log10(gamma)))
+    return float(np.ceil(gamma * 10**digits) / 10**digits)
+
+
+def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
+    if len(numbers) != len(system.delays) or not all(np.isfinite(numbers)):
+        raise InputError(
+            f"{name} does not fit the system",
+            where=name,
+            expected=f"{len(system.delays)} finite numbers, one per delay",
+            got=str(list(numbers)),
+        )
+    return numbers
+
+
+def _fitting(gain: ArrayLike, system: DelaySystem) -> NDArray[np.float64]:
+    K = np.asarray(gain, dtype=np.float64)
+    n, m = system.B.shape
+    if K.shape != (m, n) or not np.isfinite(K).all():
+        raise InputError(
+            "the gain does not fit the system",
+            where="gain",
+            expected=f"{m} rows of {n} finite numbers",
+            got=f"shape {K.shape}",
+        )
+    return K
+
+
+def _reachable(gamma: float, floor: float, system: DelaySystem) -> None:
+    if not (np.isfinite(gamma) and gamma > 0):
+        raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
+    if not system.has_performance:
+        raise InputError(
+            "this system has no gain to bound", where="gamma",
+            expected="a system with C and with D, D1 or D2",
+        )
+    if gamma <= floor:
+        raise NotAchievableError(
+            f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
+            "that of D1, whatever the controller does",
+            where=system.name or None,
+            expected=f"gamma > {floor:g}",
+            got=f"{gamma:g}",
+        )

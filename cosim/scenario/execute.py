@@ -1,0 +1,209 @@
+"""Fly a scenario: gain, FMUs, run, companion run, figures, trace."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription
+from cosim.hinf import Design, design_to_json
+from cosim.master import Observer, Run, System, TraceRecorder, make_timetable, simulate
+from cosim.network import PacketSchedule
+from cosim.scenario.assemble import Hangar, assemble, find_fmus
+from cosim.scenario.gain import Problem, gain_parameters, solve
+from cosim.scenario.outcome import Outcome, result_entries
+from cosim.scenario.read import LoadedScenario
+from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
+from cosim.trace import Attachment, TraceWriter, content_hash, result_of_link
+
+SCENARIO_ATTACHMENT, DESIGN_ATTACHMENT = "scenario.toml", "design.json"
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of it that is done."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scenario with everything found that it needs, before anything runs."""
+
+    loaded: LoadedScenario
+    fmus: Mapping[str, FmuDescription]
+    problem: Problem | None
+    design: Design | None
+
+
+def prepare(
+    loaded: LoadedScenario,
+    hangar: Hangar,
+    *,
+    saved: tuple[Problem, Design] | None = None,
+    progress: Progress | None = None,
+) -> Prepared:
+    """Find or build the FMUs and make the gain, unless a `saved` one is given.
+
+    Raises
+    ------
+    InputError, NotAchievableError : see `assemble` and `gain`.
+    """
+    tell = progress or _silent
+    tell("FMUs", 0.0)
+    fmus = find_fmus(loaded.scenario, hangar)
+    part = loaded.scenario.design
+    if part is None:
+        return Prepared(loaded, fmus, None, None)
+    for role, name in (("controller", part.controller), ("plant", part.plant)):
+        if name not in fmus:
+            raise InputError.unknown("component", name, fmus, where=f"design.{role}")
+    # wire once before the design, so that a scenario that cannot run says so at once
+    assemble(loaded.scenario, fmus, parameters={})
+    tell("design", 0.0)
+    problem, found = saved if saved is not None else solve(part)
+    return Prepared(loaded, fmus, problem, found)
+
+
+def fly(
+    prepared: Prepared, trace: Path | None = None, *, progress: Progress | None = None
+) -> Outcome:
+    """Run the scenario and its companion from rest; write the trace.
+
+    Raises
+    ------
+    InputError, ComponentError, LossError : what was recorded before is on disk.
+    """
+    tell = progress or _silent
+    began = time.perf_counter()
+    scenario = prepared.loaded.scenario
+    parameters = {}
+    if scenario.design is not None and prepared.design is not None:
+        controller = prepared.fmus[scenario.design.controller]
+        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
+    system = assemble(scenario, prepared.fmus, parameters=parameters)
+    watcher = _Watcher(system, lambda share: tell("flight", share))
+    if trace is None:
+        run = simulate(system, [watcher])
+        return _outcome(prepared, system, run, parameters, None, began, tell)[0]
+    trace.parent.mkdir(parents=True, exist_ok=True)
+    entries, attachments = _identity(prepared, system)
+    with TraceWriter(trace, run=entries, attachments=attachments) as writer:
+        run = simulate(system, [TraceRecorder(writer, system), watcher])
+        outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
+        links: dict[str, str] = {}
+        for name, schedule in schedules.items():
+            links |= result_of_link(name, schedule.statistics())
+        writer.finish({**result_entries(outcome), **links})
+    return replace(outcome, content_hash=content_hash(trace))
+
+
+def _outcome(
+    prepared: Prepared,
+    system: System,
+    run: Run,
+    parameters: Mapping[str, Mapping[str, float]],
+    trace: Path | None,
+    began: float,
+    tell: Progress,
+) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
+    scenario = prepared.loaded.scenario
+    companion = None
+    if prepared.design is not None and run.ending != "failed":
+        at_rest = assemble(scenario, prepared.fmus, parameters=parameters, at_rest=True)
+        companion = simulate(at_rest, [_Watcher(at_rest, lambda share: tell("companion", share))])
+    schedules = _schedules_reached(system, run, scenario.run.events)
+    flight = Flight(scenario, prepared.problem, prepared.design, run, companion, schedules)
+    outcome = Outcome(
+        scenario=prepared.loaded.name,
+        title=scenario.title,
+        status=status_of(flight),
+        reason=run.reason,
+        trace=trace,
+        content_hash=None,
+        steps=max(run.points_ns.size - 1, 0),
+        simulated_s=float(run.points_ns[-1]) / 1e9 if run.points_ns.size else 0.0,
+        wall_s=time.perf_counter() - began,
+        final=final_values(run),
+        metrics=metrics_of(flight),
+        links={name: s.statistics() for name, s in schedules.items()},
+    )
+    return outcome, schedules
+
+
+def _schedules_reached(
+    system: System, run: Run, events: Any
+) -> Mapping[str, PacketSchedule]:
+    """The traffic up to where the run got: a shorter run has the same messages."""
+    if run.ending == "finished" or run.points_ns.size < 2:
+        return system.timetable.schedules
+    reached = int(run.points_ns[-1])
+    step = min(system.timetable.step_ns, reached)
+    return make_timetable(system.links, step, reached, events).schedules
+
+
+def _identity(
+    prepared: Prepared, system: System
+) -> tuple[dict[str, str], Sequence[Attachment]]:
+    """`cosim.run`, and what a trace carries so that it can be run again."""
+    loaded = prepared.loaded
+    text = loaded.text.encode()
+    attachments = [Attachment(SCENARIO_ATTACHMENT, "application/toml", text)]
+    entries = {
+        "software": f"auv-cosim {importlib.metadata.version('auv-cosim')}",
+        "scenario": loaded.name,
+        "title": loaded.scenario.title,
+        "scenario.sha256": hashlib.sha256(text).hexdigest(),
+        "step_ns": str(system.timetable.step_ns),
+        "end_ns": str(int(system.timetable.points_ns[-1])),
+        "events": loaded.scenario.run.events,
+        "seed": str(loaded.scenario.run.seed),
+        "time_base": "simulated nanoseconds from the start of the run",
+        "host.python": platform.python_version(),
+        "host.platform": platform.platform(),
+        "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
+    }
+    for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
+        entries[f"host.{package}"] = importlib.metadata.version(package)
+    for name, link in system.links.items():
+        entries[f"link.{name}"] = repr(link)
+    for name, fmu in prepared.fmus.items():
+        entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
+        entries[f"fmu.{name}.sha256"] = fmu.sha256
+        attachments.append(Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml))
+    if prepared.design is not None:
+        data = json.dumps(design_to_json(prepared.design), allow_nan=False).encode()
+        entries["design.sha256"] = hashlib.sha256(data).hexdigest()
+        attachments.append(Attachment(DESIGN_ATTACHMENT, "application/json", data))
+    return entries, attachments
+
+
+def _silent(_what: str, _share: float) -> None:
+    """No progress asked for."""
+
+
+class _Watcher(Observer):
+    """Reports how far a run has come, about a hundred times."""
+
+    def __init__(self, system: System, tell: Callable[[float], None]) -> None:
+        self._last = max(int(system.timetable.points_ns.size) - 1, 1)
+        self._every = max(self._last // 100, 1)
+        self._tell = tell
+
+    def begin(self, stations: Sequence[Any]) -> None:
+        del stations
+        self._tell(0.0)
+
+    def point(self, k: int) -> None:
+        if k % self._every == 0 or k == self._last:
+            self._tell(k / self._last)
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Log lines go to the trace; nothing to do here."""

@@ -1,0 +1,106 @@
+"""The gain that a scenario flies with, and the promise it comes with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription
+from cosim.hinf import AuvDesign, Design, Envelope, design, system_by_name
+from cosim.hinf.auv import DEFAULT_ENVELOPE, auv_system
+from cosim.models.delay_system import DelaySystem
+from cosim.scenario.schema import DesignPart
+
+_AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelope")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A design to be made: the system, k1, k2, and for the vehicle what it was made from."""
+
+    system: DelaySystem
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    vehicle: AuvDesign | None
+
+
+def problem_of(part: DesignPart) -> Problem:
+    """The system that [design] describes.
+
+    Raises
+    ------
+    InputError : keys that the named system does not have.
+    """
+    if part.system == "auv":
+        return _auv_problem(part)
+    given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
+    if given:
+        raise InputError(
+            f"{', '.join(given)} belong to the system 'auv'",
+            where="design",
+            got=f"system = {part.system!r}",
+        )
+    named = system_by_name(part.system)
+    k1 = named.k1 if part.k1 is None else tuple(part.k1)
+    k2 = named.k2 if part.k2 is None else tuple(part.k2)
+    return Problem(named.system, k1, k2, None)
+
+
+def _auv_problem(part: DesignPart) -> Problem:
+    default = AuvDesign()
+    bounds = part.envelope
+    vehicle = AuvDesign(
+        state_delay=default.state_delay if part.state_delay is None else part.state_delay,
+        loop_delay=default.loop_delay if part.loop_delay is None else part.loop_delay,
+        damping=default.damping
+        if part.damping is None
+        else (part.damping[0], part.damping[1], part.damping[2], part.damping[3]),
+        position_weight=part.position_weight or default.position_weight,
+        envelope=DEFAULT_ENVELOPE
+        if bounds is None
+        else Envelope(bounds.u, bounds.v, bounds.w, bounds.r, bounds.psi),
+    )
+    system = auv_system(vehicle)
+    named = system_by_name("auv")
+    n = len(system.delays)
+    k1 = named.k1[:n] if part.k1 is None else tuple(part.k1)
+    k2 = named.k2[:n] if part.k2 is None else tuple(part.k2)
+    return Problem(system, k1, k2, vehicle)
+
+
+def solve(part: DesignPart) -> tuple[Problem, Design]:
+    """Design the gain, or analyse the one that is given.
+
+    Raises
+    ------
+    NotAchievableError : nothing could be certified.
+    """
+    problem = problem_of(part)
+    return problem, design(problem.system, problem.k1, problem.k2, gain=part.gain)
+
+
+def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
+    """K as the parameters `K[i,j]` of a controller FMU.
+
+    Raises
+    ------
+    InputError : the FMU has another number of entries.
+    """
+    rows = np.asarray(K, dtype=float)
+    values = {
+        f"K[{i + 1},{j + 1}]": float(rows[i, j])
+        for i in range(rows.shape[0])
+        for j in range(rows.shape[1])
+    }
+    own = {name for name in controller.ports if name.startswith("K[")}
+    if own != set(values):
+        raise InputError(
+            "the gain does not fit the controller",
+            where=str(controller.path),
+            expected=f"{rows.shape[0]} x {rows.shape[1]} parameters K[i,j]",
+            got=f"{len(own)}: {', '.join(sorted(own)[:4])} ...",
+        )
+    return values

@@ -1,0 +1,68 @@
+"""What comes out of a run: for people, for scripts, and for the end of the trace."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of flying one scenario.
+
+    Attributes
+    ----------
+    status : finished, limit_cycle, diverged or failed.
+    reason : why, None when finished.
+    trace : the file, None if none was asked for.
+    steps : communication steps done.
+    metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
+        them, `final` the last value of every output by `component.variable`.
+    """
+
+    scenario: str
+    title: str
+    status: str
+    reason: str | None
+    trace: Path | None
+    content_hash: str | None
+    steps: int
+    simulated_s: float
+    wall_s: float
+    final: dict[str, float | None]
+    metrics: dict[str, Any]
+    links: dict[str, dict[str, Any]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, for `--json`."""
+        return {
+            "scenario": self.scenario,
+            "title": self.title,
+            "status": self.status,
+            "reason": self.reason,
+            "trace": None if self.trace is None else str(self.trace),
+            "content_hash": self.content_hash,
+            "steps": self.steps,
+            "simulated_s": self.simulated_s,
+            "wall_s": self.wall_s,
+            "final": self.final,
+            "metrics": self.metrics,
+            "links": self.links,
+        }
+
+
+def result_entries(outcome: Outcome) -> dict[str, str]:
+    """`cosim.result`: strings, host-dependent ones under `host.`."""
+    entries = {
+        "status": outcome.status,
+        "steps": str(outcome.steps),
+        "simulated_s": repr(outcome.simulated_s),
+        "metrics": json.dumps(outcome.metrics, sort_keys=True, allow_nan=False),
+        "final": json.dumps(outcome.final, sort_keys=True, allow_nan=False),
+        "host.wall_s": repr(round(outcome.wall_s, 3)),
+    }
+    if outcome.reason is not None:
+        entries["reason"] = outcome.reason
+    return entries

@@ -1,0 +1,220 @@
+"""What may be said about a run: its status, its figures, and which promises were kept.
+
+A guarantee is claimed for a run only where the assumptions it rests on were met; each is
+listed by name, true or false, also where nobody asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.hinf import Design, check_certificate
+from cosim.master import Run
+from cosim.models.auv import TABLE_1
+from cosim.network import PacketSchedule
+from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
+from cosim.scenario.gain import Problem
+from cosim.scenario.limits import Saturation, saturation
+from cosim.scenario.performance import binding_for, measured_gain
+from cosim.scenario.schema import Scenario
+
+_ENVELOPE = {"u": "nu.u", "v": "nu.v", "w": "nu.w", "r": "nu.r", "psi": "eta.psi"}
+_POSITION = ("eta.x", "eta.y", "eta.z")
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A run with what it was made from; `companion` is the same from rest, None if not made."""
+
+    scenario: Scenario
+    problem: Problem | None
+    design: Design | None
+    run: Run
+    companion: Run | None
+    schedules: Mapping[str, PacketSchedule]
+
+
+def status_of(flight: Flight) -> str:
+    """finished, limit_cycle, diverged or failed."""
+    if flight.run.ending != "finished":
+        return flight.run.ending
+    used = _saturation(flight)
+    return "limit_cycle" if used is not None and used.limit_cycle else "finished"
+
+
+def metrics_of(flight: Flight) -> dict[str, Any]:
+    """Figures of a flight, JSON-safe: None for what does not exist."""
+    design, problem = flight.design, flight.problem
+    used = _saturation(flight)
+    age = _largest_age_s(flight)
+    return {
+        "gain": _gain(flight),
+        "gamma": None if design is None else design.gamma,
+        "exact_norm": None if design is None else design.exact_norm,
+        "abscissa": None if design is None else design.abscissa,
+        "position_error_m": _position_error(flight),
+        "saturated_fraction": None if used is None else used.fraction,
+        "largest_command": None if used is None else used.largest,
+        "message_age_s": age,
+        "designed_age_s": _designed_age_s(problem),
+        "envelope_use": _envelope_use(flight),
+        "coupling_delay_s": float(np.diff(flight.run.points_ns).max() / 1e9)
+        if flight.run.points_ns.size > 1
+        else None,
+        "assumptions": _assumptions(flight, used, age),
+    }
+
+
+def _assumptions(flight: Flight, used: Saturation | None, age: float | None) -> dict[str, bool]:
+    """What the guarantee rests on, by name; empty where nothing is guaranteed."""
+    if flight.design is None or flight.problem is None:
+        return {}
+    result = {"certificate_verified": check_certificate(flight.design.certificate).valid}
+    designed = _designed_age_s(flight.problem)
+    if designed is not None:
+        substituted = any(s.statistics()["substitutions"] for s in flight.schedules.values())
+        result["message_age_within_design"] = (
+            age is not None and age <= designed * (1 + 1e-12) and not substituted
+        )
+    use = _envelope_use(flight)
+    if use is not None:
+        result["state_inside_envelope"] = all(share <= 1.0 for share in use.values())
+    if used is not None:
+        companion = _saturation(flight, companion=True)
+        result["limits_not_reached"] = used.fraction == 0.0 and (
+            companion is None or companion.fraction == 0.0
+        )
+    result["plant_as_designed"] = _plant_as_designed(flight)
+    return result
+
+
+def _saturation(flight: Flight, *, companion: bool = False) -> Saturation | None:
+    run = flight.companion if companion else flight.run
+    part = flight.scenario.design
+    return None if part is None or run is None else saturation(run, part.controller)
+
+
+def _gain(flight: Flight) -> float | None:
+    part, run = flight.scenario.design, flight.companion
+    if part is None or flight.problem is None or run is None or run.ending == "failed":
+        return None
+    binding = binding_for(run, part.plant, flight.problem.system)
+    if binding is None:
+        return None
+    return measured_gain(run, part.plant, binding, flight.problem.system)
+
+
+def _position_error(flight: Flight) -> float | None:
+    part = flight.scenario.design
+    if part is None:
+        return None
+    values = _outputs(flight.run, part.plant)
+    if not all(name in values for name in _POSITION):
+        return None
+    target = _final_reference(flight.scenario)
+    error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
+    size = float(np.linalg.norm(error))
+    return size if np.isfinite(size) else None
+
+
+def _final_reference(scenario: Scenario) -> dict[str, float]:
+    path = scenario.reference
+    if path is None:
+        return {}
+    return dict(zip(path.axes, path.points[-1][1:], strict=True))
+
+
+def _outputs(run: Run, component: str) -> dict[str, float]:
+    for station in run.stations:
+        if station.name == component and run.points_ns.size:
+            row = station.outputs[run.points_ns.size - 1]
+            return {p.name: float(row[j]) for j, p in enumerate(station.output_ports)}
+    return {}
+
+
+def final_values(run: Run) -> dict[str, float | None]:
+    """`component.variable` -> value at the last point reached; None where not finite."""
+    return {
+        f"{station.name}.{name}": value if np.isfinite(value) else None
+        for station in run.stations
+        for name, value in _outputs(run, station.name).items()
+    }
+
+
+def _largest_age_s(flight: Flight) -> float | None:
+    part = flight.scenario.design
+    if part is None:
+        return None
+    ages = measurement_age_ns(flight.run, part.plant, part.controller)
+    used = ages[ages != NONE_IN_USE]
+    return float(used.max()) / 1e9 if used.size else None
+
+
+def _designed_age_s(problem: Problem | None) -> float | None:
+    """Largest age of the measurements that the design allows for; 0 for immediate feedback."""
+    return None if problem is None else problem.system.feedback_delay
+
+
+def _envelope_use(flight: Flight) -> dict[str, float] | None:
+    """Largest excursion over the bound, per axis, of the run and its companion."""
+    part = flight.scenario.design
+    if flight.problem is None or flight.problem.vehicle is None or part is None:
+        return None
+    envelope = flight.problem.vehicle.envelope
+    runs = [run for run in (flight.run, flight.companion) if run is not None]
+    use = {}
+    for axis, name in _ENVELOPE.items():
+        largest = max(float(np.abs(run.signal(part.plant, name)).max()) for run in runs)
+        use[axis] = largest / getattr(envelope, axis) if np.isfinite(largest) else float("1e300")
+    return use
+
+
+def _plant_as_designed(flight: Flight) -> bool:
+    """Whether the plant that flew is the one the design is about, parameter by parameter."""
+    problem, part = flight.problem, flight.scenario.design
+    station = next((s for s in flight.run.stations if part and s.name == part.plant), None)
+    if problem is None or station is None:
+        return False
+    ports, given = station.component.description.ports, station.component.parameters
+
+    def value(name: str) -> float | None:
+        return given.get(name, ports[name].start) if name in ports else None
+
+    if problem.vehicle is not None:
+        vehicle = problem.vehicle
+        wanted = {name: vehicle.parameters[name] for name in TABLE_1}
+        wanted |= {
+            f"damping.{axis}": a for axis, a in zip("uvwr", vehicle.damping, strict=True)
+        }
+        # what is proved for a delay is proved for every shorter one
+        delay = value("delay.d")
+        return (
+            all(value(name) == target for name, target in wanted.items())
+            and delay is not None
+            and delay <= vehicle.state_delay
+        )
+    return _matrices_match(problem, value)
+
+
+def _matrices_match(problem: Problem, value: Any) -> bool:
+    system = problem.system
+    delayed = [delay for delay in system.delays if not delay.feedback]
+    if len(delayed) != 1:
+        return False
+    letters = {
+        **{name: getattr(system, name) for name in ("A", "B", "C", "D", "D1", "D2", "E", "H")},
+        "A1": delayed[0].A,
+        "H1": delayed[0].H,
+    }
+    entries_match = all(
+        value(f"{letter}[{i + 1},{j + 1}]") == matrix[i, j]
+        for letter, matrix in letters.items()
+        for i in range(matrix.shape[0])
+        for j in range(matrix.shape[1])
+    )
+    d = value("delay.d")
+    return entries_match and d is not None and d <= delayed[0].d
