@@ -73,13 +73,20 @@ class DelayLine:
         self._breaks: list[float] = []  # images still ahead
 
     def at(self, t: float) -> Vector:
-        """x(t) from the history: the constant before the start, an interpolant after it."""
+        """x(t) from the history: the constant before the start, an interpolant after it.
+
+        Raises
+        ------
+        LookupError : `t` lies so far back that no delay reaches it, and it was cut.
+        """
         if t <= self._start or not self._pieces:
             return self._before
         index = bisect_right(self._ends, t)
         if index == len(self._pieces):
             index -= 1  # t is the present, or rounding has put it just past
         t0, t1, x0, x1, m0, m1 = self._pieces[index]
+        if t < t0:
+            raise LookupError(f"the history begins at {t0!r} s by now, asked for {t!r} s")
         h = t1 - t0
         s = (t - t0) / h
         r = 1.0 - s
