@@ -1,0 +1,262 @@
+"""The command `cosim`: verbs only."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cosim import show
+from cosim.errors import CheckFailedError, CosimError, InputError
+from cosim.hinf import Design, NamedSystem, design_to_json, system_by_name
+from cosim.hinf import design as make_design
+from cosim.replay import rerun as run_again
+from cosim.scenario.assemble import Hangar
+from cosim.scenario.demo import demonstrate
+from cosim.scenario.execute import fly, prepare
+from cosim.scenario.gain import problem_of
+from cosim.scenario.read import builtin_names, load
+from cosim.trace import describe, render
+
+app = typer.Typer(
+    name="cosim",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Certified control of an underwater vehicle over delayed links: design, fly, trace.",
+    epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenarios[/bold].",
+)
+trace_app = typer.Typer(no_args_is_help=True, help="Look into a trace, or run it again.")
+app.add_typer(trace_app, name="trace")
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object and nothing else on standard output.")
+]
+FmusOption = Annotated[
+    Path, typer.Option("--fmus", help="Folder of the FMUs; what is missing is built there.")
+]
+_FMUS = Path("fmus")
+_TRACES = Path("traces")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for traces and picture.")] = _TRACES,
+    fmus: FmusOption = _FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Design two gains, fly both over the same acoustic link, compare them in one picture."""
+    with _progress() as tell:
+        result = demonstrate(_hangar(fmus), out, tell)
+    _print(as_json, result.to_json, lambda: show.demo_view(result))
+
+
+@app.command()
+def scenarios(*, as_json: JsonOption = False) -> None:
+    """List the scenarios that come with the package."""
+    rows = [{"name": name, "title": load(name).scenario.title} for name in builtin_names()]
+    _print(as_json, lambda: {"scenarios": rows}, lambda: show.scenarios_view(rows))
+
+
+@app.command()
+def design(
+    name: Annotated[
+        str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
+    ],
+    k1: Annotated[
+        str | None, typer.Option(help="Free scalars k1, one per delay, as in -0.3,-1.0.")
+    ] = None,
+    k2: Annotated[str | None, typer.Option(help="Free scalars k2, one per delay.")] = None,
+    gamma: Annotated[
+        float | None, typer.Option(help="A bound to meet, instead of the least one.")
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Design the H-infinity gain of a system with delays, and prove it exactly.
+
+    gamma bounds the gain from w to z for every admissible uncertainty and is certified in
+    rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
+    nominal loop stand beside it.
+    """
+    gain = None
+    if name in builtin_names():
+        part = load(name).scenario.design
+        if part is None:
+            raise InputError("this scenario has no design", where=name)
+        problem = problem_of(part)
+        named = NamedSystem(problem.system, problem.k1, problem.k2)
+        gain = part.gain
+    else:
+        named = system_by_name(name)
+    with _progress() as tell:
+        tell(f"design of {name}", 0.0)
+        found = make_design(
+            named.system,
+            named.k1 if k1 is None else _numbers("--k1", k1),
+            named.k2 if k2 is None else _numbers("--k2", k2),
+            gamma=named.gamma if gamma is None else gamma,
+            gain=gain,
+        )
+    if save is not None:
+        _write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
+    _print(as_json, lambda: _design_json(name, found), lambda: show.design_view(name, found))
+
+
+@app.command()
+def run(
+    name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
+    out: Annotated[
+        Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")
+    ] = None,
+    fmus: FmusOption = _FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly a scenario and write its trace.
+
+    A run that diverges or ends in a limit cycle is done and says so (exit code 0); a
+    component that fails ends it with exit code 4, and what was recorded stays.
+    """
+    loaded = load(name)
+    with _progress() as tell:
+        prepared = prepare(loaded, _hangar(fmus, loaded.folder), progress=tell)
+        outcome = fly(prepared, out or _TRACES / f"{loaded.name}.mcap", progress=tell)
+    _print(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
+    if outcome.status == "failed":
+        raise typer.Exit(4)
+
+
+@trace_app.command()
+def info(
+    file: Annotated[Path, typer.Argument(help="A trace, finished or .partial, or any MCAP file.")],
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what a trace holds: run, topics, links, result, content hash."""
+    description = describe(file)
+    _print(as_json, lambda: description, lambda: render(description))
+
+
+@trace_app.command()
+def rerun(
+    file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
+    out: Annotated[Path | None, typer.Option(help="Keep the new trace here.")] = None,
+    fmus: FmusOption = _FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Rebuild the run from the trace alone, fly it again, and compare (exit 1 if it differs)."""
+    with _progress() as tell:
+        result = run_again(file, _hangar(fmus), output=out, progress=tell)
+    _print(as_json, result.to_json, lambda: show.rerun_view(result))
+    if not result.identical:
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def main() -> None:
+    """Entry point: errors become messages and exit codes, never tracebacks."""
+    as_json = "--json" in sys.argv[1:]
+    try:
+        app()
+    except CosimError as error:
+        _complain(error, as_json=as_json)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("interrupted; what was recorded is in the .partial file", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        # the reader of our output is gone: nothing is left to say it to
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+    except Exception as error:
+        if os.environ.get("COSIM_DEBUG"):
+            raise
+        unexpected = CosimError(
+            f"unexpected {type(error).__name__}: {error}",
+            hint="set COSIM_DEBUG=1 for the traceback, and report it",
+        )
+        _complain(unexpected, as_json=as_json)
+        sys.exit(4)
+
+
+def _complain(error: CosimError, *, as_json: bool) -> None:
+    if as_json:
+        keys = ("what", "where", "expected", "got", "hint")
+        content = {key: getattr(error, key) for key in keys} | {"exit_code": error.exit_code}
+        print(json.dumps({"error": content}, allow_nan=False))
+    print(error.text(), file=sys.stderr)
+
+
+def _print(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> None:  # noqa: FBT001
+    if as_json:
+        print(json.dumps(data(), indent=1, allow_nan=False))
+    else:
+        show.console().print(view())
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar on standard error for what takes longer than a moment; none without a terminal."""
+    terminal = show.console(error=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeRemainingColumn(),
+        console=terminal,
+        transient=True,
+        disable=not terminal.is_terminal,
+    ) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def tell(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=share)
+
+        yield tell
+
+
+def _hangar(fmus: Path, folder: Path | None = None) -> Hangar:
+    return Hangar(root=fmus, folder=folder or Path.cwd())
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(
+            "not a list of numbers", where=option, expected="numbers separated by commas", got=text
+        ) from error
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, "utf-8")
+    except OSError as error:
+        raise InputError("the file cannot be written", where=str(path), got=str(error)) from error
+
+
+def _design_json(name: str, found: Design) -> dict[str, Any]:
+    return {
+        "system": name,
+        "gamma": found.gamma,
+        "certified": found.certified,
+        "K": found.K.tolist(),
+        "k1": list(found.k1),
+        "k2": list(found.k2),
+        "delays": [
+            {"d": d.d, "feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays
+        ],
+        "least_gamma": found.least_gamma,
+        "exact_norm": found.exact_norm,
+        "norm_frequency": found.norm_frequency,
+        "abscissa": found.abscissa,
+    }

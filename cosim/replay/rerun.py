@@ -1,0 +1,169 @@
+"""The first sense of replay: a run again, from its trace alone.
+
+The trace carries the scenario, the gain with its proof, and the SHA-256 of every FMU. FMUs
+are found by that hash; the gain is taken as it flew, not designed again. The new run is
+compared with the old one by content hash, and where they part, by topic.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.hinf import design_from_json
+from cosim.scenario.assemble import Hangar
+from cosim.scenario.execute import (
+    DESIGN_ATTACHMENT,
+    SCENARIO_ATTACHMENT,
+    Prepared,
+    Progress,
+    fly,
+    prepare,
+)
+from cosim.scenario.gain import problem_of
+from cosim.scenario.outcome import Outcome
+from cosim.scenario.read import parse
+from cosim.trace import Trace, content_hash
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """A trace, its run again, and whether they are the same.
+
+    Attributes
+    ----------
+    identical : both content hashes are equal.
+    differences : what differs, in words; empty when identical.
+    """
+
+    original: Path
+    original_hash: str
+    outcome: Outcome
+    identical: bool
+    differences: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, for `--json`."""
+        return {
+            "original": str(self.original),
+            "original_hash": self.original_hash,
+            "identical": self.identical,
+            "differences": list(self.differences),
+            "rerun": self.outcome.to_json(),
+        }
+
+
+def rerun(
+    path: Path, hangar: Hangar, *, output: Path | None = None, progress: Progress | None = None
+) -> Rerun:
+    """Run what a trace records again and compare.
+
+    Parameters
+    ----------
+    path : a trace with its scenario attached; an unfinished one can be run again, but is
+        never identical.
+    hangar : where FMUs are looked for.
+    output : where the new trace goes; nowhere if None.
+
+    Raises
+    ------
+    InputError : not a trace of ours, or an FMU that cannot be found.
+    """
+    trace = Trace(path)
+    before = content_hash(path)
+    prepared = _prepared(trace, path, hangar, progress)
+    with tempfile.TemporaryDirectory(prefix="cosim-rerun-") as folder:
+        target = output or Path(folder, "rerun.mcap")
+        outcome = fly(prepared, target, progress=progress)
+        identical = outcome.content_hash == before
+        differences = () if identical else tuple(_differences(trace, Trace(target)))
+        if output is None:
+            outcome = replace(outcome, trace=None)
+    return Rerun(path, before, outcome, identical, differences)
+
+
+def _prepared(
+    trace: Trace, path: Path, hangar: Hangar, progress: Progress | None
+) -> Prepared:
+    text = _attachment(trace, path, SCENARIO_ATTACHMENT)
+    recorded = trace.run.get("scenario.sha256") if trace.run else None
+    if recorded != hashlib.sha256(text).hexdigest():
+        raise InputError(
+            "the scenario in this trace is not the one it names",
+            where=str(path),
+            expected=f"SHA-256 {recorded}",
+            got=hashlib.sha256(text).hexdigest(),
+        )
+    name = trace.run.get("scenario", path.stem)
+    loaded = parse(
+        text.decode(), name=name, where=f"{path}: {SCENARIO_ATTACHMENT}", folder=hangar.folder
+    )
+    saved = None
+    if loaded.scenario.design is not None:
+        data = json.loads(_attachment(trace, path, DESIGN_ATTACHMENT))
+        problem = problem_of(loaded.scenario.design)
+        saved = (problem, design_from_json(data, where=f"{path}: {DESIGN_ATTACHMENT}"))
+    prepared = prepare(loaded, hangar, saved=saved, progress=progress)
+    for component, fmu in prepared.fmus.items():
+        wanted = trace.run.get(f"fmu.{component}.sha256")
+        if fmu.sha256 != wanted:
+            raise InputError(
+                f"the FMU of {component!r} is another one than in the trace",
+                where=str(fmu.path),
+                expected=f"SHA-256 {wanted}",
+                got=fmu.sha256,
+                hint="rerun with the versions that cosim trace info names, or point --fmus "
+                "to the folder with the FMUs of that run",
+            )
+    return prepared
+
+
+def _attachment(trace: Trace, path: Path, name: str) -> bytes:
+    data = trace.attachments.get(name)
+    if data is None:
+        raise InputError(
+            "this trace cannot be run again",
+            where=str(path),
+            expected=f"an attachment {name}, as cosim run writes it",
+            got=", ".join(trace.attachments) or "no attachments",
+        )
+    return bytes(data)
+
+
+def _differences(old: Trace, new: Trace) -> list[str]:
+    """What differs, topic by topic: the first message that does, and the largest difference."""
+    lines = []
+    if not old.finished:
+        lines.append("the original did not finish: it has no result to compare")
+    for topic in sorted(set(old.topics) | set(new.topics)):
+        if topic not in old.topics or topic not in new.topics:
+            lines.append(f"{topic}: only in the {'new' if topic in new.topics else 'old'} trace")
+            continue
+        a, b = old.read(topic), new.read(topic)
+        if len(a) != len(b):
+            lines.append(f"{topic}: {len(a)} messages, now {len(b)}")
+        n = min(len(a), len(b))
+        if (a.log_time_ns[:n] != b.log_time_ns[:n]).any():
+            lines.append(f"{topic}: other times")
+        for name, column in a.columns.items():
+            other = b.columns.get(name)
+            if other is None or column.dtype.kind not in "fiu":
+                continue
+            differs = np.flatnonzero(~((column[:n] == other[:n]) | (column[:n] != column[:n])))
+            if differs.size:
+                at = a.log_time_ns[differs[0]] / 1e9
+                most = float(np.nanmax(np.abs(column[:n] - other[:n])))
+                lines.append(f"{topic} {name}: from t = {at:g} s, at most {most:.3g}")
+    for name in ("run", "result"):
+        ours, theirs = getattr(old, name) or {}, getattr(new, name) or {}
+        for key in sorted(set(ours) | set(theirs)):
+            if not key.startswith("host.") and ours.get(key) != theirs.get(key):
+                lines.append(f"cosim.{name} {key} differs")
+    return lines

@@ -1,0 +1,192 @@
+"""Results in words and tables for people; `--json` prints none of this."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.hinf import Design
+from cosim.replay import Rerun
+from cosim.scenario.demo import Demo
+from cosim.scenario.outcome import Outcome
+
+_STATUS = {
+    "finished": "green",
+    "limit_cycle": "yellow",
+    "diverged": "red",
+    "failed": "red",
+}
+
+
+def design_view(name: str, design: Design) -> RenderableType:
+    """A design: what is proved, what is computed, and the gain."""
+    facts = _facts()
+    gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
+    facts.add_row("gamma", gamma, "certified: exact rational proof, for the gain below as it flies")
+    facts.add_row("exact norm", _number(design.exact_norm, 6), "computed: nominal loop, peak at "
+                  + (f"{design.norm_frequency:.4g} rad/s" if design.norm_frequency is not None
+                     else "infinite frequency"))
+    facts.add_row("abscissa", f"{design.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop")
+    for i, delay in enumerate(design.system.delays):
+        kind = "any age up to it" if delay.any_age else "constant, up to it"
+        acts = ", the control acts through it" if delay.feedback else ""
+        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", f"{kind}{acts}; k1 = {design.k1[i]:g}, "
+                      f"k2 = {design.k2[i]:g}")
+    gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
+    for row in design.K:
+        gain.add_row(*(f"{value:.6g}" for value in row))
+    return Group(facts, gain)
+
+
+def outcome_view(outcome: Outcome) -> RenderableType:
+    """A run: status, figures with how each was obtained, links, assumptions."""
+    colour = _STATUS[outcome.status]
+    head = Text.assemble(
+        (outcome.title, "bold"), "\n", (outcome.status.replace("_", " "), f"bold {colour}"),
+        f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
+        f"{outcome.steps} communication steps",
+    )
+    parts: list[RenderableType] = [head]
+    if outcome.reason:
+        parts.append(Text(outcome.reason, style=colour))
+    facts = _facts()
+    for label, value, how in _figures(outcome):
+        facts.add_row(label, value, how)
+    parts += [facts, *_links(outcome.links), _assumptions(outcome.metrics["assumptions"])]
+    if outcome.trace is not None:
+        parts.append(Text(f"trace: {outcome.trace}"))
+    return Group(*parts)
+
+
+def demo_view(demo: Demo) -> RenderableType:
+    """Both flights side by side."""
+    table = Table(title="The same vehicle, sea and acoustic link; two gains", title_justify="left")
+    table.add_column("")
+    for label, outcome in demo.outcomes.items():
+        table.add_column(Text(label, style=_STATUS[outcome.status]), justify="right")
+    outcomes = list(demo.outcomes.values())
+    table.add_row(
+        "status", *(Text(o.status.replace("_", " "), style=_STATUS[o.status]) for o in outcomes)
+    )
+    figures = [_figures(outcome) for outcome in outcomes]
+    for rows in zip(*figures, strict=True):
+        label, _, how = rows[0]
+        table.add_row(f"{label} [dim]{how}[/dim]", *(value for _, value, _ in rows))
+    for name in outcomes[0].links:
+        table.add_row(
+            f"link {name}: sent / delivered / dropped",
+            *(f"{o.links[name]['sent']} / {o.links[name]['delivered']} / "
+              f"{o.links[name]['dropped']}" for o in outcomes),
+        )
+        table.add_row(
+            f"link {name}: delay mean / max, largest age",
+            *(f"{_number(o.links[name]['mean_delay_s'], 3)} / "
+              f"{_number(o.links[name]['max_delay_s'], 3)}, "
+              f"{_number(o.links[name]['max_age_s'], 3)} s" for o in outcomes),
+        )
+    table.add_section()
+    for name in outcomes[0].metrics["assumptions"]:
+        table.add_row(
+            f"assumption: {name.replace('_', ' ')}",
+            *(_tick(o.metrics["assumptions"].get(name)) for o in outcomes),
+        )
+    files = Text.assemble(
+        "picture: ", (str(demo.picture), "bold"), "\n",
+        *(f"trace:   {outcome.trace}\n" for outcome in outcomes),
+    )
+    return Group(table, files)
+
+
+def rerun_view(result: Rerun) -> RenderableType:
+    """Whether the run again is the run."""
+    if result.identical:
+        return Text.assemble(
+            ("identical", "bold green"), f": every message of {result.original} came out again, "
+            f"bit for bit\ncontent hash {result.original_hash}",
+        )
+    lines = "\n".join(f"  {line}" for line in result.differences[:20])
+    return Text.assemble(("not identical", "bold red"), f" to {result.original}\n{lines}")
+
+
+def scenarios_view(rows: list[dict[str, str]]) -> RenderableType:
+    """Names and titles."""
+    table = Table(box=None)
+    table.add_column("scenario", style="bold")
+    table.add_column("what it is")
+    for row in rows:
+        table.add_row(row["name"], row["title"])
+    return table
+
+
+def _facts() -> Table:
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    return table
+
+
+def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
+    m = outcome.metrics
+    largest = m["largest_command"] or {}
+    thrust = max((v for n, v in largest.items() if n.startswith("force.")), default=None)
+    use = m["envelope_use"]
+    rows = [
+        ("gamma", _number(m["gamma"], 5), "certified"),
+        ("exact norm of the nominal loop", _number(m["exact_norm"], 5), "computed"),
+        ("gain from disturbance to z", _number(m["gain"], 4), "measured, companion run from rest"),
+        ("position error at the end", _number(m["position_error_m"], 3, "m"), "measured"),
+        ("largest thrust", _number(thrust, 4, "N"), "measured"),
+        ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
+        ("largest age of a measurement", _number(m["message_age_s"], 4, "s"), "measured, all holds"),
+        ("age designed for", _number(m["designed_age_s"], 4, "s"), "certified up to it"),
+        ("largest use of the envelope", _percent(max(use.values()) if use else None), "measured"),
+    ]
+    return [row for row in rows if row[1] != "–" or row[0] in ("gamma", "gain from disturbance to z")]
+
+
+def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
+    if not links:
+        return []
+    table = Table(box=None, pad_edge=False)
+    for column in ("link", "sent", "delivered", "dropped", "mean delay", "max delay", "max age"):
+        table.add_column(column, justify="left" if column == "link" else "right")
+    for name, s in links.items():
+        table.add_row(
+            name, str(s["sent"]), str(s["delivered"]), str(s["dropped"]),
+            *(_number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
+        )
+    return [table]
+
+
+def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
+    if not assumptions:
+        return Text("no design, nothing is guaranteed", style="dim")
+    table = Table(box=None, pad_edge=False, title="Assumptions of the guarantee",
+                  title_justify="left", show_header=False)
+    for name, met in assumptions.items():
+        table.add_row(_tick(met), name.replace("_", " "))
+    return table
+
+
+def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
+    if met is None:
+        return Text("–")
+    return Text("met", style="green") if met else Text("not met", style="red")
+
+
+def _number(value: float | None, digits: int, unit: str = "") -> str:
+    return "–" if value is None else f"{value:.{digits}g} {unit}".strip()
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f} %"
+
+
+def console(*, error: bool = False) -> Console:
+    """Where people read: standard output, or standard error for progress and messages."""
+    return Console(stderr=error, highlight=False)

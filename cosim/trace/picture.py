@@ -1,0 +1,167 @@
+"""Pictures of runs, drawn from their traces alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.trace.reader import Table, Trace
+
+_COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e")
+_FORCES = ("force.x", "force.y", "force.z", "moment.z")
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """A trace and what to call it in a picture."""
+
+    label: str
+    path: Path
+
+
+def compare_flights(
+    flights: Sequence[Labelled], target: Path, *, age_limit_s: float | None = None
+) -> Path:
+    """One picture of several flights of the vehicle: path, states, thrust, message age.
+
+    Parameters
+    ----------
+    flights : at most four traces of `AuvPlant` and `HinfController` scenarios.
+    target : PNG, SVG or PDF file.
+    age_limit_s : designed age of the measurements, drawn as a line.
+
+    Raises
+    ------
+    InputError : matplotlib is not installed, or a trace is not of such a scenario.
+    """
+    plt = _pyplot()
+    with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = plt.figure(figsize=(13, 8.2), layout="constrained")
+        grid = figure.add_gridspec(4, 3, width_ratios=(1.15, 1, 1))
+        path = figure.add_subplot(grid[:3, 0])
+        age = figure.add_subplot(grid[3, 0])
+        states = [figure.add_subplot(grid[i, 1]) for i in range(4)]
+        thrust = [figure.add_subplot(grid[i, 2]) for i in range(4)]
+        for colour, flight in zip(_COLOURS, flights, strict=False):
+            _draw(_Flight(flight), colour, path, states, thrust, age)
+        _dress(path, states, thrust, age, age_limit_s)
+        figure.savefig(target, dpi=130)
+        plt.close(figure)
+    return target
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - optional: the extra `plot`
+
+        mpl.use("Agg")
+        import matplotlib.pyplot as plt  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            "pictures need matplotlib",
+            got=str(error),
+            hint="install the extra: pip install 'auv-cosim[plot]'",
+        ) from error
+    return plt
+
+
+class _Flight:
+    """The rows of one trace that a picture needs."""
+
+    def __init__(self, flight: Labelled) -> None:
+        trace = Trace(flight.path)
+        self.label = flight.label
+        for topic in ("/plant/output", "/controller/output"):
+            if topic not in trace.topics:
+                raise InputError(
+                    "this trace is not of a flight of the vehicle",
+                    where=str(flight.path),
+                    expected="components called plant and controller",
+                    got=", ".join(trace.topics) or "no topics",
+                )
+        self.plant = trace.read("/plant/output")
+        self.command = trace.read("/controller/output")
+        self.received = trace.read("/plant/input")
+        self.reference = (
+            trace.read("/controller/input") if "/controller/input" in trace.topics else None
+        )
+        self.links = {
+            name.removeprefix("/link/"): trace.read(name)
+            for name in trace.topics
+            if name.startswith("/link/") and not name.endswith("/dropped")
+        }
+        self.seconds = self.plant.log_time_ns / 1e9
+        self.step_ns = int((trace.run or {}).get("step_ns", 0))
+
+    def age(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Age of the measurement behind the command in force: a sawtooth over time.
+
+        Back from the command's own message to the measurement that had reached the controller
+        one coupling step before it was sent. None without a link each way.
+        """
+        up, down = self._link_from("plant."), self._link_from("controller.")
+        if up is None or down is None:
+            return None
+        arrivals = down.log_time_ns
+        t = np.unique(np.concatenate([self.plant.log_time_ns, arrivals, arrivals - 1]))
+        command = np.searchsorted(arrivals, t, side="right") - 1
+        sent = down.publish_time_ns[np.maximum(command, 0)]
+        measured = np.searchsorted(up.log_time_ns, sent - self.step_ns, side="right") - 1
+        known = (command >= 0) & (measured >= 0)
+        origin = up.publish_time_ns[np.maximum(measured, 0)]
+        return t / 1e9, np.where(known, (t - origin) / 1e9, np.nan)
+
+    def _link_from(self, component: str) -> Table | None:
+        for table in self.links.values():
+            if any(name.startswith(component) for name in table.columns):
+                return table
+        return None
+
+
+def _draw(f: _Flight, colour: str, path: Any, states: Any, thrust: Any, age: Any) -> None:
+    path.plot(f.plant["eta.y"], f.plant["eta.x"], color=colour, lw=1.3, label=f.label)
+    path.plot(f.plant["eta.y"][0], f.plant["eta.x"][0], "o", color=colour, ms=5)
+    if f.reference is not None and "reference.x" in f.reference.columns:
+        path.plot(
+            f.reference["reference.y"], f.reference["reference.x"], "--", color="#555", lw=0.8
+        )
+    for axis, name in zip(states, ("eta.x", "eta.y", "eta.z", "eta.psi"), strict=True):
+        axis.plot(f.seconds, f.plant[name], color=colour, lw=1.0)
+    for axis, name in zip(thrust, _FORCES, strict=True):
+        axis.step(
+            f.received.log_time_ns / 1e9, f.received[name] / 1e3, where="post", color=colour, lw=0.8
+        )
+    sawtooth = f.age()
+    if sawtooth is not None:
+        age.plot(*sawtooth, color=colour, lw=0.6)
+
+
+def _dress(path: Any, states: Any, thrust: Any, age: Any, age_limit_s: float | None) -> None:
+    path.set(xlabel="east y [m]", ylabel="north x [m]", title="Path (dots: start, dashed: reference)")
+    path.plot(0, 0, "k+", ms=12, mew=1.5)
+    path.set_aspect("equal", adjustable="datalim")
+    path.legend(loc="best")
+    units = ("north x [m]", "east y [m]", "depth z [m]", "heading ψ [rad]")
+    for axis, label in zip(states, units, strict=True):
+        axis.set_ylabel(label)
+    for axis, label in zip(
+        thrust, ("surge [kN]", "sway [kN]", "heave [kN]", "yaw [kN m]"), strict=True
+    ):
+        axis.set_ylabel(label)
+    states[0].set_title("Position and heading")
+    thrust[0].set_title("Thrust as the vehicle receives it")
+    for axis in (*states[:3], *thrust[:3]):
+        axis.tick_params(labelbottom=False)
+    for axis in (states[3], thrust[3], age):
+        axis.set_xlabel("time [s]")
+    age.set(ylabel="age [s]", title="Age of the measurement behind the command")
+    if age_limit_s is not None:
+        age.axhline(age_limit_s, color="#333", lw=1, ls=":")
+        age.text(0, age_limit_s, " designed for", va="bottom", fontsize=8)
+        age.set_ylim(0, age_limit_s * 1.2)
