@@ -116,9 +116,7 @@ def design(
 @app.command()
 def run(
     name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
-    out: Annotated[
-        Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")] = None,
     fmus: FmusOption = _FMUS,
     as_json: JsonOption = False,
 ) -> None:

@@ -27,15 +27,27 @@ def design_view(name: str, design: Design) -> RenderableType:
     facts = _facts()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
     facts.add_row("gamma", gamma, "certified: exact rational proof, for the gain below as it flies")
-    facts.add_row("exact norm", _number(design.exact_norm, 6), "computed: nominal loop, peak at "
-                  + (f"{design.norm_frequency:.4g} rad/s" if design.norm_frequency is not None
-                     else "infinite frequency"))
-    facts.add_row("abscissa", f"{design.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop")
+    facts.add_row(
+        "exact norm",
+        _number(design.exact_norm, 6),
+        "computed: nominal loop, peak at "
+        + (
+            f"{design.norm_frequency:.4g} rad/s"
+            if design.norm_frequency is not None
+            else "infinite frequency"
+        ),
+    )
+    facts.add_row(
+        "abscissa", f"{design.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop"
+    )
     for i, delay in enumerate(design.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, up to it"
         acts = ", the control acts through it" if delay.feedback else ""
-        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", f"{kind}{acts}; k1 = {design.k1[i]:g}, "
-                      f"k2 = {design.k2[i]:g}")
+        facts.add_row(
+            f"delay {i + 1}",
+            f"{delay.d:g} s",
+            f"{kind}{acts}; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}",
+        )
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.6g}" for value in row))
@@ -46,7 +58,9 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     """A run: status, figures with how each was obtained, links, assumptions."""
     colour = _STATUS[outcome.status]
     head = Text.assemble(
-        (outcome.title, "bold"), "\n", (outcome.status.replace("_", " "), f"bold {colour}"),
+        (outcome.title, "bold"),
+        "\n",
+        (outcome.status.replace("_", " "), f"bold {colour}"),
         f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
         f"{outcome.steps} communication steps",
     )
@@ -79,14 +93,20 @@ def demo_view(demo: Demo) -> RenderableType:
     for name in outcomes[0].links:
         table.add_row(
             f"link {name}: sent / delivered / dropped",
-            *(f"{o.links[name]['sent']} / {o.links[name]['delivered']} / "
-              f"{o.links[name]['dropped']}" for o in outcomes),
+            *(
+                f"{o.links[name]['sent']} / {o.links[name]['delivered']} / "
+                f"{o.links[name]['dropped']}"
+                for o in outcomes
+            ),
         )
         table.add_row(
             f"link {name}: delay mean / max, largest age",
-            *(f"{_number(o.links[name]['mean_delay_s'], 3)} / "
-              f"{_number(o.links[name]['max_delay_s'], 3)}, "
-              f"{_number(o.links[name]['max_age_s'], 3)} s" for o in outcomes),
+            *(
+                f"{_number(o.links[name]['mean_delay_s'], 3)} / "
+                f"{_number(o.links[name]['max_delay_s'], 3)}, "
+                f"{_number(o.links[name]['max_age_s'], 3)} s"
+                for o in outcomes
+            ),
         )
     table.add_section()
     for name in outcomes[0].metrics["assumptions"]:
@@ -95,7 +115,9 @@ def demo_view(demo: Demo) -> RenderableType:
             *(_tick(o.metrics["assumptions"].get(name)) for o in outcomes),
         )
     files = Text.assemble(
-        "picture: ", (str(demo.picture), "bold"), "\n",
+        "picture: ",
+        (str(demo.picture), "bold"),
+        "\n",
         *(f"trace:   {outcome.trace}\n" for outcome in outcomes),
     )
     return Group(table, files)
@@ -105,7 +127,8 @@ def rerun_view(result: Rerun) -> RenderableType:
     """Whether the run again is the run."""
     if result.identical:
         return Text.assemble(
-            ("identical", "bold green"), f": every message of {result.original} came out again, "
+            ("identical", "bold green"),
+            f": every message of {result.original} came out again, "
             f"bit for bit\ncontent hash {result.original_hash}",
         )
     lines = "\n".join(f"  {line}" for line in result.differences[:20])
@@ -142,11 +165,17 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("position error at the end", _number(m["position_error_m"], 3, "m"), "measured"),
         ("largest thrust", _number(thrust, 4, "N"), "measured"),
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
-        ("largest age of a measurement", _number(m["message_age_s"], 4, "s"), "measured, all holds"),
+        (
+            "largest age of a measurement",
+            _number(m["message_age_s"], 4, "s"),
+            "measured, all holds",
+        ),
         ("age designed for", _number(m["designed_age_s"], 4, "s"), "certified up to it"),
         ("largest use of the envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
-    return [row for row in rows if row[1] != "–" or row[0] in ("gamma", "gain from disturbance to z")]
+    return [
+        row for row in rows if row[1] != "–" or row[0] in ("gamma", "gain from disturbance to z")
+    ]
 
 
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
@@ -157,7 +186,10 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
         table.add_column(column, justify="left" if column == "link" else "right")
     for name, s in links.items():
         table.add_row(
-            name, str(s["sent"]), str(s["delivered"]), str(s["dropped"]),
+            name,
+            str(s["sent"]),
+            str(s["delivered"]),
+            str(s["dropped"]),
             *(_number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
         )
     return [table]
@@ -166,8 +198,13 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
 def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     if not assumptions:
         return Text("no design, nothing is guaranteed", style="dim")
-    table = Table(box=None, pad_edge=False, title="Assumptions of the guarantee",
-                  title_justify="left", show_header=False)
+    table = Table(
+        box=None,
+        pad_edge=False,
+        title="Assumptions of the guarantee",
+        title_justify="left",
+        show_header=False,
+    )
     for name, met in assumptions.items():
         table.add_row(_tick(met), name.replace("_", " "))
     return table

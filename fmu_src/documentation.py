@@ -10,7 +10,8 @@ from markdown_it import MarkdownIt
 from .spec import ComponentSpec, Variable
 
 _STYLE = """
-body{font:16px/1.55 system-ui,sans-serif;color:#1d2733;max-width:60rem;margin:2.5rem auto;padding:0 1rem}
+body{font:16px/1.55 system-ui,sans-serif;color:#1d2733;max-width:60rem;
+margin:2.5rem auto;padding:0 1rem}
 h1,h2{line-height:1.2;color:#0b3c5d}pre{background:#f3f6f9;padding:.9rem 1.1rem;overflow-x:auto;
 border-left:3px solid #328cc1}code{font-size:.93em}table{border-collapse:collapse;width:100%}
 td,th{padding:.3rem .6rem;border-bottom:1px solid #dde4ea;text-align:left;vertical-align:top}

@@ -8,8 +8,13 @@ that share no code with what they measure.
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 # Drawn without a display, and before anything imports matplotlib.
 os.environ["MPLBACKEND"] = "Agg"
@@ -17,3 +22,13 @@ os.environ["MPLBACKEND"] = "Agg"
 # The same examples on every run and machine; a slow machine is no failure.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of every python FMU (NAME.fmu), built once per session; read only."""
+    from fmu_src.build import FLAVOUR, ensure_all  # noqa: PLC0415 - most tests need no FMU
+
+    root = tmp_path_factory.mktemp("fmus")
+    ensure_all(root)
+    return root / FLAVOUR

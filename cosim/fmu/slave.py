@@ -30,7 +30,7 @@ LogSink = Callable[[str, str], None]
 """Takes (level, message): level is debug, info, warning, error or fatal."""
 
 _LEVELS = {0: "info", 1: "warning", 2: "warning", 3: "error", 4: "fatal"}
-_CALLS = {
+_CALLS: dict[str, tuple[str, str, Any]] = {
     "float": ("fmi2GetReal", "fmi2SetReal", ctypes.c_double),
     "int": ("fmi2GetInteger", "fmi2SetInteger", ctypes.c_int),
     "bool": ("fmi2GetBoolean", "fmi2SetBoolean", ctypes.c_int),
@@ -53,7 +53,7 @@ class Bundle:
                 continue
             n = len(places)
             references = (ctypes.c_uint * n)(*(ports[i].reference for i in places))
-            buffer = (c_type * n)()
+            buffer: Any = (c_type * n)()
             view = np.ctypeslib.as_array(buffer)
             self._groups.append(
                 (

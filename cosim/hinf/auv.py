@@ -64,9 +64,7 @@ def auv_system(settings: AuvDesign | None = None) -> DelaySystem:
     ]
     if settings.loop_delay > 0:
         delays.append(
-            Delay(
-                settings.loop_delay, np.zeros((8, 8)), feedback=True, any_age=settings.any_age
-            )
+            Delay(settings.loop_delay, np.zeros((8, 8)), feedback=True, any_age=settings.any_age)
         )
     entry = np.vstack([zero, one])
     return DelaySystem(

@@ -153,8 +153,10 @@ def _norm_below(N: list[list[Fraction]], q: Fraction) -> bool:
     """Whether |N| < q: q^2 I - N N' is positive definite, by exact elimination."""
     n = len(N)
     G = [
-        [(q * q if i == j else Fraction(0)) - sum(a * b for a, b in zip(N[i], N[j], strict=True))
-         for j in range(n)]
+        [
+            (q * q if i == j else Fraction(0)) - sum(a * b for a, b in zip(N[i], N[j], strict=True))
+            for j in range(n)
+        ]
         for i in range(n)
     ]
     for k in range(n):

@@ -66,7 +66,7 @@ def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -
     return Unknowns(X, Y, Q, R, cp.Variable(), cp.Variable() if gamma is None else gamma)
 
 
-def omega(
+def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], v: Unknowns
 ) -> tuple[Any, list[Any]]:
     """Omega of the module's table, and the symmetric matrices that must be positive besides.

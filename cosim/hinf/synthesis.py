@@ -164,9 +164,7 @@ def _finished(
 class _Problem:
     """The LMI of one system at one k1, k2."""
 
-    def __init__(
-        self, system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]
-    ) -> None:
+    def __init__(self, system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]) -> None:
         self._system, self._k1, self._k2 = system, k1, k2
 
     def least_gamma(self, gain: NDArray[np.float64] | None) -> float:
@@ -307,7 +305,8 @@ def _reachable(gamma: float, floor: float, system: DelaySystem) -> None:
         raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
     if not system.has_performance:
         raise InputError(
-            "this system has no gain to bound", where="gamma",
+            "this system has no gain to bound",
+            where="gamma",
             expected="a system with C and with D, D1 or D2",
         )
     if gamma <= floor:

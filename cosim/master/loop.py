@@ -118,7 +118,7 @@ class _Clock:
         self.now_ns = 0
 
 
-def _loop(
+def _loop(  # noqa: C901 - the algorithm, in one place
     system: System, stations: Sequence[Station], clock: _Clock, observers: Sequence[Observer]
 ) -> Run:
     in_step_order = [s for name in system.components for s in stations if s.name == name]

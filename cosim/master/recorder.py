@@ -88,7 +88,7 @@ def signal_of(port: Port, name: str | None = None) -> Signal:
 def _cast(ports: Sequence[Port]) -> _Cast:
     """Row of doubles -> list of values of the ports' own types."""
     if all(p.kind == "float" for p in ports):
-        return lambda row: row.tolist()  # type: ignore[no-any-return]
+        return lambda row: row.tolist()
     types = [{"float": float, "int": int, "bool": bool}[p.kind or "float"] for p in ports]
     return lambda row: [to(value) for to, value in zip(types, row, strict=True)]
 

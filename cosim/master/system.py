@@ -129,6 +129,19 @@ def make_timetable(
 
 def _check(system: System) -> None:
     taken: dict[Endpoint, str] = {}
+    _check_connections(system, taken)
+    _check_driven(system, taken)
+    irregular = np.unique(np.diff(system.timetable.points_ns)).size > 1
+    for name, component in system.components.items():
+        if irregular and not component.description.variable_step:
+            raise InputError(
+                "this FMU takes steps of one size only",
+                where=f"component {name!r} ({component.description.path.name})",
+                hint='set events = "grid" and an end that is a multiple of the step',
+            )
+
+
+def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
     for connection in system.connections:
         source, target = system.port(connection.source), system.port(connection.target)
         where = f"connection {connection.source} -> {connection.target}"
@@ -154,25 +167,20 @@ def _check(system: System) -> None:
         if connection.link is not None and connection.link not in system.links:
             raise InputError.unknown("link", connection.link, system.links, where=where)
         _take(taken, connection.target, f"connection from {connection.source}")
-    for target, values in system.driven.items():
-        port = system.port(target)
+
+
+def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:
+    for end, values in system.driven.items():
+        port = system.port(end)
         if port.causality != "input" or port.kind != "float":
             raise InputError(
                 "only a Real input can follow a signal",
-                where=str(target),
+                where=str(end),
                 got=f"{port.causality}, {port.kind or 'String'}",
             )
         if values.shape != system.timetable.points_ns.shape or not np.isfinite(values).all():
-            raise InputError("the signal of an input must be finite", where=str(target))
-        _take(taken, target, "driven signal")
-    irregular = np.unique(np.diff(system.timetable.points_ns)).size > 1
-    for name, component in system.components.items():
-        if irregular and not component.description.variable_step:
-            raise InputError(
-                "this FMU takes steps of one size only",
-                where=f"component {name!r} ({component.description.path.name})",
-                hint='set events = "grid" and an end that is a multiple of the step',
-            )
+            raise InputError("the signal of an input must be finite", where=str(end))
+        _take(taken, end, "driven signal")
 
 
 def _take(taken: dict[Endpoint, str], target: Endpoint, by: str) -> None:

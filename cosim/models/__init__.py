@@ -1,0 +1,1 @@
+"""What is simulated: pure mathematics, no FMI, no files."""

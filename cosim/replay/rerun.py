@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from cosim.scenario.execute import (
 from cosim.scenario.gain import problem_of
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import parse
-from cosim.trace import Trace, content_hash
+from cosim.trace import Table, Trace, content_hash
 
 
 @dataclass(frozen=True)
@@ -89,9 +90,7 @@ def rerun(
     return Rerun(path, before, outcome, identical, differences)
 
 
-def _prepared(
-    trace: Trace, path: Path, hangar: Hangar, progress: Progress | None
-) -> Prepared:
+def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | None) -> Prepared:
     text = _attachment(trace, path, SCENARIO_ATTACHMENT)
     recorded = trace.run.get("scenario.sha256") if trace.run else None
     if recorded != hashlib.sha256(text).hexdigest():
@@ -137,33 +136,35 @@ def _attachment(trace: Trace, path: Path, name: str) -> bytes:
     return bytes(data)
 
 
-def _differences(old: Trace, new: Trace) -> list[str]:
+def _differences(old: Trace, new: Trace) -> Iterator[str]:
     """What differs, topic by topic: the first message that does, and the largest difference."""
-    lines = []
     if not old.finished:
-        lines.append("the original did not finish: it has no result to compare")
+        yield "the original did not finish: it has no result to compare"
     for topic in sorted(set(old.topics) | set(new.topics)):
-        if topic not in old.topics or topic not in new.topics:
-            lines.append(f"{topic}: only in the {'new' if topic in new.topics else 'old'} trace")
-            continue
-        a, b = old.read(topic), new.read(topic)
-        if len(a) != len(b):
-            lines.append(f"{topic}: {len(a)} messages, now {len(b)}")
-        n = min(len(a), len(b))
-        if (a.log_time_ns[:n] != b.log_time_ns[:n]).any():
-            lines.append(f"{topic}: other times")
-        for name, column in a.columns.items():
-            other = b.columns.get(name)
-            if other is None or column.dtype.kind not in "fiu":
-                continue
-            differs = np.flatnonzero(~((column[:n] == other[:n]) | (column[:n] != column[:n])))
-            if differs.size:
-                at = a.log_time_ns[differs[0]] / 1e9
-                most = float(np.nanmax(np.abs(column[:n] - other[:n])))
-                lines.append(f"{topic} {name}: from t = {at:g} s, at most {most:.3g}")
+        if topic in old.topics and topic in new.topics:
+            yield from _differing_columns(old.read(topic), new.read(topic))
+        else:
+            yield f"{topic}: only in the {'new' if topic in new.topics else 'old'} trace"
     for name in ("run", "result"):
         ours, theirs = getattr(old, name) or {}, getattr(new, name) or {}
         for key in sorted(set(ours) | set(theirs)):
             if not key.startswith("host.") and ours.get(key) != theirs.get(key):
-                lines.append(f"cosim.{name} {key} differs")
-    return lines
+                yield f"cosim.{name} {key} differs"
+
+
+def _differing_columns(a: Table, b: Table) -> Iterator[str]:
+    if len(a) != len(b):
+        yield f"{a.topic}: {len(a)} messages, now {len(b)}"
+    n = min(len(a), len(b))
+    if (a.log_time_ns[:n] != b.log_time_ns[:n]).any():
+        yield f"{a.topic}: other times"
+    for name, column in a.columns.items():
+        other = b.columns.get(name)
+        if other is None or column.dtype.kind not in "fiu":
+            continue
+        one, two = column[:n].astype(float), other[:n].astype(float)
+        differs = np.flatnonzero(~((one == two) | (np.isnan(one) & np.isnan(two))))
+        if differs.size:
+            at = a.log_time_ns[differs[0]] / 1e9
+            most = float(np.nanmax(np.abs(one - two)))
+            yield f"{a.topic} {name}: from t = {at:g} s, at most {most:.3g}"

@@ -1,0 +1,1 @@
+"""Scripted scenarios: read, assemble, fly, judge."""

@@ -191,7 +191,11 @@ def _members(
     found = {}
     for port in fmu.ports.values():
         ending = port.name[len(name) :]
-        if port.causality == causality and port.name.startswith(name) and ending[:1] in ("", ".", "["):
+        if (
+            port.causality == causality
+            and port.name.startswith(name)
+            and ending[:1] in ("", ".", "[")
+        ):
             found[ending] = port.name
     return found
 
@@ -203,7 +207,9 @@ def _driven(
     base = _endpoint(path.target)
     driven = {}
     for j, axis in enumerate(path.axes):
-        values = np.zeros(seconds.size) if at_rest else _along(points, j, seconds, path.interpolation)
+        values = (
+            np.zeros(seconds.size) if at_rest else _along(points, j, seconds, path.interpolation)
+        )
         driven[Endpoint(base.component, f"{base.variable}.{axis}")] = values
     return driven
 

@@ -137,9 +137,7 @@ def _outcome(
     return outcome, schedules
 
 
-def _schedules_reached(
-    system: System, run: Run, events: Any
-) -> Mapping[str, PacketSchedule]:
+def _schedules_reached(system: System, run: Run, events: Any) -> Mapping[str, PacketSchedule]:
     """The traffic up to where the run got: a shorter run has the same messages."""
     if run.ending == "finished" or run.points_ns.size < 2:
         return system.timetable.schedules
@@ -148,9 +146,7 @@ def _schedules_reached(
     return make_timetable(system.links, step, reached, events).schedules
 
 
-def _identity(
-    prepared: Prepared, system: System
-) -> tuple[dict[str, str], Sequence[Attachment]]:
+def _identity(prepared: Prepared, system: System) -> tuple[dict[str, str], Sequence[Attachment]]:
     """`cosim.run`, and what a trace carries so that it can be run again."""
     loaded = prepared.loaded
     text = loaded.text.encode()

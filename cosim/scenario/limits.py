@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,9 +47,7 @@ def saturation(run: Run, controller: str) -> Saturation | None:
     if not limited:
         return None
     parameters = station.component.parameters
-    bounds = np.array(
-        [parameters.get(_LIMITS[n], ports[_LIMITS[n]].start or 0.0) for n in limited]
-    )
+    bounds = np.array([parameters.get(_LIMITS[n], ports[_LIMITS[n]].start or 0.0) for n in limited])
     commands = np.column_stack([run.signal(controller, n) for n in limited])
     duration = np.diff(run.points_ns).astype(float)
     at_limit = np.abs(commands) >= bounds * (1 - 1e-12)
@@ -65,7 +64,7 @@ def saturation(run: Run, controller: str) -> Saturation | None:
     )
 
 
-def _share(where: NDArray[np.bool_], duration: NDArray[np.float64]) -> float:
+def _share(where: Any, duration: NDArray[np.float64]) -> float:
     total = float(duration.sum())
     return float(duration[where].sum()) / total if total else 0.0
 

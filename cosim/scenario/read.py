@@ -37,7 +37,9 @@ class LoadedScenario:
 def builtin_names() -> list[str]:
     """Names of the scenarios that come with the package."""
     library = files("cosim.scenario").joinpath("library")
-    return sorted(p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml"))
+    return sorted(
+        p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml")
+    )
 
 
 def load(name_or_path: str) -> LoadedScenario:
@@ -49,7 +51,9 @@ def load(name_or_path: str) -> LoadedScenario:
     """
     names = builtin_names()
     if name_or_path in names:
-        text = files("cosim.scenario").joinpath("library", f"{name_or_path}.toml").read_text("utf-8")
+        text = (
+            files("cosim.scenario").joinpath("library", f"{name_or_path}.toml").read_text("utf-8")
+        )
         return parse(text, name=name_or_path, where=f"{name_or_path}.toml", folder=Path.cwd())
     path = Path(name_or_path)
     if path.suffix != ".toml" and not path.exists():

@@ -5,6 +5,7 @@ Times are in seconds, angles in radian, everything else in the SI unit of its va
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
@@ -69,7 +70,7 @@ class PacketPart(_Part):
     order: Literal["newest-wins", "fifo", "as-arrived"] = "newest-wins"
     on_loss: Literal["hold", "zero"] | Number = "hold"
     quantization: NotNegative = 0.0
-    data_rate: NotNegative = 0.0
+    data_rate: Annotated[int, Field(ge=0)] = 0
     frame_size: Annotated[int, Field(ge=0)] = 0
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
 
@@ -114,7 +115,7 @@ class PathPart(_Part):
                     f"{len(self.axes)} values ({', '.join(self.axes)})"
                 )
         times = [point[0] for point in self.points]
-        if any(b <= a for a, b in zip(times, times[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(times)):
             raise ValueError("the times of the points must increase")
         return self
 

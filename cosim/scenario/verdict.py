@@ -187,9 +187,7 @@ def _plant_as_designed(flight: Flight) -> bool:
     if problem.vehicle is not None:
         vehicle = problem.vehicle
         wanted = {name: vehicle.parameters[name] for name in TABLE_1}
-        wanted |= {
-            f"damping.{axis}": a for axis, a in zip("uvwr", vehicle.damping, strict=True)
-        }
+        wanted |= {f"damping.{axis}": a for axis, a in zip("uvwr", vehicle.damping, strict=True)}
         # what is proved for a delay is proved for every shorter one
         delay = value("delay.d")
         return (

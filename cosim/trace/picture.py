@@ -143,7 +143,9 @@ def _draw(f: _Flight, colour: str, path: Any, states: Any, thrust: Any, age: Any
 
 
 def _dress(path: Any, states: Any, thrust: Any, age: Any, age_limit_s: float | None) -> None:
-    path.set(xlabel="east y [m]", ylabel="north x [m]", title="Path (dots: start, dashed: reference)")
+    path.set(
+        xlabel="east y [m]", ylabel="north x [m]", title="Path (dots: start, dashed: reference)"
+    )
     path.plot(0, 0, "k+", ms=12, mew=1.5)
     path.set_aspect("equal", adjustable="datalim")
     path.legend(loc="best")

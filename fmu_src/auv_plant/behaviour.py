@@ -60,8 +60,7 @@ class AuvPlant:
         """No output depends on an input without delay: nothing to do."""
 
     def _publish(self, v: dict[str, float]) -> None:
-        for name, value in zip(STATE, self._line.x, strict=True):
-            v[name] = value
+        v.update(zip(STATE, self._line.x, strict=True))
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that determines the future, delay line included."""

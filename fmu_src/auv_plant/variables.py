@@ -37,13 +37,17 @@ def _variables() -> list[Variable]:
         Variable("disturbance.w", "input", "heave acceleration by waves and current", "m/s2"),
         Variable("disturbance.r", "input", "yaw acceleration by waves and current", "rad/s2"),
     ]
-    for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True):
-        table.append(Variable(name, "output", text, unit))
+    table += [
+        Variable(name, "output", text, unit)
+        for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True)
+    ]
     for name, start in TABLE_1.items():
-        unit, text, minimum = _PHYSICAL.get(
-            name, (None, f"hydrodynamic derivative {name.removeprefix('hydro.')} (Table 1)", None)
-        )
-        table.append(Variable(name, "parameter", text, unit, start, minimum=minimum))
+        if name in _PHYSICAL:
+            unit, text, minimum = _PHYSICAL[name]
+            table.append(Variable(name, "parameter", text, unit, start, minimum=minimum))
+        else:
+            text = f"hydrodynamic derivative {name.removeprefix('hydro.')} (Table 1)"
+            table.append(Variable(name, "parameter", text, None, start))
     for axis in "uvwr":
         table.append(
             Variable(

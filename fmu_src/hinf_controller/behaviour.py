@@ -53,8 +53,7 @@ class StateFeedback:
             values = command(self._gain, x, reference, self._map)
             if self._limits:
                 values = limited(values, [v[name] for name in self._limits])
-            for name, value in zip(self._outputs, values, strict=True):
-                v[name] = value
+            v.update(zip(self._outputs, values, strict=True))
         self._time = end
 
     def refresh(self, v: dict[str, float]) -> None:

@@ -24,7 +24,7 @@ _CAUSALITY = {
 _INT_MAX = 2**31 - 1
 
 
-class BehaviourSlave(Fmi2Slave):
+class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     """A slave whose variables are `TABLE` and whose life is a `BEHAVIOUR`.
 
     The generated module of each FMU derives from it and sets the three class attributes.
