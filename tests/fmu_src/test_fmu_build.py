@@ -1,0 +1,304 @@
+"""What a build puts into an FMU: the same bytes, a valid description, units, dependencies."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from fmpy import read_model_description
+from fmpy.validation import validate_fmu
+
+from fmu_src.build import ensure_fmu
+from fmu_src.catalogue import CATALOGUE
+from fmu_src.python_shell import package
+from fmu_src.spec import Variable
+from fmu_src.units import UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from fmu_src.spec import ComponentSpec
+
+NAMES = sorted(CATALOGUE)
+ROOT = Path(__file__).resolve().parents[2]
+
+# What each unit is made of, spelled out a second time: force = mass length / time^2, ...
+KG, M, S, RAD = "kg", "m", "s", "rad"
+FACTORS: Mapping[str, tuple[list[str], list[str]]] = MappingProxyType(
+    {
+        "m": ([M], []),
+        "m/s": ([M], [S]),
+        "m/s2": ([M], [S, S]),
+        "rad": ([RAD], []),
+        "rad/s": ([RAD], [S]),
+        "rad/s2": ([RAD], [S, S]),
+        "rad/m": ([RAD], [M]),
+        "1/s": ([], [S]),
+        "s": ([S], []),
+        "kg": ([KG], []),
+        "kg.m": ([KG, M], []),
+        "kg.m2": ([KG, M, M], []),
+        "kg/m3": ([KG], [M, M, M]),
+        "N": ([KG, M], [S, S]),
+        "N.m": ([KG, M, M], [S, S]),
+    }
+)
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def description(path: Path) -> ET.Element:
+    with zipfile.ZipFile(path) as archive:
+        return ET.fromstring(archive.read("modelDescription.xml"))  # noqa: S314 - our own file
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fmpy_finds_nothing_to_complain_about(fmus: Path, name: str) -> None:
+    """The validator of another tool has no remark on any FMU."""
+    assert validate_fmu(str(fmus / f"{name}.fmu")) == []
+
+
+def test_two_builds_give_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
+    """Another process, another folder, another hash seed: one SHA-256."""
+    command = [sys.executable, str(ROOT / "build_fmu.py"), "--out", str(tmp_path)]
+    done = subprocess.run(  # noqa: S603 - our own script
+        command,
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "4711", "TZ": "Asia/Tokyo"},
+    )
+    for name in NAMES:
+        built = tmp_path / "python" / f"{name}.fmu"
+        assert sha256(built) == sha256(fmus / f"{name}.fmu"), name
+        assert f"{sha256(built)}  {built}" in done.stdout
+
+
+def test_unknown_component_is_refused(tmp_path: Path) -> None:
+    """The builder names what exists and leaves with 2."""
+    command = [sys.executable, str(ROOT / "build_fmu.py"), "Submarine", "--out", str(tmp_path)]
+    done = subprocess.run(  # noqa: S603 - our own script
+        command, check=False, capture_output=True, text=True, env={"PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 2
+    assert "Submarine" in done.stderr
+    assert "AuvPlant" in done.stderr
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_capabilities_are_declared(fmus: Path, name: str) -> None:
+    """A Python host is needed; steps may vary; state can be saved; many fit into a process."""
+    element = description(fmus / f"{name}.fmu").find("CoSimulation")
+    assert element is not None
+    flags = dict(element.attrib)
+    assert flags.pop("modelIdentifier") == name
+    assert flags == {
+        "needsExecutionTool": "true",
+        "canHandleVariableCommunicationStepSize": "true",
+        "canInterpolateInputs": "false",
+        "canBeInstantiatedOnlyOncePerProcess": "false",
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+    }
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_output_states_its_dependencies(fmus: Path, name: str) -> None:
+    """All outputs are listed; only z of DelayedPlant depends on inputs, on all of them."""
+    root = description(fmus / f"{name}.fmu")
+    variables = list(root.iter("ScalarVariable"))
+    listed = {}
+    for unknown in root.findall("./ModelStructure/Outputs/Unknown"):
+        at = variables[int(unknown.attrib["index"]) - 1].attrib["name"]
+        places = unknown.attrib["dependencies"].split()
+        assert len(unknown.attrib["dependenciesKind"].split()) == len(places)
+        listed[at] = [variables[int(place) - 1].attrib["name"] for place in places]
+    outputs = [v.attrib["name"] for v in variables if v.attrib["causality"] == "output"]
+    assert sorted(listed) == sorted(outputs)
+    for output, inputs in listed.items():
+        assert inputs == (["u[1]", "w[1]"] if output.startswith("z[") else []), output
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_outputs_are_exact_with_a_start(fmus: Path, name: str) -> None:
+    """Importers need not guess: initial is written, with a start, except where FMI forbids it."""
+    for variable in description(fmus / f"{name}.fmu").iter("ScalarVariable"):
+        causality = variable.attrib["causality"]
+        assert variable.attrib.get("initial") == (None if causality == "input" else "exact")
+        assert "start" in variable[0].attrib
+        assert variable.attrib["description"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_units_have_the_right_base_exponents(fmus: Path, name: str) -> None:
+    """Each unit used is defined, and its exponents multiply out of its factors."""
+    root = description(fmus / f"{name}.fmu")
+    defined = {}
+    for unit in root.findall("./UnitDefinitions/Unit"):
+        base = unit.find("BaseUnit")
+        assert base is not None
+        defined[unit.attrib["name"]] = {k: int(v) for k, v in base.attrib.items()}
+    used = {v[0].attrib["unit"] for v in root.iter("ScalarVariable") if "unit" in v[0].attrib}
+    assert set(defined) == used
+    for unit, exponents in defined.items():
+        above, below = FACTORS[unit]
+        total: dict[str, int] = {}
+        for factors, sign in ((above, 1), (below, -1)):
+            for symbol in factors:
+                total[symbol] = total.get(symbol, 0) + sign
+        assert exponents == total, unit
+
+
+def test_every_unit_is_checked() -> None:
+    """The second spelling above leaves none out."""
+    assert set(FACTORS) == set(UNITS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_archive_is_plain_and_sorted(fmus: Path, name: str) -> None:
+    """Sorted names, one fixed date, forward slashes, documentation and licence inside."""
+    with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
+        entries = archive.infolist()
+        page = archive.read("documentation/index.html").decode()
+    names = [entry.filename for entry in entries]
+    assert names == sorted(names)
+    assert {entry.date_time for entry in entries} == {(1980, 1, 1, 0, 0, 0)}
+    assert not any(
+        "\\" in entry or entry.endswith("/") or "__pycache__" in entry for entry in names
+    )
+    assert {"modelDescription.xml", "documentation/licenses/license.txt"} <= set(names)
+    for variable in read_model_description(str(fmus / f"{name}.fmu")).modelVariables:
+        assert f">{variable.name}<" in page
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_inside_needs_numpy_or_this_project(fmus: Path, name: str) -> None:
+    """No module of the FMU imports numpy, cosim or fmu_src where it would run."""
+    with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
+        for entry in archive.namelist():
+            if entry.endswith(".py") and not entry.startswith("resources/pythonfmu/"):
+                for line in archive.read(entry).decode().splitlines():
+                    assert not line.startswith(
+                        ("import numpy", "from numpy", "import cosim", "from cosim", "from fmu_src")
+                    ), (entry, line)
+
+
+def changed() -> list[Any]:
+    """Every way to change a specification, one at a time."""
+    spec = CATALOGUE["DelayedPlant"]
+    first, *rest = spec.variables
+    some = {
+        "description": dataclasses.replace(spec, description="something else"),
+        "step_size": dataclasses.replace(spec, step_size=0.02),
+        "stop_time": dataclasses.replace(spec, stop_time=11.0),
+        "constants": dataclasses.replace(spec, constants={**spec.constants, "more": 1}),
+        "sources": dataclasses.replace(spec, sources=(*spec.sources, "cosim.models.auv")),
+        "readme": dataclasses.replace(spec, readme=CATALOGUE["AuvPlant"].readme),
+    }
+    different: dict[str, Any] = {
+        "unit": "m",
+        "start": 1.5,
+        "description": "else",
+        "discrete": True,
+        "minimum": -1.0,
+        "maximum": 1.0,
+    }
+    for attribute, value in different.items():
+        variable = dataclasses.replace(first, **{attribute: value})
+        some[f"variable {attribute}"] = dataclasses.replace(spec, variables=(variable, *rest))
+    extra = Variable("more", "parameter", "one more")
+    some["one more variable"] = dataclasses.replace(spec, variables=(*spec.variables, extra))
+    return [pytest.param(value, id=key) for key, value in some.items()]
+
+
+@pytest.mark.parametrize("spec", changed())
+def test_guid_changes_with_the_specification(spec: ComponentSpec) -> None:
+    """Whatever of a component changes, its GUID does."""
+    assert package.guid(spec) != package.guid(CATALOGUE["DelayedPlant"])
+
+
+def test_guid_changes_with_a_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One byte in a module that runs inside is enough; so is the version of PythonFMU."""
+    spec = CATALOGUE["AuvPlant"]
+    before = package.guid(spec)
+    assert package.guid(spec) == before
+    real = package.component_sources
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            package, "component_sources", lambda s: {k: v + b"\n" for k, v in real(s).items()}
+        )
+        assert package.guid(spec) != before
+    monkeypatch.setattr(package.importlib.metadata, "version", lambda _name: "0.0")
+    assert package.guid(spec) != before
+
+
+def test_guid_changes_with_what_is_generated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The joining script and the units are part of the FMU, so they are part of the hash."""
+    spec = CATALOGUE["AuvPlant"]
+    before = package.guid(spec)
+    script = package._script
+    with monkeypatch.context() as patch:
+        patch.setattr(package, "_script", lambda *arguments: script(*arguments) + "\n")
+        assert package.guid(spec) != before
+    units = {**UNITS, "m": {"m": 2}}
+    monkeypatch.setattr("fmu_src.model_description.UNITS", units)
+    assert package.guid(spec) != before
+
+
+def test_guid_has_the_form_of_one_and_stands_in_the_file(fmus: Path) -> None:
+    """The file's GUID is the component's, {8-4-4-4-12} hexadecimal digits."""
+    for name in NAMES:
+        guid = description(fmus / f"{name}.fmu").attrib["guid"]
+        assert guid == package.guid(CATALOGUE[name])
+        assert [len(part) for part in guid.strip("{}").split("-")] == [8, 4, 4, 4, 12]
+        assert int(guid.strip("{}").replace("-", ""), 16)
+
+
+def test_only_what_is_out_of_date_is_built(tmp_path: Path) -> None:
+    """A second call leaves the file alone; a damaged or foreign file is replaced."""
+    built = ensure_fmu("WaveField", tmp_path)
+    assert built.new
+    good = built.path.read_bytes()
+    assert not ensure_fmu("WaveField", tmp_path).new
+    built.path.write_bytes(good[: len(good) // 2])
+    assert ensure_fmu("WaveField", tmp_path).new
+    assert built.path.read_bytes() == good
+    other = ensure_fmu("PaperController", tmp_path)
+    built.path.write_bytes(other.path.read_bytes())
+    assert ensure_fmu("WaveField", tmp_path).new
+    assert built.path.read_bytes() == good
+    assert sorted(p.name for p in built.path.parent.iterdir()) == [
+        "PaperController.fmu",
+        "WaveField.fmu",
+    ]
+
+
+def test_building_leaves_no_trace_in_the_process(tmp_path: Path) -> None:
+    """The builder imports what it builds; path and modules are as before afterwards."""
+    path, modules = list(sys.path), set(sys.modules)
+    ensure_fmu("AuvPlant", tmp_path)
+    assert sys.path == path
+    assert not [m for m in set(sys.modules) - modules if m.startswith("AuvPlant")]
+
+
+def test_wrong_tables_are_refused() -> None:
+    """A name twice, or a dependency on what is no input, is said when the table is made."""
+    spec = CATALOGUE["AuvPlant"]
+    with pytest.raises(ValueError, match=r"named twice: force\.x"):
+        dataclasses.replace(spec, variables=(*spec.variables, spec.variables[0]))
+    loose = Variable("y", "output", "an output", depends_on=("eta.x",))
+    with pytest.raises(ValueError, match="not inputs"):
+        dataclasses.replace(spec, variables=(*spec.variables, loose))
