@@ -84,6 +84,11 @@ class RawFmu:
         """Everything logged, one per line."""
         return "\n".join(text for _, text in self.logged)
 
+    @staticmethod
+    def tag(path: Path) -> str:
+        """Give the part of the GUID that names the modules of an FMU."""
+        return str(read_model_description(str(path)).guid).replace("-", "").strip("{}")[:12]
+
     def outputs(self) -> list[str]:
         """Names of the Real outputs."""
         return [v.name for v in self.model.modelVariables if v.causality == "output"]
