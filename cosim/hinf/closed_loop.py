@@ -1,0 +1,187 @@
+"""The nominal closed loop of Eq. (7) with u = K x, the object of every exact yardstick.
+
+    x'(t) = sum_i A_i x(t-d_i) + C w(t)
+    z(t)  = sum_i D_i x(t-d_i) + D1 w(t)
+
+No uncertainty: where Eq. (7) has dA = E F H, F is zero here. D has one matrix per delay,
+since feedback over a link makes D2 K act on the late state.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cosim.models.delay_system import DelaySystem
+
+Matrix = NDArray[np.float64]
+Stack = NDArray[np.complex128]
+
+
+def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
+    """Read-only float copy of `value`, checked against the shape (None: any)."""
+    shape = f"({'any' if rows is None else rows}, {'any' if columns is None else columns})"
+    expected = f"a matrix of finite numbers, shape {shape}"
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "not a matrix", where=name, expected=expected, got=type(value).__name__
+        ) from error
+    wrong = matrix.ndim != 2 or any(
+        want is not None and have != want
+        for have, want in zip(matrix.shape, (rows, columns), strict=False)
+    )
+    if wrong:
+        raise InputError("wrong shape", where=name, expected=expected, got=str(matrix.shape))
+    if not np.isfinite(matrix).all():
+        raise InputError("not finite", where=name, expected=expected, got="nan or infinity")
+    matrix.setflags(write=False)
+    return matrix
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class ClosedLoop:
+    """x' = sum_i A_i x(t-d_i) + C w, z = sum_i D_i x(t-d_i) + D1 w.
+
+    Delays are sorted, equal ones are merged (their matrices added), and the first is always
+    d_0 = 0. Without C, or without D, only stability can be asked: then C and D1 are None and D
+    is empty.
+
+    Parameters
+    ----------
+    A : (n, n) per delay.
+    delays : the delays [s], finite and not negative, one per matrix of A.
+    C : (n, q) disturbance matrix; None: no disturbance.
+    D : (p, n) per delay; empty: no performance output.
+    D1 : (p, q) direct term; None: zero.
+
+    Raises
+    ------
+    InputError
+        Naming the matrix, what was expected and what was got.
+    """
+
+    A: tuple[Matrix, ...]
+    delays: tuple[float, ...]
+    C: Matrix | None
+    D: tuple[Matrix, ...]
+    D1: Matrix | None
+
+    def __init__(
+        self,
+        A: Sequence[ArrayLike],
+        delays: Sequence[float],
+        C: ArrayLike | None = None,
+        D: Sequence[ArrayLike] = (),
+        D1: ArrayLike | None = None,
+    ) -> None:
+        if not A or len(A) != len(delays):
+            raise InputError(
+                "A and delays do not match",
+                where="closed loop",
+                expected="one matrix A per delay, at least one",
+                got=f"{len(A)} matrices, {len(delays)} delays",
+            )
+        for i, d in enumerate(delays):
+            if not (math.isfinite(d) and d >= 0):
+                raise InputError(
+                    "not a delay", where=f"delays[{i}]", expected="seconds >= 0", got=str(d)
+                )
+        n = _matrix("A[0]", A[0], None, None).shape[0]
+        if n == 0:
+            raise InputError("no state", where="A[0]", expected="n >= 1", got="shape (0, 0)")
+        merged = tuple(sorted({0.0, *(float(d) for d in delays)}))
+
+        def merge(name: str, matrices: Sequence[ArrayLike], rows: int) -> tuple[Matrix, ...]:
+            sums = {d: np.zeros((rows, n)) for d in merged}
+            for i, (d, value) in enumerate(zip(delays, matrices, strict=True)):
+                sums[float(d)] = sums[float(d)] + _matrix(f"{name}[{i}]", value, rows, n)
+            return tuple(_matrix(name, total, rows, n) for total in sums.values())
+
+        performance = C is not None and len(D) > 0
+        if not performance and D1 is not None:
+            raise InputError(
+                "D1 without w and z", where="D1", expected="C and D as well", got="not both"
+            )
+        object.__setattr__(self, "A", merge("A", A, n))
+        object.__setattr__(self, "delays", merged)
+        object.__setattr__(self, "C", None)
+        object.__setattr__(self, "D", ())
+        object.__setattr__(self, "D1", None)
+        if performance:
+            if len(D) != len(delays):
+                raise InputError(
+                    "D and delays do not match",
+                    where="closed loop",
+                    expected=f"one matrix D per delay, {len(delays)}",
+                    got=str(len(D)),
+                )
+            disturbance = _matrix("C", np.asarray(C), n, None)
+            p = _matrix("D[0]", D[0], None, n).shape[0]
+            direct = np.zeros((p, disturbance.shape[1])) if D1 is None else D1
+            object.__setattr__(self, "C", disturbance)
+            object.__setattr__(self, "D", merge("D", D, p))
+            object.__setattr__(self, "D1", _matrix("D1", direct, p, disturbance.shape[1]))
+
+    @property
+    def order(self) -> int:
+        """Number n of states."""
+        return int(self.A[0].shape[0])
+
+    @property
+    def has_performance(self) -> bool:
+        """Whether there are w and z, so that a gain exists to be asked for."""
+        return self.C is not None
+
+    def state_matrix(self, s: Any, *, derivative: int = 0) -> Stack:
+        """sum_i (-d_i)^k A_i e^{-s d_i}, k the order of the derivative in s; s.shape + (n, n)."""
+        return self._sum(self.A, s, derivative)
+
+    def output_matrix(self, s: Any) -> Stack:
+        """sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
+        return self._sum(self.D, s, 0)
+
+    def _sum(self, matrices: tuple[Matrix, ...], s: Any, derivative: int) -> Stack:
+        delays = np.array(self.delays)
+        weights = np.exp(-np.asarray(s, dtype=np.complex128)[..., None] * delays)
+        total: Stack = np.einsum("...i,ijk->...jk", weights * (-delays) ** derivative, matrices)
+        return total
+
+
+def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
+    """Nominal loop of `system` with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts.
+
+    A_i + phi_i B K acts on x(t-d_i), D (on i = 0) + phi_i D2 K makes z.
+
+    Parameters
+    ----------
+    system : Eq. (7) with several delays; its E, H are ignored.
+    K : (m, n) state feedback.
+
+    Raises
+    ------
+    InputError
+        K has the wrong shape or is not finite.
+    """
+    n, m = system.B.shape
+    gain = _matrix("K", K, m, n)
+    on_state, on_output = system.B @ gain, system.D2 @ gain
+    acts = (system.immediate_feedback, *(delay.feedback for delay in system.delays))
+    open_A = (system.A, *(delay.A for delay in system.delays))
+    A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
+    delays = [0.0, *(delay.d for delay in system.delays)]
+    if not system.has_performance:
+        return ClosedLoop(A, delays)
+    open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
+    D = [M + on_output if phi else M for M, phi in zip(open_D, acts, strict=True)]
+    return ClosedLoop(A, delays, system.C, D, system.D1)

@@ -1,0 +1,154 @@
+"""Exact numbers: doubles and "p/q" texts as rationals, and a proof of positive definiteness.
+
+Every double is a dyadic rational, so taking one as a `flint.fmpq` changes nothing. A ball
+(`flint.arb`) is a number with a radius that encloses the exact value after every operation,
+rounding included; a comparison of balls is true only if it holds for everything inside.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import flint
+
+from cosim.errors import InputError
+
+MAX_DIGITS = 2000
+"""Longest numerator or denominator read: three times what a product of two doubles needs."""
+
+_TEXT = re.compile(rf"(-?[0-9]{{1,{MAX_DIGITS}}})(?:/([0-9]{{1,{MAX_DIGITS}}}))?")
+_PRECISIONS = (128, 256, 512, 1024, 2048, 4096)  # bits
+
+
+def exact(value: float) -> Any:
+    """A finite double as the rational that it is.
+
+    Raises
+    ------
+    OverflowError, ValueError
+        For an infinity and for a NaN.
+    """
+    p, q = float(value).as_integer_ratio()
+    return flint.fmpq(p, q)
+
+
+def exact_matrix(rows: Any) -> Any:
+    """A two-dimensional array of finite doubles as a `flint.fmpq_mat` of the same shape."""
+    return flint.fmpq_mat(*rows.shape, [exact(value) for value in rows.ravel()])
+
+
+def to_text(value: Any) -> str:
+    """A rational as "p/q" in lowest terms, or "p"."""
+    return str(value)
+
+
+def from_text(text: Any, where: str) -> Any:
+    """The rational that `to_text` wrote.
+
+    Raises
+    ------
+    InputError
+        If `text` is no "p/q" string of decimal integers, or a longer one than any this
+        project writes: the cost of what follows stays bounded.
+    """
+    match = _TEXT.fullmatch(text) if isinstance(text, str) else None
+    if match is None:
+        got = repr(text)
+        raise InputError(
+            "not an exact number",
+            where=where,
+            expected=f'a string "p" or "p/q" of integers with at most {MAX_DIGITS} digits each',
+            got=got if len(got) <= 60 else f"{got[:50]}... ({len(got)} characters)",
+        )
+    p, q = flint.fmpz(match[1]), flint.fmpz(match[2] or "1")
+    if q == 0:
+        raise InputError("a denominator is zero", where=where, expected="p/q", got=match[0][:60])
+    return flint.fmpq(p, q)
+
+
+def identity(n: int) -> Any:
+    """The n x n identity as a `flint.fmpq_mat`."""
+    return flint.fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
+
+
+def is_symmetric(matrix: Any) -> bool:
+    """Whether a square `flint.fmpq_mat` equals its transpose exactly."""
+    return bool(matrix == matrix.transpose())
+
+
+def lower_triangle(
+    names: Sequence[str], sizes: dict[str, int], blocks: dict[tuple[str, str], Any]
+) -> list[list[Any]]:
+    """Lower triangle, row by row, of the symmetric matrix with these blocks.
+
+    `blocks` has a `flint.fmpq_mat` for the pairs (row, column) with row not after column in
+    `names`; a pair that is absent is zero.
+    """
+    zero = flint.fmpq(0)
+    rows: list[list[Any]] = []
+    for i, row in enumerate(names):
+        for a in range(sizes[row]):
+            entries: list[Any] = []
+            for column in names[: i + 1]:
+                block = blocks.get((column, row))
+                entries += (
+                    [zero] * sizes[column]
+                    if block is None
+                    else [block[b, a] for b in range(sizes[column])]
+                )
+            rows.append(entries[: len(rows) + 1])
+    return rows
+
+
+def first_bad_pivot(lower: Sequence[Sequence[Any]]) -> int | None:
+    """None if the symmetric matrix is proved positive definite, else where that failed.
+
+    Elimination without pivoting, A = L diag(p) L', in balls. If every ball p_k lies right of
+    zero, then so do the exact pivots inside them (each is defined, because the ones before
+    it are not zero), and a symmetric matrix with positive pivots is positive definite. This
+    is a proof although the arithmetic rounds: the balls enclose the rounding. Where a ball
+    straddles zero, nothing is known and the precision is doubled; a matrix still undecided
+    at 4096 bits (singular, as good as surely) counts as not proved.
+
+    Parameters
+    ----------
+    lower : row i has the i+1 rational entries up to the diagonal.
+
+    Returns
+    -------
+    int or None
+        Index of the first pivot that is not proved positive.
+    """
+    bad: int | None = None
+    for bits in _PRECISIONS:
+        with flint.ctx.workprec(bits):
+            bad, decided = _eliminate([[flint.arb(entry) for entry in row] for row in lower])
+        if decided:
+            break
+    return bad
+
+
+def _eliminate(rows: list[list[Any]]) -> tuple[int | None, bool]:
+    """First pivot not proved positive, if any, and whether more precision is pointless."""
+    n = len(rows)
+    for k in range(n):
+        pivot = rows[k][k]
+        if not pivot > 0:
+            return k, bool(pivot <= 0)
+        column = [(i, rows[i][k]) for i in range(k + 1, n) if not rows[i][k] == 0]  # noqa: SIM201 - `!=` of balls says "surely different"
+        for place, (i, entry) in enumerate(column):
+            row, factor = rows[i], entry / pivot
+            for j, other in column[: place + 1]:
+                row[j] -= factor * other
+    return None, True
+
+
+def first_bad_matrix(matrices: Iterable[tuple[str, Any]]) -> str | None:
+    """Name of the first square `flint.fmpq_mat` that is not proved positive definite."""
+    for name, matrix in matrices:
+        n = matrix.nrows()
+        if first_bad_pivot([[matrix[i, j] for j in range(i + 1)] for i in range(n)]) is not None:
+            return name
+    return None

@@ -1,0 +1,166 @@
+"""A `DelaySystem` as JSON: the letters of Eq. (7), doubles that come back bit for bit.
+
+    {"name": "paper", "A": [[...]], "B": ..., "delays": [{"d": 0.3, "A": ..., "H": ...,
+     "feedback": false, "any_age": false}]}
+
+A matrix without entries is left out; the sizes of the others say which shape it has.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.models.delay_system import Delay, DelaySystem
+
+if TYPE_CHECKING:
+    from cosim.models.delay_system import Matrix
+
+MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
+"""The matrices of a system that do not belong to one delay."""
+
+
+def system_to_json(system: DelaySystem) -> dict[str, Any]:
+    """`system` as what `json.dumps` takes; `system_from_json` gives the same doubles back."""
+    matrices = {key: getattr(system, key).tolist() for key in MATRICES if getattr(system, key).size}
+    delays = [
+        {"d": x.d, "A": x.A.tolist()}
+        | ({"H": x.H.tolist()} if x.H.size else {})
+        | {"feedback": x.feedback, "any_age": x.any_age}
+        for x in system.delays
+    ]
+    return {"name": system.name, **matrices, "delays": delays}
+
+
+def system_from_json(data: Any, where: str = "system") -> DelaySystem:
+    """The system that `system_to_json` wrote.
+
+    Raises
+    ------
+    InputError
+        Naming the key, what was expected and what was got.
+    """
+    known_keys(data, where, (*MATRICES, "name", "delays"), required=("A",))
+    name = data.get("name", "")
+    if not isinstance(name, str):
+        raise InputError("not a name", where=f"{where}.name", expected="a string", got=repr(name))
+    delays = data.get("delays", [])
+    if not isinstance(delays, list):
+        raise InputError(
+            "not a list of delays", where=f"{where}.delays", expected="a list", got=_kind(delays)
+        )
+    n = len(data["A"]) if isinstance(data["A"], list) else 0
+    terms = [delay_from(x, f"{where}.delays[{i}]", n) for i, x in enumerate(delays)]
+    matrices = {key: matrix(data[key], f"{where}.{key}") for key in MATRICES if key in data}
+    return assembled(matrices, terms, name, where)
+
+
+def delay_from(data: Any, where: str, n: int) -> Delay:
+    """One delayed term from its table; an absent A is the zero matrix (n, n)."""
+    known_keys(data, where, ("d", "A", "H", "feedback", "any_age"), required=("d",))
+    flags = {}
+    for key in ("feedback", "any_age"):
+        flags[key] = data.get(key, False)
+        if not isinstance(flags[key], bool):
+            raise InputError(
+                "not a truth value",
+                where=f"{where}.{key}",
+                expected="true or false",
+                got=repr(flags[key]),
+            )
+    A = matrix(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
+    H = matrix(data["H"], f"{where}.H") if "H" in data else None
+    d = number(data["d"], f"{where}.d")
+    try:
+        return Delay(d, A, H, **flags)
+    except ValueError as error:
+        raise InputError(str(error), where=where) from error
+
+
+def assembled(
+    matrices: dict[str, Matrix], delays: list[Delay], name: str, where: str
+) -> DelaySystem:
+    """`DelaySystem` of these parts; what does not fit together is an `InputError`."""
+    try:
+        return DelaySystem(**matrices, delays=delays, name=name)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise InputError(str(error), where=where) from error
+
+
+def known_keys(
+    data: Any, where: str, known: tuple[str, ...], *, required: tuple[str, ...] = ()
+) -> None:
+    """Refuse what is no table, an unknown key (with the nearest known) and a missing one."""
+    if not isinstance(data, dict):
+        raise InputError("not a table of keys", where=where, expected="keys", got=_kind(data))
+    for key in data:
+        if key not in known:
+            raise InputError.unknown("key", str(key), known, where=where)
+    for key in required:
+        if key not in data:
+            raise InputError(
+                f"{key!r} is missing",
+                where=where,
+                expected=", ".join(required),
+                got=", ".join(map(str, data)) or "nothing",
+            )
+
+
+def number(value: Any, where: str) -> float:
+    """A finite double; an integer only if a double holds it exactly.
+
+    Raises
+    ------
+    InputError
+        For anything else: text, a truth value, an infinity, a NaN.
+    """
+    wrong = InputError(
+        "not a finite number", where=where, expected="a finite number", got=_short(value)
+    )
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise wrong
+    try:
+        as_double = float(value)
+    except OverflowError as error:
+        raise wrong from error
+    if not np.isfinite(as_double) or as_double != value:
+        raise wrong
+    return as_double
+
+
+def matrix(value: Any, where: str) -> Matrix:
+    """Rows of equally many finite numbers as an array with two axes."""
+    if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
+        raise InputError(
+            "not a matrix",
+            where=where,
+            expected="a list of rows, each a list of numbers, as in [[1.0, 0.0], [0.0, 1.0]]",
+            got=_short(value),
+            hint="a column is [[4.0], [3.0]]",
+        )
+    lengths = sorted({len(row) for row in value})
+    if len(lengths) > 1:
+        raise InputError(
+            "rows of a matrix differ in length",
+            where=where,
+            expected="equally many numbers in every row",
+            got=f"rows of {' and '.join(map(str, lengths))}",
+        )
+    entries = [
+        [number(x, f"{where}[{i}][{j}]") for j, x in enumerate(row)] for i, row in enumerate(value)
+    ]
+    return np.array(entries, dtype=np.float64).reshape(len(value), lengths[0] if lengths else 0)
+
+
+def _kind(value: Any) -> str:
+    return type(value).__name__
+
+
+def _short(value: Any) -> str:
+    try:
+        text = repr(value)
+    except ValueError:  # an integer too long for the interpreter to print
+        return f"a number of {value.bit_length()} bits"
+    return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"
