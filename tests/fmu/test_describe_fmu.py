@@ -1,0 +1,131 @@
+"""FMUs from the outside: what is read off a file, and what is refused before it is loaded."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import zipfile
+from typing import TYPE_CHECKING
+
+import pytest
+
+from cosim.errors import InputError
+from cosim.fmu import describe_fmu
+from fmu_src.catalogue import CATALOGUE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def altered(source: Path, target: Path, *changes: tuple[str, str]) -> Path:
+    """A copy of an FMU whose model description is changed; each pattern must be found."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == "modelDescription.xml":
+                text = content.decode()
+                for pattern, replacement in changes:
+                    assert re.search(pattern, text), pattern
+                    text = re.sub(pattern, replacement, text)
+                content = text.encode()
+            new.writestr(name, content)
+    return target
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_ports_are_the_table_of_the_component(fmus: Path, name: str) -> None:
+    """Every variable with its reference, causality, unit, start and feedthrough."""
+    path = fmus / f"{name}.fmu"
+    found = describe_fmu(path)
+    assert list(found.ports) == [v.name for v in CATALOGUE[name].variables]
+    for reference, variable in enumerate(CATALOGUE[name].variables):
+        port = found.ports[variable.name]
+        assert (port.reference, port.causality) == (reference, variable.causality)
+        assert (port.unit, port.start) == (variable.unit, variable.start)
+        assert port.variability == variable.variability
+        assert port.kind == {"Real": "float", "Integer": "int"}[variable.kind]
+        assert port.feedthrough == bool(variable.depends_on)
+    assert found.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert found.variable_step
+    with zipfile.ZipFile(path) as archive:
+        assert found.xml == archive.read("modelDescription.xml")
+
+
+def test_undeclared_dependencies_mean_all(fmus: Path, tmp_path: Path) -> None:
+    """An FMU that says nothing of an output's dependencies has feedthrough, as FMI says."""
+    silent = altered(
+        fmus / "AuvPlant.fmu",
+        tmp_path / "AuvPlant.fmu",
+        (r' dependencies="" dependenciesKind=""', ""),
+    )
+    assert describe_fmu(silent).ports["eta.x"].feedthrough
+    sea = altered(
+        fmus / "WaveField.fmu",
+        tmp_path / "WaveField.fmu",
+        (r' dependencies="" dependenciesKind=""', ""),
+    )
+    assert not describe_fmu(sea).ports["disturbance.u"].feedthrough  # it has no inputs
+
+
+def test_unknown_variable_suggests_the_nearest(fmus: Path) -> None:
+    """The error names the component and what may have been meant."""
+    with pytest.raises(InputError) as caught:
+        describe_fmu(fmus / "AuvPlant.fmu").port("eta.phi", where="component 'auv'")
+    assert "component 'auv': there is no variable 'eta.phi'" in str(caught.value)
+    assert "eta.psi" in str(caught.value)
+
+
+def test_missing_file_says_how_to_build_it(tmp_path: Path) -> None:
+    """No such FMU; a folder is none either."""
+    for path in (tmp_path / "None.fmu", tmp_path):
+        with pytest.raises(InputError, match=r"python build_fmu\.py"):
+            describe_fmu(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 cut short"])
+def test_what_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> None:
+    """Empty, text, a cut archive: one kind of error, with the path."""
+    path = tmp_path / "Broken.fmu"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"Broken\.fmu: not a valid FMU"):
+        describe_fmu(path)
+
+
+def test_archive_without_a_description_is_refused(tmp_path: Path) -> None:
+    """A ZIP alone is no FMU."""
+    path = tmp_path / "Empty.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("readme.txt", "nothing here")
+    with pytest.raises(InputError, match="not a valid FMU"):
+        describe_fmu(path)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "message"),
+    [
+        (r"<ModelVariables>", "<ModelVariables", "not a valid FMU"),
+        (r'name="eta.y"', 'name="eta.x"', "not a valid FMU"),
+        (r'causality="input"', 'causality="inlet"', "not a valid FMU"),
+        (r'fmiVersion="2.0"', 'fmiVersion="9.0"', "Broken.fmu"),
+    ],
+)
+def test_description_that_breaks_the_standard_is_refused(
+    fmus: Path, tmp_path: Path, pattern: str, replacement: str, message: str
+) -> None:
+    """Malformed XML, a name twice, a causality that does not exist, another version."""
+    path = altered(fmus / "AuvPlant.fmu", tmp_path / "Broken.fmu", (pattern, replacement))
+    with pytest.raises(InputError, match=re.escape(message)):
+        describe_fmu(path)
+
+
+def test_model_exchange_alone_cannot_be_run(fmus: Path, tmp_path: Path) -> None:
+    """An FMU for model exchange is valid but not for here, and the message says which it is."""
+    path = altered(
+        fmus / "WaveField.fmu",
+        tmp_path / "Exchange.fmu",
+        (r"<CoSimulation[^>]*/>", '<ModelExchange modelIdentifier="WaveField" />'),
+    )
+    with pytest.raises(InputError) as caught:
+        describe_fmu(path)
+    assert "this FMU cannot be run" in str(caught.value)
+    assert "modelExchange" in str(caught.value)
