@@ -2,12 +2,8 @@
 
 A solver's "optimal" lies at the edge and proves nothing. Here the solver's variables are
 taken as the doubles that they are (dyadic rationals), the deployed K as its doubles, Y := K X
-exactly, and the corrected LMI of Theorem 2 (`exact_lmi`) is shown to hold:
-
-    -Omega > 0,  X > 0,  every Qbar_j > 0 (exactly 0 where any age is allowed),  k2_j /= 0.
-
--Omega > 0 implies Rbar_j > 0 for every delay dj > 0, eps > 0 and gamma > |D1|. The system's
-matrices and delays are their doubles, too: the claim says `"inputs": "doubles"`.
+exactly, and the corrected LMI of Theorem 2 is shown to hold (`proof`). The system's matrices
+and delays are their doubles, too: the claim says `"inputs": "doubles"`.
 
 As JSON a certificate carries everything that the proof needs and can be checked by anyone:
 
@@ -17,7 +13,6 @@ As JSON a certificate carries everything that the proof needs and can be checked
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,16 +20,9 @@ import flint
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.hinf.exact_lmi import ExactVariables, minus_omega
-from cosim.hinf.rational import (
-    exact,
-    exact_matrix,
-    first_bad_matrix,
-    first_bad_pivot,
-    from_text,
-    is_symmetric,
-    to_text,
-)
+from cosim.hinf.exact_lmi import ExactVariables
+from cosim.hinf.proof import Certificate, Variables, claim_of, exact_variables, proved
+from cosim.hinf.rational import exact_matrix, from_text, is_symmetric, to_text
 from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
 
 if TYPE_CHECKING:
@@ -42,40 +30,17 @@ if TYPE_CHECKING:
 
     from cosim.models.delay_system import DelaySystem, Matrix
 
+__all__ = [
+    "Certificate",
+    "Variables",
+    "certificate_to_json",
+    "certify",
+    "check_certificate",
+    "read_certificate",
+]
+
 _KEYS = ("claim", "system", "variables", "K")
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
-
-
-@dataclass(frozen=True)
-class Variables:
-    """The LMI's variables as a solver leaves them: float arrays and floats.
-
-    X (n, n); Q, R one (n, n) per delay: Qbar = P^-1 Q P^-1, Rbar = R^-1 (Q zero where any age
-    is allowed); k1, k2 one number per delay. `eps` is not looked at where nothing is
-    uncertain, `gamma` not where the system has no w or no z.
-    """
-
-    X: Matrix
-    Q: tuple[Matrix, ...]
-    R: tuple[Matrix, ...]
-    eps: float | None
-    k1: tuple[float, ...]
-    k2: tuple[float, ...]
-    gamma: float | None
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """Outcome of an exact check.
-
-    valid : the claim is proved.
-    reason : why it is not; None if it is.
-    claim : what is proved if `valid`, as in the JSON (see `claim_of`).
-    """
-
-    valid: bool
-    reason: str | None
-    claim: dict[str, Any]
 
 
 def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> Certificate:
@@ -95,7 +60,7 @@ def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> Certific
         If shapes do not fit or a number is not finite; never because an inequality fails.
     """
     gain = _gain(K, system)
-    return _proved(system, gain, _exact_variables(system, variables))
+    return proved(system, gain, exact_variables(system, variables))
 
 
 def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables) -> dict[str, Any]:
@@ -107,7 +72,7 @@ def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables)
         If shapes do not fit or a number is not finite.
     """
     gain = _gain(K, system)
-    v = _exact_variables(system, variables)
+    v = exact_variables(system, variables)
     return {
         "claim": claim_of(system, v.gamma),
         "system": system_to_json(system),
@@ -138,15 +103,13 @@ def check_certificate(data: Any) -> Certificate:
         well-formed certificate whose claim is not proved is returned with `valid` False.
     """
     if not isinstance(data, dict):
-        raise InputError(
-            "not a certificate", expected="an object of keys", got=type(data).__name__
-        )
+        raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
     n, m = system.B.shape
-    gain = matrix(data["K"], "K")
-    gain = _gain(gain if m else np.zeros((0, n)), system)
+    rows = matrix(data["K"], "K")
+    gain = _gain(rows if m or rows.size else np.zeros((0, n)), system)
     v, Y = _variables_from_json(system, data["variables"])
     claim = claim_of(system, v.gamma)
     if data["claim"] != claim:
@@ -161,7 +124,7 @@ def check_certificate(data: Any) -> Certificate:
             return Certificate(valid=False, reason=f"{name} is not symmetric", claim=claim)
     if exact_matrix(gain) * v.X != Y:
         return Certificate(valid=False, reason="Y is not K X", claim=claim)
-    return _proved(system, gain, v)
+    return proved(system, gain, v)
 
 
 def read_certificate(path: str | Path) -> Any:
@@ -183,60 +146,6 @@ def read_certificate(path: str | Path) -> Any:
         raise InputError("not a certificate in JSON", where=str(path), got=str(error)) from error
 
 
-def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
-    """What a valid certificate says, in words and numbers that JSON can carry.
-
-    Parameters
-    ----------
-    system : the system.
-    gamma : the rational bound of the gain from w to z; None if only stability is claimed.
-    """
-    return {
-        "property": "stability" if gamma is None else "stability and H-infinity gain <= gamma",
-        "gamma": None if gamma is None else to_text(gamma),
-        "delays": [
-            {
-                "d": delay.d,
-                "age": "any, however it varies, up to d" if delay.any_age else "constant, up to d",
-                "feedback": delay.feedback,
-            }
-            for delay in system.delays
-        ],
-        "uncertain": bool(system.E.size),
-        "inputs": "doubles",
-    }
-
-
-def _proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> Certificate:
-    reason = _failure(system, gain, v)
-    return Certificate(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
-
-
-def _failure(system: DelaySystem, gain: Matrix, v: ExactVariables) -> str | None:
-    """Which condition is not proved; None if all are."""
-    for j, delay in enumerate(system.delays):
-        if v.k2[j] == 0:
-            return f"k2[{j}] is 0"
-        if delay.any_age and v.Q[j] != 0 * v.Q[j]:
-            return f"Q[{j}] is not exactly 0, as a delay of any age needs"
-    positive = [("X", v.X)]
-    positive += [(f"Q[{j}]", v.Q[j]) for j, x in enumerate(system.delays) if not x.any_age]
-    # where dj > 0, R is a diagonal block of -Omega
-    positive += [(f"R[{j}]", v.R[j]) for j, x in enumerate(system.delays) if x.d == 0]
-    name = first_bad_matrix(positive)
-    if name is not None:
-        return f"{name} is not positive definite"
-    lmi = minus_omega(system, exact_matrix(gain) * v.X, v)
-    bad = first_bad_pivot(lmi.lower)
-    if bad is not None:
-        total = len(lmi.lower)
-        return (
-            f"-Omega is not positive definite: pivot {bad + 1} of {total}, "
-            f"in the rows of {lmi.row_names[bad]}, is not positive"
-        )
-    return None
-
-
 def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
     gain = np.asarray(K, dtype=np.float64)
     n, m = system.B.shape
@@ -247,49 +156,13 @@ def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
     return gain
 
 
-def _exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
-    n, N = system.A.shape[0], len(system.delays)
-    for name, values in (("Q", v.Q), ("R", v.R), ("k1", v.k1), ("k2", v.k2)):
-        if len(values) != N:
-            raise InputError("one per delay", where=name, expected=str(N), got=str(len(values)))
-
-    def symmetric(name: str, value: Any) -> Any:
-        array = np.asarray(value, dtype=np.float64)
-        if array.shape != (n, n) or not np.isfinite(array).all():
-            raise InputError(
-                "not a matrix of finite numbers",
-                where=name,
-                expected=f"shape ({n}, {n})",
-                got=f"shape {array.shape}",
-            )
-        rational = exact_matrix(array)
-        return (rational + rational.transpose()) / flint.fmpq(2)
-
-    def scalar(name: str, value: float | None) -> Any:
-        if value is None or not np.isfinite(value):
-            raise InputError("not finite", where=name, expected="a finite number", got=repr(value))
-        return exact(value)
-
-    return ExactVariables(
-        X=symmetric("X", v.X),
-        Q=tuple(symmetric(f"Q[{j}]", Q) for j, Q in enumerate(v.Q)),
-        R=tuple(symmetric(f"R[{j}]", R) for j, R in enumerate(v.R)),
-        eps=scalar("eps", v.eps) if system.E.size else None,
-        k1=tuple(scalar(f"k1[{j}]", value) for j, value in enumerate(v.k1)),
-        k2=tuple(scalar(f"k2[{j}]", value) for j, value in enumerate(v.k2)),
-        gamma=scalar("gamma", v.gamma) if system.has_performance else None,
-    )
-
-
 def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables, Any]:
     """The variables and Y, as their texts say."""
     known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
     (n, m), N = system.B.shape, len(system.delays)
     for name in ("Q", "R", "k1", "k2"):
         if not isinstance(data[name], list) or len(data[name]) != N:
-            raise InputError(
-                "one per delay", where=f"variables.{name}", expected=f"a list of {N}"
-            )
+            raise InputError("one per delay", where=f"variables.{name}", expected=f"a list of {N}")
     for name, needed in (("eps", bool(system.E.size)), ("gamma", system.has_performance)):
         if needed != (data[name] is not None):
             raise InputError(
@@ -311,9 +184,7 @@ def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables
 
 
 def _matrix_text(value: Any) -> list[list[str]]:
-    return [
-        [to_text(value[i, j]) for j in range(value.ncols())] for i in range(value.nrows())
-    ]
+    return [[to_text(value[i, j]) for j in range(value.ncols())] for i in range(value.nrows())]
 
 
 def _matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:

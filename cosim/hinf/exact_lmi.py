@@ -68,7 +68,9 @@ class ExactLmi:
     row_names: list[str]
 
 
-def minus_omega(system: DelaySystem, Y: Any, v: ExactVariables) -> ExactLmi:
+def minus_omega(  # noqa: C901 - one table, read from top to bottom
+    system: DelaySystem, Y: Any, v: ExactVariables
+) -> ExactLmi:
     """-Omega of the module's table, exactly, for the doubles of `system`.
 
     Parameters

@@ -9,14 +9,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import flint
 
 from cosim.errors import InputError
 
+if TYPE_CHECKING:
+    from cosim.models.delay_system import Matrix
+
 MAX_DIGITS = 2000
 """Longest numerator or denominator read: three times what a product of two doubles needs."""
+
+MAX_ODD_DIGITS = 40
+"""Longest denominator read that is no power of two: sums of such fractions grow with each."""
 
 _TEXT = re.compile(rf"(-?[0-9]{{1,{MAX_DIGITS}}})(?:/([0-9]{{1,{MAX_DIGITS}}}))?")
 _PRECISIONS = (128, 256, 512, 1024, 2048, 4096)  # bits
@@ -34,9 +40,10 @@ def exact(value: float) -> Any:
     return flint.fmpq(p, q)
 
 
-def exact_matrix(rows: Any) -> Any:
+def exact_matrix(matrix: Matrix) -> Any:
     """A two-dimensional array of finite doubles as a `flint.fmpq_mat` of the same shape."""
-    return flint.fmpq_mat(*rows.shape, [exact(value) for value in rows.ravel()])
+    rows, columns = matrix.shape
+    return flint.fmpq_mat(rows, columns, [exact(value) for value in matrix.ravel()])
 
 
 def to_text(value: Any) -> str:
@@ -65,6 +72,13 @@ def from_text(text: Any, where: str) -> Any:
     p, q = flint.fmpz(match[1]), flint.fmpz(match[2] or "1")
     if q == 0:
         raise InputError("a denominator is zero", where=where, expected="p/q", got=match[0][:60])
+    if len(match[2] or "") > MAX_ODD_DIGITS and q & (q - 1) != 0:
+        raise InputError(
+            "a long denominator is no power of two",
+            where=where,
+            expected=f"a power of two, or at most {MAX_ODD_DIGITS} digits",
+            got=f"{len(match[2])} digits",
+        )
     return flint.fmpq(p, q)
 
 

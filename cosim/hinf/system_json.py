@@ -84,7 +84,7 @@ def assembled(
 ) -> DelaySystem:
     """`DelaySystem` of these parts; what does not fit together is an `InputError`."""
     try:
-        return DelaySystem(**matrices, delays=delays, name=name)  # type: ignore[arg-type]
+        return DelaySystem(**matrices, delays=delays, name=name)
     except ValueError as error:
         raise InputError(str(error), where=where) from error
 
@@ -161,6 +161,6 @@ def _kind(value: Any) -> str:
 def _short(value: Any) -> str:
     try:
         text = repr(value)
-    except ValueError:  # an integer too long for the interpreter to print
-        return f"a number of {value.bit_length()} bits"
+    except ValueError:  # an integer in it is too long for the interpreter to print
+        return "a number of thousands of digits"
     return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"
