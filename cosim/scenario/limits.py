@@ -27,9 +27,9 @@ class Saturation:
     ----------
     fraction : share of the time in which at least one command stood at its limit.
     largest : command name -> largest magnitude [N, N m].
-    limit_cycle : in the last quarter of the run some command stood at its limit more than half
-        of the time, from one side to the other at least four times: the limits, not the
-        feedback, bound the motion.
+    limit_cycle : in the last quarter of the run commands stood at their limits more than half
+        of the time, and one of them went from one limit to the other at least four times: the
+        limits, not the feedback, bound the motion.
     """
 
     fraction: float
@@ -52,10 +52,9 @@ def saturation(run: Run, controller: str) -> Saturation | None:
     duration = np.diff(run.points_ns).astype(float)
     at_limit = np.abs(commands) >= bounds * (1 - 1e-12)
     last_quarter = run.points_ns[:-1] >= run.points_ns[-1] * 3 // 4
-    cycling = any(
-        _alternates(commands[:-1][last_quarter, j], at_limit[:-1][last_quarter, j])
-        and _share(at_limit[:-1][last_quarter, j], duration[last_quarter]) > 0.5
-        for j in range(len(limited))
+    late = at_limit[:-1][last_quarter]
+    cycling = _share(late.any(axis=1), duration[last_quarter]) > 0.5 and any(
+        _alternates(commands[:-1][last_quarter, j], late[:, j]) for j in range(len(limited))
     )
     return Saturation(
         fraction=_share(at_limit[:-1].any(axis=1), duration),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
-import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from cosim.errors import InputError
+from cosim.hinf.files import parse_toml
 from cosim.scenario.locate import line_of
 from cosim.scenario.schema import Scenario
 
@@ -75,21 +74,6 @@ def read_text(path: Path) -> str:
 def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
     """Validate the TOML text of a scenario; `where` stands in the messages."""
     return LoadedScenario(name, _validated(text, parse_toml(text, where), where), text, folder)
-
-
-def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """TOML as a dictionary; an `InputError` with line and key where it is malformed."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        place = re.search(r"line (\d+)", str(error))
-        # "at end of document": the last line is where something is missing
-        lines = text.splitlines() or [""]
-        line = int(place.group(1)) if place else len(lines)
-        content = lines[min(line, len(lines)) - 1].strip()
-        raise InputError(
-            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
-        ) from error
 
 
 def _validated(text: str, data: dict[str, Any], where: str) -> Scenario:
