@@ -13,11 +13,13 @@ Eq. (6) names no A1, C, E, H for the vehicle; these are this project's choice:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.hinf.envelope import Envelope, auv_uncertainty
 from cosim.models.auv import TABLE_1
 from cosim.models.delay_system import Delay, DelaySystem
@@ -52,6 +54,31 @@ class AuvDesign:
     envelope: Envelope = DEFAULT_ENVELOPE
     any_age: bool = True
     parameters: Mapping[str, float] = field(default_factory=lambda: TABLE_1)
+
+    def __post_init__(self) -> None:
+        # a negative loop delay would otherwise pass for immediate feedback
+        numbers = {
+            "state_delay": (self.state_delay,),
+            "loop_delay": (self.loop_delay,),
+            "damping": self.damping,
+            "position_weight": (self.position_weight,),
+        }
+        for name, values in numbers.items():
+            wrong = [value for value in values if not (math.isfinite(value) and value >= 0)]
+            if wrong:
+                raise InputError(
+                    "a setting of the vehicle's design is out of range",
+                    where=f"design.{name}",
+                    expected="a finite number >= 0",
+                    got=repr(wrong[0]),
+                )
+        if len(self.damping) != 4:
+            raise InputError(
+                "the damping does not fit the vehicle",
+                where="design.damping",
+                expected="four numbers, for u, v, w, r",
+                got=str(len(self.damping)),
+            )
 
 
 def auv_system(settings: AuvDesign | None = None) -> DelaySystem:

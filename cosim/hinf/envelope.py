@@ -136,7 +136,10 @@ def auv_uncertainty(
 def quadratic_part(
     nu: Sequence[Fraction | float], coefficients: Sequence[Mapping[str, Fraction]]
 ) -> list[list[Fraction]]:
-    """Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f; products shared as in `_FIRST_SHARE`."""
+    """Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f.
+
+    Products are shared between columns as in `_FIRST_SHARE`.
+    """
     Q = [[Fraction(0)] * 4 for _ in range(4)]
     exact = [Fraction(value) for value in nu]
     for i, row in enumerate(coefficients):
