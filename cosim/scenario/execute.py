@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -169,7 +169,7 @@ def _identity(prepared: Prepared, system: System) -> tuple[dict[str, str], Seque
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
         entries[f"host.{package}"] = importlib.metadata.version(package)
     for name, link in system.links.items():
-        entries[f"link.{name}"] = repr(link)
+        entries[f"link.{name}"] = json.dumps(asdict(link), sort_keys=True)
     for name, fmu in prepared.fmus.items():
         entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
         entries[f"fmu.{name}.sha256"] = fmu.sha256

@@ -1,7 +1,8 @@
 """Traces: MCAP files of runs; write, read, describe, hash."""
 
 from cosim.trace.content import content_hash
-from cosim.trace.info import describe, render
+from cosim.trace.info import describe
+from cosim.trace.info_view import render
 from cosim.trace.layout import (
     DROPPED_SIGNALS,
     Signal,

@@ -1,15 +1,13 @@
-"""A summary of a trace, for programs (`describe`) and for people (`render`)."""
+"""A summary of a trace for programs; `info_view` shows it to people."""
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Group
-from rich.table import Table as RichTable
-from rich.text import Text
-
+from cosim.trace import foxglove
 from cosim.trace.content import content_hash_of
-from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.layout import LOG_TOPIC
 from cosim.trace.reader import Trace
 
 if TYPE_CHECKING:
@@ -19,14 +17,17 @@ if TYPE_CHECKING:
     from cosim.trace.reader import TopicInfo
 
 _LINK = "link."
+_STRUCTURED = ("metrics", "final")
+_LOG_LINES = 20
 
 
 def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> dict[str, Any]:
     """Return what a trace holds, JSON-safe (no NaN; None for what is not there).
 
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result`
-    (entries but those of links), `links` (by link name: its figures), `start_ns`, `end_ns`,
-    `message_count`, `topics` (list of `topic`, `schema`, `encoding`, `count`, `start_ns`,
+    (entries but those of links; `metrics` and `final` as objects), `links` (by link name: its
+    figures), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
+    `topics` (list of `topic`, `schema`, `encoding`, `count`, `start_ns`,
     `end_ns`, `rate_hz`, `signals`), `attachments` (list of `name`, `media_type`, `bytes`),
     `content_hash`.
 
@@ -45,8 +46,9 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
         "damage": trace.damage,
         "finished": trace.finished,
         "run": dict(trace.run),
-        "result": result,
+        "result": _decoded(result),
         "links": links,
+        "log": _log(trace),
         "start_ns": min(starts, default=None),
         "end_ns": max(ends, default=None),
         "message_count": sum(t["count"] for t in topics),
@@ -57,17 +59,6 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
         ],
         "content_hash": content_hash_of(trace),
     }
-
-
-def render(description: Mapping[str, Any]) -> Group:
-    """Return a `describe` dictionary as something rich can print."""
-    parts: list[Any] = [
-        _facts(description),
-        _topics(description["topics"]),
-    ]
-    if description["links"]:
-        parts.append(_links(description["links"]))
-    return Group(*parts)
 
 
 def _topic(info: TopicInfo) -> dict[str, Any]:
@@ -112,58 +103,38 @@ def _split(
     return links, rest
 
 
-def _text(value: object) -> Text:
-    """Text as it is: brackets are no markup, and what is in a file cannot steer the terminal."""
-    return Text("".join(c if c.isprintable() else "\ufffd" for c in str(value)))
+def _decoded(result: Mapping[str, str] | None) -> dict[str, Any] | None:
+    """The result with the entries that hold JSON as what they hold."""
+    if result is None:
+        return None
+    decoded: dict[str, Any] = dict(result)
+    for key in _STRUCTURED:
+        try:
+            # NaN and the infinities are no JSON; who writes them gets the text back
+            decoded[key] = json.loads(result[key], parse_constant=_refuse)
+        except (KeyError, ValueError, RecursionError):
+            continue
+    return decoded
 
 
-def _facts(description: Mapping[str, Any]) -> RichTable:
-    facts = RichTable.grid(padding=(0, 2))
-    facts.add_column(style="bold")
-    facts.add_column(overflow="fold")
-
-    def row(name: str, value: object) -> None:
-        facts.add_row(_text(name), _text(value))
-
-    row("trace", f"{description['path']} ({description['bytes']} bytes)")
-    state = "finished" if description["finished"] else "the run did not finish"
-    row("state", state if description["complete"] else f"{state}; {description['damage']}")
-    if description["start_ns"] is not None:
-        row("time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s")
-    row("content", description["content_hash"])
-    run = description["run"]
-    for key in sorted(run, key=lambda key: (key.startswith(HOST_PREFIX), key)):
-        row(key, run[key])
-    for key, value in (description["result"] or {}).items():
-        row(f"result {key}", value)
-    for item in description["attachments"]:
-        row("attached", f"{item['name']} ({item['media_type']}, {item['bytes']} bytes)")
-    return facts
+def _refuse(constant: str) -> float:
+    raise ValueError(constant)
 
 
-def _topics(topics: list[dict[str, Any]]) -> RichTable:
-    table = RichTable(box=None, padding=(0, 2, 0, 0))
-    table.add_column("topic")
-    table.add_column("messages", justify="right")
-    table.add_column("rate [1/s]", justify="right")
-    table.add_column("signals", overflow="fold")
-    for topic in topics:
-        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:g}"
-        signals = ", ".join(
-            f"{s['name']} [{s['unit']}]" if s["unit"] else s["name"] for s in topic["signals"]
-        )
-        table.add_row(
-            _text(topic["topic"]), str(topic["count"]), rate, _text(signals or topic["schema"])
-        )
-    return table
-
-
-def _links(links: Mapping[str, Mapping[str, str]]) -> RichTable:
-    figures = list(dict.fromkeys(figure for link in links.values() for figure in link))
-    table = RichTable(box=None, padding=(0, 2, 0, 0))
-    table.add_column("link")
-    for figure in figures:
-        table.add_column(_text(figure), justify="right")
-    for name, link in links.items():
-        table.add_row(_text(name), *(_text(link.get(figure, "")) for figure in figures))
-    return table
+def _log(trace: Trace) -> list[dict[str, Any]]:
+    """The last warnings and errors that components and master left."""
+    info = trace.topics.get(LOG_TOPIC)
+    if info is None or info.schema != "foxglove.Log":
+        return []
+    table = trace.read(LOG_TOPIC)
+    words = {number: word for word, number in foxglove.LEVELS.items()}
+    serious = [i for i in range(len(table)) if table["level"][i] >= foxglove.LEVELS["warning"]]
+    return [
+        {
+            "time_s": int(table.log_time_ns[i]) / 1e9,
+            "level": words.get(int(table["level"][i]), str(table["level"][i])),
+            "name": str(table["name"][i]),
+            "message": str(table["message"][i]),
+        }
+        for i in serious[-_LOG_LINES:]
+    ]

@@ -48,8 +48,10 @@ def compare_flights(
         age = figure.add_subplot(grid[3, 0])
         states = [figure.add_subplot(grid[i, 1]) for i in range(4)]
         thrust = [figure.add_subplot(grid[i, 2]) for i in range(4)]
-        for colour, flight in zip(_COLOURS, flights, strict=False):
-            _draw(_Flight(flight), colour, path, states, thrust, age)
+        # the first flight is what the picture is about: it is drawn last, on top
+        for place, flight in reversed(list(enumerate(flights))):
+            style = {"color": _COLOURS[place], "lw": 1.4 if place == 0 else 0.8}
+            _draw(_Flight(flight), style, path, states, thrust, age)
         _dress(path, states, thrust, age, age_limit_s)
         figure.savefig(target, dpi=130)
         plt.close(figure)
@@ -124,22 +126,20 @@ class _Flight:
         return None
 
 
-def _draw(f: _Flight, colour: str, path: Any, states: Any, thrust: Any, age: Any) -> None:
-    path.plot(f.plant["eta.y"], f.plant["eta.x"], color=colour, lw=1.3, label=f.label)
-    path.plot(f.plant["eta.y"][0], f.plant["eta.x"][0], "o", color=colour, ms=5)
+def _draw(f: _Flight, style: dict[str, Any], path: Any, states: Any, thrust: Any, age: Any) -> None:
+    path.plot(f.plant["eta.y"], f.plant["eta.x"], label=f.label, **style)
+    path.plot(f.plant["eta.y"][0], f.plant["eta.x"][0], "o", color=style["color"], ms=5)
     if f.reference is not None and "reference.x" in f.reference.columns:
         path.plot(
             f.reference["reference.y"], f.reference["reference.x"], "--", color="#555", lw=0.8
         )
     for axis, name in zip(states, ("eta.x", "eta.y", "eta.z", "eta.psi"), strict=True):
-        axis.plot(f.seconds, f.plant[name], color=colour, lw=1.0)
+        axis.plot(f.seconds, f.plant[name], **style)
     for axis, name in zip(thrust, _FORCES, strict=True):
-        axis.step(
-            f.received.log_time_ns / 1e9, f.received[name] / 1e3, where="post", color=colour, lw=0.8
-        )
+        axis.step(f.received.log_time_ns / 1e9, f.received[name] / 1e3, where="post", **style)
     sawtooth = f.age()
     if sawtooth is not None:
-        age.plot(*sawtooth, color=colour, lw=0.6)
+        age.plot(*sawtooth, color=style["color"], lw=0.5)
 
 
 def _dress(path: Any, states: Any, thrust: Any, age: Any, age_limit_s: float | None) -> None:

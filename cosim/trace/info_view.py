@@ -1,0 +1,130 @@
+"""A summary of a trace, as a person reads it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from cosim.trace.layout import HOST_PREFIX
+
+_HEADLINES = ("title", "scenario", "seed", "software")
+_FIGURES = {
+    "gain": ("gain of the flight from rest", ""),
+    "gamma": ("gamma, certified", ""),
+    "position_error_m": ("final position error", " m"),
+    "saturated_fraction": ("share of time at a limit", ""),
+    "message_age_s": ("oldest measurement used", " s"),
+    "designed_age_s": ("age designed for", " s"),
+}
+_LINK_FIGURES = ("sent", "delivered", "dropped", "mean_delay_s", "max_delay_s", "max_age_s")
+_HOST = ("host.command", "host.started", "host.python", "host.platform")
+
+
+def render(description: Mapping[str, Any]) -> Group:
+    """Return a `describe` dictionary as something rich can print."""
+    parts: list[Any] = [
+        _facts(description),
+        _topics(description["topics"]),
+    ]
+    if description["links"]:
+        parts.append(_links(description["links"]))
+    return Group(*parts)
+
+
+def _text(value: object) -> Text:
+    """Text as it is: brackets are no markup, and what is in a file cannot steer the terminal."""
+    return Text("".join(c if c.isprintable() else "\ufffd" for c in str(value)))
+
+
+def _facts(description: Mapping[str, Any]) -> RichTable:
+    facts = RichTable.grid(padding=(0, 2))
+    facts.add_column(style="bold")
+    facts.add_column(overflow="fold")
+    for name, value in (*_identity(description), *_verdict(description["result"] or {})):
+        facts.add_row(_text(name), _text(value))
+    for line in description["log"]:
+        facts.add_row(
+            _text(f"{line['level']} at {line['time_s']:g} s"),
+            _text(f"{line['name']}: {line['message']}"),
+        )
+    for item in description["attachments"]:
+        facts.add_row(
+            Text("attached"), _text(f"{item['name']} ({item['media_type']}, {item['bytes']} bytes)")
+        )
+    return facts
+
+
+def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
+    """Which run this is, and how it ended."""
+    run, result = description["run"], description["result"] or {}
+    yield "trace", f"{description['path']} ({description['bytes']} bytes)"
+    state = result.get("status", "finished")
+    if not description["finished"]:
+        state = "the run did not finish"
+    yield "state", state if description["complete"] else f"{state}; {description['damage']}"
+    if "reason" in result:
+        yield "reason", result["reason"]
+    if description["start_ns"] is not None:
+        yield "time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s"
+    yield from ((key, run[key]) for key in _HEADLINES if key in run)
+    for key in sorted(key for key in run if key.startswith("fmu.") and key.endswith(".sha256")):
+        name = key.removesuffix(".sha256")
+        yield name, f"{run.get(name, '')}, SHA-256 {run[key][:16]}..."
+    host = [f"{key.removeprefix(HOST_PREFIX)} {run[key]}" for key in sorted(run) if key in _HOST]
+    if host:
+        yield "recorded", ", ".join(host)
+    yield "content hash", description["content_hash"]
+
+
+def _verdict(result: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
+    """What the run measured, and which assumptions of the guarantee were met."""
+    metrics = result.get("metrics")
+    if not isinstance(metrics, dict):
+        return
+    for key, (label, unit) in _FIGURES.items():
+        value = metrics.get(key)
+        if isinstance(value, float | int) and math.isfinite(value):
+            yield label, f"{value:.5g}{unit}"
+    assumptions = metrics.get("assumptions")
+    for name, met in (assumptions if isinstance(assumptions, dict) else {}).items():
+        yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"
+
+
+def _topics(topics: list[dict[str, Any]]) -> RichTable:
+    table = RichTable(box=None, padding=(0, 2, 0, 0))
+    table.add_column("topic")
+    table.add_column("messages", justify="right")
+    table.add_column("rate [1/s]", justify="right")
+    table.add_column("signals", overflow="fold")
+    for topic in topics:
+        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.4g}"
+        names = [f"{s['name']} [{s['unit']}]" if s["unit"] else s["name"] for s in topic["signals"]]
+        signals = ", ".join(names[:4]) + (f", ... ({len(names)})" if len(names) > 4 else "")
+        table.add_row(
+            _text(topic["topic"]), str(topic["count"]), rate, _text(signals or topic["schema"])
+        )
+    return table
+
+
+def _links(links: Mapping[str, Mapping[str, str]]) -> RichTable:
+    present = {figure for link in links.values() for figure in link}
+    figures = [figure for figure in _LINK_FIGURES if figure in present] or sorted(present)
+    table = RichTable(box=None, padding=(0, 2, 0, 0))
+    table.add_column("link")
+    for figure in figures:
+        table.add_column(_text(figure), justify="right")
+    for name, link in links.items():
+        table.add_row(_text(name), *(_text(_short(link.get(figure, ""))) for figure in figures))
+    return table
+
+
+def _short(figure: str) -> str:
+    try:
+        return f"{float(figure):.6g}"
+    except ValueError:
+        return figure
