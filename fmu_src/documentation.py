@@ -20,11 +20,12 @@ td.n{font-family:ui-monospace,monospace;white-space:nowrap}p.lead{font-size:1.15
 
 
 def documentation_files(spec: ComponentSpec) -> dict[str, bytes]:
-    """Archive path -> content: documentation/index.html and the licence."""
+    """Archive path -> content: documentation/index.html, the licence, and model.png."""
     licence = files("fmu_src").joinpath("LICENSE").read_bytes()
     return {
         "documentation/index.html": _page(spec).encode(),
         "documentation/licenses/license.txt": licence,
+        "model.png": spec.readme.with_name("model.png").read_bytes(),
     }
 
 
