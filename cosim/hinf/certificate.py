@@ -23,6 +23,7 @@ from cosim.errors import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.proof import Certificate, Variables, claim_of, exact_variables, proved
 from cosim.hinf.rational import exact_matrix, from_text, is_symmetric, to_text
+from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables
                 "does not fit the system",
                 where=f"variables.{name}",
                 expected="a number" if needed else "null",
-                got=str(data[name])[:60],
+                got=shown(data[name]),
             )
     v = ExactVariables(
         X=_matrix_from_text(data["X"], "variables.X", n, n),

@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.hinf.shown import shown
 from cosim.hinf.system_json import (
     MATRICES,
     assembled,
@@ -149,9 +150,7 @@ def _system(data: Any, where: str, name: str) -> DelaySystem:
     matrices = {key: matrix(data[key], f"{where}.{key}") for key in MATRICES if key in data}
     title = data.get("name", name)
     if not isinstance(title, str):
-        raise InputError(
-            "not a name", where=f"{where}.name", expected="a string", got=repr(title)[:60]
-        )
+        raise InputError("not a name", where=f"{where}.name", expected="a string", got=shown(title))
     return assembled(matrices, _delays(data, where), title, where)
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 
 from cosim.errors import InputError
+from cosim.hinf.shown import shown
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import Matrix
@@ -62,16 +63,15 @@ def from_text(text: Any, where: str) -> Any:
     """
     match = _TEXT.fullmatch(text) if isinstance(text, str) else None
     if match is None:
-        got = repr(text)
         raise InputError(
             "not an exact number",
             where=where,
             expected=f'a string "p" or "p/q" of integers with at most {MAX_DIGITS} digits each',
-            got=got if len(got) <= 60 else f"{got[:50]}... ({len(got)} characters)",
+            got=shown(text),
         )
     p, q = flint.fmpz(match[1]), flint.fmpz(match[2] or "1")
     if q == 0:
-        raise InputError("a denominator is zero", where=where, expected="p/q", got=match[0][:60])
+        raise InputError("a denominator is zero", where=where, expected="p/q", got=shown(text))
     if len(match[2] or "") > MAX_ODD_DIGITS and q & (q - 1) != 0:
         raise InputError(
             "a long denominator is no power of two",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.hinf.shown import shown
 from cosim.models.delay_system import Delay, DelaySystem
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
     known_keys(data, where, (*MATRICES, "name", "delays"), required=("A",))
     name = data.get("name", "")
     if not isinstance(name, str):
-        raise InputError("not a name", where=f"{where}.name", expected="a string", got=repr(name))
+        raise InputError("not a name", where=f"{where}.name", expected="a string", got=shown(name))
     delays = data.get("delays", [])
     if not isinstance(delays, list):
         raise InputError(
@@ -68,7 +69,7 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
                 "not a truth value",
                 where=f"{where}.{key}",
                 expected="true or false",
-                got=repr(flags[key]),
+                got=shown(flags[key]),
             )
     A = matrix(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
     H = matrix(data["H"], f"{where}.H") if "H" in data else None
@@ -117,7 +118,7 @@ def number(value: Any, where: str) -> float:
         For anything else: text, a truth value, an infinity, a NaN.
     """
     wrong = InputError(
-        "not a finite number", where=where, expected="a finite number", got=_short(value)
+        "not a finite number", where=where, expected="a finite number", got=shown(value)
     )
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong
@@ -137,7 +138,7 @@ def matrix(value: Any, where: str) -> Matrix:
             "not a matrix",
             where=where,
             expected="a list of rows, each a list of numbers, as in [[1.0, 0.0], [0.0, 1.0]]",
-            got=_short(value),
+            got=shown(value),
             hint="a column is [[4.0], [3.0]]",
         )
     lengths = sorted({len(row) for row in value})
@@ -156,11 +157,3 @@ def matrix(value: Any, where: str) -> Matrix:
 
 def _kind(value: Any) -> str:
     return type(value).__name__
-
-
-def _short(value: Any) -> str:
-    try:
-        text = repr(value)
-    except ValueError:  # an integer in it is too long for the interpreter to print
-        return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"
