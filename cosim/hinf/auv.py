@@ -4,7 +4,8 @@ Eq. (6) names no A1, C, E, H for the vehicle; these are this project's choice:
 
 * state x = (eta, nu) about rest on station, A = [[0, I], [0, 0]], u an acceleration, B = [0; I];
 * A1 = [[0, 0], [0, -diag(a)]]: an onboard rate-damping loop closed through navigation data
-  `state_delay` seconds old;
+  up to `state_delay` seconds old, however the age varies: gamma is the same as for a constant
+  delay, since the best Q of that delay tends to 0 anyway, where no proof can have it;
 * C = [0; I]: accelerations by waves and current;
 * z = (position_weight * eta, u): position error against effort;
 * E, H from an operating envelope (`cosim.hinf.envelope`);
@@ -37,7 +38,7 @@ class AuvDesign:
 
     Attributes
     ----------
-    state_delay, loop_delay : age of the damping loop's data, largest age of the measurements
+    state_delay, loop_delay : largest age of the damping loop's data, largest age of the measurements
         that the control acts on [s]; a loop delay of 0 means immediate feedback.
     damping : a of the four velocities [1/s].
     position_weight : weight of eta in z [1/s^2].
@@ -86,9 +87,8 @@ def auv_system(settings: AuvDesign | None = None) -> DelaySystem:
     settings = settings or AuvDesign()
     zero, one = np.zeros((4, 4)), np.eye(4)
     uncertainty = auv_uncertainty(settings.envelope, settings.parameters)
-    delays = [
-        Delay(settings.state_delay, np.block([[zero, zero], [zero, -np.diag(settings.damping)]]))
-    ]
+    damping = np.block([[zero, zero], [zero, -np.diag(settings.damping)]])
+    delays = [Delay(settings.state_delay, damping, any_age=True)]
     if settings.loop_delay > 0:
         delays.append(
             Delay(settings.loop_delay, np.zeros((8, 8)), feedback=True, any_age=settings.any_age)

@@ -41,7 +41,9 @@ def _delta_a(psi: float, nu: tuple[float, float, float, float]) -> NDArray[np.fl
     return dA
 
 
-def _f_matrix(dA: NDArray[np.float64], E: NDArray[np.float64], H: NDArray[np.float64]):  # noqa: ANN202
+def _f_matrix(
+    dA: NDArray[np.float64], E: NDArray[np.float64], H: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """F (6, 6) with E F H = dA; E has independent columns, H independent blocks of rows."""
     F = np.zeros((6, 6))
     F[:2, :2] = dA[:2, 4:6] / E[0, 0] / H[0, 4]
