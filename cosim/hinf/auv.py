@@ -38,7 +38,7 @@ class AuvDesign:
 
     Attributes
     ----------
-    state_delay, loop_delay : largest age of the damping loop's data, largest age of the measurements
+    state_delay, loop_delay : largest age of the damping loop's data, and of the measurements
         that the control acts on [s]; a loop delay of 0 means immediate feedback.
     damping : a of the four velocities [1/s].
     position_weight : weight of eta in z [1/s^2].
