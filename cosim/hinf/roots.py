@@ -28,10 +28,12 @@ if TYPE_CHECKING:
 Roots = NDArray[np.complex128]
 
 _RESIDUAL = 1e-10
-_MERGE = 1e-6  # a defective double root is only defined to the square root of the precision
+_SAME = 1e-13  # residual between two estimates of one root, however ill-conditioned
+_CLOSE = 1e-4  # estimates farther apart (relative) are never one root
 _FIRST_NODES = 20
 _LARGEST_MATRIX = 1300
 _PHASE = 0.7  # greatest phase [rad] and greatest |step f'/f| between neighbouring samples
+_LARGEST_START = 20000.0
 _LARGEST_EXPONENT = 200.0
 
 
@@ -41,9 +43,9 @@ def _differentiation(nodes: int) -> tuple[Matrix, Matrix]:
     Trefethen, Spectral Methods in MATLAB (2000), chapter 6.
     """
     j = np.arange(nodes + 1)
-    x = np.cos(np.pi * j / nodes)
+    x: Matrix = np.cos(np.pi * j / nodes)
     c = np.where((j == 0) | (j == nodes), 2.0, 1.0) * (-1.0) ** j
-    D = np.outer(c, 1.0 / c) / (x[:, None] - x[None, :] + np.eye(nodes + 1))
+    D: Matrix = np.outer(c, 1.0 / c) / (x[:, None] - x[None, :] + np.eye(nodes + 1))
     D -= np.diag(D.sum(axis=1))
     return x, D
 
@@ -63,7 +65,7 @@ def _generator(loop: ClosedLoop, nodes: int) -> Matrix:
     """Collocated generator, (n(N+1), n(N+1)): first block row the equation, then d/dtheta."""
     n, span = loop.order, loop.delays[-1]
     x, D = _differentiation(nodes)
-    matrix: Matrix = np.kron(D * (2.0 / span), np.eye(n))
+    matrix: Matrix = np.kron(D * (2.0 / span), np.eye(n)).astype(np.float64)
     matrix[:n] = sum(
         np.kron(_interpolation(x, 1.0 - 2.0 * d / span), A)
         for d, A in zip(loop.delays, loop.A, strict=True)
@@ -101,23 +103,38 @@ def _polish(loop: ClosedLoop, seed: complex) -> complex | None:
             break
     if not -root.real * loop.delays[-1] < _LARGEST_EXPONENT:
         return None
+    return root if _residual(loop, root) <= _RESIDUAL else None
+
+
+def _residual(loop: ClosedLoop, root: complex) -> float:
+    """Smallest singular value of H(root), against the size of its terms."""
     H, _ = _characteristic(loop, root)
     smallest = float(np.linalg.svd(H, compute_uv=False)[-1])
-    return root if smallest <= _RESIDUAL * (abs(root) + _bound(loop, root.real)) else None
+    return smallest / (abs(root) + _bound(loop, root.real) + 1e-300)
 
 
-def _distinct(roots: list[complex], scale: float) -> Roots:
+def _same(loop: ClosedLoop, a: complex, b: complex) -> bool:
+    """Whether `a` and `b` are estimates of one root: the equation holds between them as well.
+
+    A fixed distance will not do: a double root is only computed to the square root of the
+    precision, while two simple roots may truly lie closer than that.
+    """
+    near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + _bound(loop, 0.0))
+    return near and _residual(loop, (a + b) / 2) <= _SAME
+
+
+def _distinct(loop: ClosedLoop, roots: list[complex]) -> Roots:
     """Upper half-plane representatives, merged, rightmost first."""
     found: list[complex] = []
-    for root in sorted(roots, key=lambda r: -r.real):
-        near = _MERGE * (abs(root) + scale)
-        upper = complex(root.real, abs(root.imag) if abs(root.imag) > near else 0.0)
-        if all(abs(upper - other) > near for other in found):
+    for root in roots:
+        real = _same(loop, root, root.conjugate())
+        upper = complex(root.real, 0.0 if real else abs(root.imag))
+        if not any(_same(loop, upper, other) for other in found):
             found.append(upper)
-    return np.array(found, dtype=np.complex128)
+    return np.array(sorted(found, key=lambda r: -r.real), dtype=np.complex128)
 
 
-def _log_derivative(loop: ClosedLoop, s: Roots) -> tuple[Roots, Roots]:
+def _log_derivative(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
     """Phase factor f/|f| and f'/f of f = det H at the points `s`."""
     H, derivative = _characteristic(loop, s)
     phase, _ = np.linalg.slogdet(H)
@@ -144,8 +161,9 @@ def roots_right_of(loop: ClosedLoop, real: float) -> int:
         A root lies on the line, to rounding.
     """
     top = 2.0 * _bound(loop, real) + abs(real) + 1e-300
-    samples = 65 + int(2.0 * top * loop.delays[-1])
-    omega = np.linspace(0.0, top, samples)
+    # Evenly against the delay, in proportion against stiff modes; the rest is refinement.
+    even = np.linspace(0.0, top, 65 + int(min(2.0 * top * loop.delays[-1], _LARGEST_START)))
+    omega = np.union1d(even, np.geomspace(1e-9 * top, top, 200))
     phase, g = _log_derivative(loop, real + 1j * omega)
     for _ in range(60):
         step = np.diff(omega)
@@ -184,9 +202,11 @@ def _complete(loop: ClosedLoop, upper: Roots, count: int) -> tuple[Roots, bool]:
     everything = np.concatenate([upper, upper.conj()])
     total = 0
     for root, weight in zip(right, width[:k], strict=True):
+        # Small against everything: an unfound neighbour must not pass for a multiplicity.
+        small = 1e-3 * (abs(root) + (1.0 / tau if tau else 0.0)) + 1e-300
         distance = np.abs(everything - root)
         nearest = float(distance[distance > 0].min(initial=scale + 1.0))
-        total += int(weight) * _multiplicity(loop, complex(root), nearest / 4.0)
+        total += int(weight) * _multiplicity(loop, complex(root), min(nearest / 4.0, small))
     line = 0.5 * (left[k - 1] + left[k])
     pairs = [[r, r.conjugate()] if r.imag else [r] for r in upper[:have]]
     roots = np.array([root for pair in pairs for root in pair], dtype=np.complex128)
@@ -216,18 +236,17 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     """
     if count < 1:
         raise InputError("no roots asked for", where="count", expected=">= 1", got=str(count))
-    scale = _bound(loop, 0.0)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
     if tau == 0.0:
         seeds = np.linalg.eigvals(loop.A[0])
-        upper = _distinct([complex(seed) for seed in seeds], scale)
+        upper = _distinct(loop, [complex(seed) for seed in seeds])
         return _complete(loop, upper, count)[0]
     nodes, before = _FIRST_NODES, 0
     while True:
         seeds = np.linalg.eigvals(_generator(loop, nodes))
         seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30]
         polished = [_polish(loop, complex(seed)) for seed in seeds if seed.imag >= 0]
-        upper = _distinct([root for root in polished if root is not None], scale)
+        upper = _distinct(loop, [root for root in polished if root is not None])
         if upper.size:
             roots, complete = _complete(loop, upper, count)
             if complete and (roots.size >= count or roots.size == before):
