@@ -1,0 +1,158 @@
+"""The table of the exact certificate against the functional's derivative and the solver's LMI."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from solved import Array, random_system, value
+
+from cosim.hinf.certificate import Variables
+from cosim.hinf.exact_lmi import ExactLmi, minus_omega
+from cosim.hinf.lmi import Unknowns, omega
+from cosim.hinf.proof import exact_variables
+from cosim.hinf.rational import exact_matrix
+from cosim.models.delay_system import DelaySystem
+
+
+def _random_variables(rng: np.random.Generator, system: DelaySystem) -> Variables:
+    """Positive matrices that need not solve anything."""
+
+    def positive() -> Array:
+        G = rng.standard_normal((2, 2))
+        return G @ G.T + np.eye(2)
+
+    Q = tuple(np.zeros((2, 2)) if x.any_age else positive() for x in system.delays)
+    R = tuple(positive() for _ in system.delays)
+    # eps small: the p-part of the functional below stays negative definite
+    k1, k2 = (tuple(rng.uniform(0.2, 1, 2) * rng.choice((-1, 1), 2)) for _ in range(2))
+    return Variables(positive(), Q, R, 1e-3, k1, k2, 50.0)
+
+
+def _dense(lmi: ExactLmi) -> Array:
+    """Omega in doubles."""
+    size = len(lmi.lower)
+    result = np.zeros((size, size))
+    for i, row in enumerate(lmi.lower):
+        for j, entry in enumerate(row):
+            result[i, j] = result[j, i] = -float(Fraction(int(entry.p), int(entry.q)))
+    return result
+
+
+def _eliminated(matrix: Array, keep: list[int]) -> Array:
+    """Schur complement onto the indices `keep`: the maximum over all the others."""
+    rest = [i for i in range(len(matrix)) if i not in keep]
+    if not rest:
+        return matrix
+    assert np.linalg.eigvalsh(matrix[np.ix_(rest, rest)]).max() < 0
+    cross = matrix[np.ix_(keep, rest)]
+    block = np.linalg.solve(matrix[np.ix_(rest, rest)], cross.T)
+    return matrix[np.ix_(keep, keep)] - cross @ block
+
+
+def _form(q: Callable[[Array], float], size: int) -> Array:
+    """Matrix of a quadratic form, from its values."""
+    e = np.eye(size)
+    values = np.array([q(e[i]) for i in range(size)])
+    pairs = np.array([[q(e[i] + e[j]) for j in range(size)] for i in range(size)])
+    return (pairs - values[:, None] - values[None, :]) / 2
+
+
+def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[Array], float]:
+    """V' + z'z/gamma - gamma w'w + (|sum H_i x_i|^2 - |p|^2)/eps as a function of (x_i, w, p).
+
+    V is the functional; p = F sum H_i x_i, so that the last bracket is not negative for any
+    admissible F. For each delay, from
+    int (R x' + M s)' R^-1 (R x' + M s) >= 0 with s = (x, x_j), M s = k1 P x + k2 P x_j:
+    -int x''R x' <= 2 (M s)'(x - x_j) + d (M s)' R^-1 (M s).
+    """
+    P = np.linalg.inv(v.X)
+    A = [system.A, *(x.A for x in system.delays)]
+    H = [system.H, *(x.H for x in system.delays)]
+    acts = [system.immediate_feedback, *(x.feedback for x in system.delays)]
+    N, q = len(system.delays), system.C.shape[1]
+
+    def bound(vector: Array) -> float:
+        x = [vector[2 * i : 2 * i + 2] for i in range(N + 1)]
+        w = vector[2 * N + 2 : 2 * N + 2 + q]
+        p = vector[2 * N + 2 + q :]
+        u = K @ x[acts.index(True)]
+        rate = sum(A[i] @ x[i] for i in range(N + 1)) + system.B @ u + system.C @ w + system.E @ p
+        z = system.D @ x[0] + system.D1 @ w + system.D2 @ u
+        total = 2 * x[0] @ P @ rate
+        for j, delay in enumerate(system.delays):
+            Q, R = P @ v.Q[j] @ P, np.linalg.inv(v.R[j])
+            Ms = v.k1[j] * P @ x[0] + v.k2[j] * P @ x[j + 1]
+            total += x[0] @ Q @ x[0] - x[j + 1] @ Q @ x[j + 1] + delay.d * rate @ R @ rate
+            total += 2 * Ms @ (x[0] - x[j + 1]) + delay.d * Ms @ v.R[j] @ Ms
+        if system.E.size:
+            assert v.eps is not None
+            y = sum(H[i] @ x[i] for i in range(N + 1))
+            total += (y @ y - p @ p) / v.eps
+        assert v.gamma is not None
+        return float(total + z @ z / v.gamma - v.gamma * w @ w)
+
+    return bound
+
+
+CASES = [
+    (late, any_age, uncertain)
+    for late in (False, True)
+    for any_age in (False, True)
+    for uncertain in (False, True)
+]
+
+
+@pytest.mark.parametrize(("late", "any_age", "uncertain"), CASES)
+def test_the_table_is_the_functionals_derivative(
+    late: bool,  # noqa: FBT001
+    any_age: bool,  # noqa: FBT001
+    uncertain: bool,  # noqa: FBT001
+) -> None:
+    """Omega, with z, x', Lemma 2 and h eliminated, is the bound of V' built from the definition."""
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        system = random_system(rng, late=late, any_age=any_age, uncertain=uncertain)
+        v = _random_variables(rng, system)
+        K = rng.standard_normal((1, 2))
+        lmi = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))
+        names = lmi.row_names
+        kept = [i for i, name in enumerate(names) if name in ("x", "x1", "x2", "w")]
+        ours = _eliminated(_dense(lmi), kept)
+        bound = _form(_derivative_bound(system, K, v), 8 + system.E.shape[1])
+        truth = _eliminated(bound, list(range(8)))
+        # x = X xhat in every x row: P does not stand in Omega
+        T = block_diag(v.X, v.X, v.X, np.eye(2))
+        expected = T.T @ truth @ T
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("late", "any_age", "uncertain"), CASES)
+def test_the_solvers_lmi_is_the_same_up_to_a_congruence(
+    late: bool,  # noqa: FBT001
+    any_age: bool,  # noqa: FBT001
+    uncertain: bool,  # noqa: FBT001
+) -> None:
+    """Rows x_j times k2_j, rows r_j and m_j times sqrt(d_j) turn the solver's LMI into this one."""
+    rng = np.random.default_rng(11)
+    system = random_system(rng, late=late, any_age=any_age, uncertain=uncertain)
+    v = _random_variables(rng, system)
+    K = rng.standard_normal((1, 2))
+    exactly = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))
+    constants = Unknowns(
+        *(cp.Constant(value) for value in (v.X, K @ v.X)),
+        tuple(map(cp.Constant, v.Q)),
+        tuple(map(cp.Constant, v.R)),
+        v.eps,
+        v.gamma,
+    )
+    solvers = value(omega(system, v.k1, v.k2, constants)[0])
+    factor = {"x1": v.k2[0], "x2": v.k2[1]}
+    for j, delay in enumerate(system.delays, 1):
+        factor |= {f"r{j}": delay.d**0.5, f"m{j}": delay.d**0.5}
+    S = np.diag([factor.get(name, 1.0) for name in exactly.row_names])
+    np.testing.assert_allclose(_dense(exactly), S @ solvers @ S, rtol=0, atol=1e-12 * 50)
