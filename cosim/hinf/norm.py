@@ -261,7 +261,7 @@ def hinf_norm(loop: ClosedLoop) -> NormResult | None:
     end = _last(bounds, best[0] * (1.0 + _TOLERANCE) + floor, longest)
     inner = grid < end
     # Two points per octave above the grid: a wider interval would have no bound at first.
-    last = max(float(grid[inner][-1]), 1e-6 * end)
+    last = float(grid[inner][-1]) or 0.5 * end
     above = np.geomspace(last, end, 2 + 2 * math.ceil(math.log2(end / last)))[1:]
     points = np.append(grid[inner], above)
     values = np.append(gains[inner], gain_at(loop, above))
