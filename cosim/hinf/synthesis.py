@@ -219,6 +219,8 @@ class _Problem:
             constraints = [
                 _symmetric(whole) << -t * np.diag(weights),
                 *(matrix >> 0 for matrix in positive),
+                # the proof needs Q > 0, and nothing else keeps it off its boundary
+                *(Q >> 1e-3 * t * np.eye(n) for Q in v.Q if isinstance(Q, cp.Variable)),
                 # without w and z the LMI is homogeneous, and the margin needs a bound
                 v.X << 1e3 * np.eye(n),
                 t <= 1,
@@ -264,6 +266,8 @@ def _symmetric(matrix: Any) -> Any:
 
 def _rounded(K: NDArray[np.float64]) -> NDArray[np.float64]:
     """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise."""
+    if not K.any():
+        return K  # no inputs, or nothing that acts
     decimals = GAIN_DIGITS - 1 - int(np.floor(np.log10(np.abs(K).max())))
     rounded: NDArray[np.float64] = np.round(K, decimals) + 0.0  # no negative zero
     return rounded
