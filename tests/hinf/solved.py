@@ -36,9 +36,11 @@ def solved(
     problem = cp.Problem(cp.Maximize(margin), constraints)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an inaccurate solution is a case like any other
-        problem.solve(solver=cp.CLARABEL)
+        problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
     X = value(v.X)
-    K = np.linalg.solve(X.T, value(v.Y).T).T if system.B.shape[1] else np.zeros((0, n))
+    K: Array = np.zeros((0, n))
+    if system.B.shape[1]:
+        K = np.asarray(np.linalg.solve(X.T, value(v.Y).T).T, dtype=np.float64)
     eps = None if v.eps.value is None else float(v.eps.value)
     Q, R = tuple(map(value, v.Q)), tuple(map(value, v.R))
     return problem.status, K, Variables(X, Q, R, eps, k1, k2, gamma)
@@ -46,7 +48,7 @@ def solved(
 
 def benchmark(d: float) -> DelaySystem:
     """Stable exactly for d < 6.172581371 (published example)."""
-    return DelaySystem([[-2, 0], [0, -0.9]], delays=[Delay(d, [[-1, 0], [-1, -1]])])
+    return DelaySystem([[-2.0, 0.0], [0.0, -0.9]], delays=[Delay(d, [[-1, 0], [-1, -1]])])
 
 
 def random_system(

@@ -51,7 +51,8 @@ def _eliminated(matrix: Array, keep: list[int]) -> Array:
     assert np.linalg.eigvalsh(matrix[np.ix_(rest, rest)]).max() < 0
     cross = matrix[np.ix_(keep, rest)]
     block = np.linalg.solve(matrix[np.ix_(rest, rest)], cross.T)
-    return matrix[np.ix_(keep, keep)] - cross @ block
+    result: Array = matrix[np.ix_(keep, keep)] - cross @ block
+    return result
 
 
 def _form(q: Callable[[Array], float], size: int) -> Array:
@@ -91,7 +92,7 @@ def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[
             total += 2 * Ms @ (x[0] - x[j + 1]) + delay.d * Ms @ v.R[j] @ Ms
         if system.E.size:
             assert v.eps is not None
-            y = sum(H[i] @ x[i] for i in range(N + 1))
+            y = np.sum([H[i] @ x[i] for i in range(N + 1)], axis=0)
             total += (y @ y - p @ p) / v.eps
         assert v.gamma is not None
         return float(total + z @ z / v.gamma - v.gamma * w @ w)
@@ -144,7 +145,8 @@ def test_the_solvers_lmi_is_the_same_up_to_a_congruence(
     K = rng.standard_normal((1, 2))
     exactly = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))
     constants = Unknowns(
-        *(cp.Constant(value) for value in (v.X, K @ v.X)),
+        cp.Constant(v.X),
+        cp.Constant(K @ v.X),
         tuple(map(cp.Constant, v.Q)),
         tuple(map(cp.Constant, v.R)),
         v.eps,
