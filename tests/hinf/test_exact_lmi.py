@@ -60,7 +60,8 @@ def _form(q: Callable[[Array], float], size: int) -> Array:
     e = np.eye(size)
     values = np.array([q(e[i]) for i in range(size)])
     pairs = np.array([[q(e[i] + e[j]) for j in range(size)] for i in range(size)])
-    return (pairs - values[:, None] - values[None, :]) / 2
+    form: Array = (pairs - values[:, None] - values[None, :]) / 2
+    return form
 
 
 def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[Array], float]:
