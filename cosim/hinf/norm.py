@@ -32,13 +32,14 @@ from cosim.hinf.roots import characteristic_roots
 
 if TYPE_CHECKING:
     from cosim.hinf.closed_loop import ClosedLoop
+    from cosim.hinf.roots import Roots
 
 Reals = NDArray[np.float64]
 
 _TOLERANCE = 1e-9
 _CHUNK = 8192  # intervals examined at once: bounds the memory
 _LARGEST_EFFORT = 400_000  # intervals examined in all
-_ROOTS = 20
+_ROOTS = 8
 _REFINED = 6
 
 
@@ -163,9 +164,10 @@ def _higher(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, floa
     return b if b[0] > a[0] * (1.0 + 1e-14) else a
 
 
-def _start(loop: ClosedLoop, bounds: _Bounds) -> tuple[tuple[float, float], Reals, Reals]:
+def _start(
+    loop: ClosedLoop, roots: Roots, bounds: _Bounds
+) -> tuple[tuple[float, float], Reals, Reals]:
     """Best (gain, frequency) of a coarse search, and its grid with the gains on it."""
-    roots = characteristic_roots(loop, _ROOTS)
     speeds = np.concatenate([np.abs(roots.imag), np.abs(roots)])
     sides = np.concatenate([speeds - np.abs(roots.real).min(), speeds + np.abs(roots.real).min()])
     sweep = np.geomspace(1e-3 * speeds[speeds > 0].min(), 1e2 * (bounds.a + speeds.max()), 300)
@@ -250,11 +252,12 @@ def hinf_norm(loop: ClosedLoop) -> NormResult | None:
         The characteristic roots could not be found (see `characteristic_roots`).
     """
     bounds = _Bounds(loop)
-    if not characteristic_roots(loop, 1)[0].real < 0.0:
+    roots = characteristic_roots(loop, _ROOTS)
+    if not roots[0].real < 0.0:
         return None
     if bounds.through == 0.0:
         return NormResult(bounds.direct, math.inf, bounds.direct)
-    best, grid, gains = _start(loop, bounds)
+    best, grid, gains = _start(loop, roots, bounds)
     # Absolute floor: a gain that is zero by cancellation has no relative precision.
     floor = 1e-12 * bounds.through / max(bounds.a, 1e-300)
     longest = _LARGEST_EFFORT / 4.0 / max(loop.delays[-1], 1e-12)

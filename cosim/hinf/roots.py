@@ -244,7 +244,7 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     nodes, before = _FIRST_NODES, 0
     while True:
         seeds = np.linalg.eigvals(_generator(loop, nodes))
-        seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30]
+        seeds = seeds[np.argsort(-seeds.real)][: 3 * count + 30 + 8 * loop.order]
         polished = [_polish(loop, complex(seed)) for seed in seeds if seed.imag >= 0]
         upper = _distinct(loop, [root for root in polished if root is not None])
         if upper.size:
@@ -252,14 +252,14 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
             if complete and (roots.size >= count or roots.size == before):
                 return roots
             before = roots.size if complete else 0
-        if loop.order * (2 * nodes + 1) > _LARGEST_MATRIX:
+        if loop.order * (nodes + nodes // 2) > _LARGEST_MATRIX:
             raise NotAchievableError(
                 "the rightmost characteristic roots could not all be found",
                 where=f"collocation with {nodes} nodes",
                 expected="as many roots as the argument principle counts",
                 hint="ask for fewer roots; the delay is long against the loop's time constants",
             )
-        nodes *= 2
+        nodes += nodes // 2
 
 
 def spectral_abscissa(loop: ClosedLoop) -> float:
