@@ -131,11 +131,11 @@ def design(
         if proof.valid:
             return _finished(system, K, variables, least)
         reason = proof.reason
+    goal = f"gamma <= {levels[-1]:.6g}" if system.has_performance else "stability"
     raise NotAchievableError(
         "no solution of the LMI could be certified",
         where=system.name or None,
-        expected=f"an exact proof for gamma <= {levels[-1]:.6g} at k1 = {list(one)}, "
-        f"k2 = {list(two)}",
+        expected=f"an exact proof of {goal} at k1 = {list(one)}, k2 = {list(two)}",
         got=reason or "the solver finds no feasible point",
         hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )

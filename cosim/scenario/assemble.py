@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
-from cosim.fmu import FmuDescription, describe_fmu
+from cosim.fmu import FmuDescription, Port, describe_fmu
 from cosim.master import Component, Connection, Endpoint, Link, System, make_timetable
 from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
 from cosim.scenario.schema import ComponentPart, LinkPart, PacketPart, PathPart, Scenario
@@ -35,7 +35,16 @@ class Hangar:
     def find(self, fmu: str) -> FmuDescription:
         """An FMU by catalogue name or path."""
         if fmu in CATALOGUE:
-            return describe_fmu(ensure_fmu(fmu, self.root).path)
+            try:
+                return describe_fmu(ensure_fmu(fmu, self.root).path)
+            except OSError as error:
+                raise InputError(
+                    f"the FMU {fmu} cannot be built",
+                    where=str(self.root),
+                    expected="a folder that can be written",
+                    got=str(error),
+                    hint="another folder: --fmus",
+                ) from error
         if not fmu.endswith(".fmu"):
             raise InputError.unknown("FMU", fmu, CATALOGUE, where="components")
         path = Path(fmu)
@@ -79,12 +88,6 @@ def assemble(
         nanoseconds(scenario.run.end),
         scenario.run.events,
     )
-    components = {}
-    for name, part in scenario.components.items():
-        own = {k: v for k, v in _own(part).items() if not (at_rest and k.startswith("initial."))}
-        if at_rest:
-            own |= {p: 0.0 for p in fmus[name].ports if p.startswith("initial.")}
-        components[name] = Component(fmus[name], {**own, **parameters.get(name, {})})
     connections = [
         connection
         for i, part in enumerate(scenario.connections)
@@ -95,7 +98,29 @@ def assemble(
     driven = {}
     if scenario.reference is not None:
         driven = _driven(scenario.reference, timetable.points_ns / 1e9, at_rest=at_rest)
+    reached = {c.target for c in connections} | set(driven)
+    components = {}
+    for name, part in scenario.components.items():
+        own = _own(part)
+        if at_rest:
+            own |= {
+                p.name: 0.0
+                for p in fmus[name].ports.values()
+                if _of_the_start(p, Endpoint(name, p.name) in reached)
+            }
+        components[name] = Component(fmus[name], {**own, **parameters.get(name, {})})
     return System(components, connections, links, driven, timetable, scenario.run.divergence)
+
+
+def _of_the_start(port: Port, reached: bool) -> bool:  # noqa: FBT001 - a predicate of both
+    """Whether a variable says where a run starts.
+
+    That is an initial state, or an input until something reaches it; the start value of an
+    input that nothing reaches holds for the whole run.
+    """
+    if port.causality == "parameter":
+        return port.name.startswith("initial.")
+    return reached and port.causality == "input" and port.kind == "float"
 
 
 def _own(part: ComponentPart) -> dict[str, float]:

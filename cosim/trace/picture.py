@@ -53,7 +53,7 @@ def compare_flights(
             style = {"color": _COLOURS[place], "lw": 1.4 if place == 0 else 0.8}
             _draw(_Flight(flight), style, path, states, thrust, age)
         _dress(path, states, thrust, age, age_limit_s)
-        figure.savefig(target, dpi=130)
+        figure.savefig(target, dpi=110)
         plt.close(figure)
     return target
 
