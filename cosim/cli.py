@@ -43,6 +43,10 @@ JsonOption = Annotated[
 FmusOption = Annotated[
     Path, typer.Option("--fmus", help="Folder of the FMUs; what is missing is built there.")
 ]
+# typer may bring its own copy of click: this is the usage error of the one it uses
+_UsageError: Any = typer.BadParameter.__base__
+_INTERRUPTED = 130  # what typer makes of a KeyboardInterrupt
+_LEFT_BEHIND = "cosim trace info on the .partial file, if a run had begun"
 _FMUS = Path("fmus")
 _TRACES = Path("traces")
 
@@ -164,13 +168,12 @@ def main() -> None:
     """Entry point: errors become messages and exit codes, never tracebacks."""
     as_json = "--json" in sys.argv[1:]
     try:
-        app()
+        code = app(standalone_mode=False) or 0
     except CosimError as error:
-        _complain(error, as_json=as_json)
+        _complain(error, error.exit_code, as_json=as_json)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        print("interrupted; what was recorded is in the .partial file", file=sys.stderr)
-        sys.exit(130)
+    except _UsageError as error:
+        sys.exit(_misused(error, as_json=as_json))
     except BrokenPipeError:
         # the reader of our output is gone: nothing is left to say it to
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -182,14 +185,28 @@ def main() -> None:
             f"unexpected {type(error).__name__}: {error}",
             hint="set COSIM_DEBUG=1 for the traceback, and report it",
         )
-        _complain(unexpected, as_json=as_json)
+        _complain(unexpected, 4, as_json=as_json)
         sys.exit(4)
+    if code == _INTERRUPTED:
+        _complain(CosimError("interrupted", hint=_LEFT_BEHIND), code, as_json=as_json)
+    sys.exit(code)
 
 
-def _complain(error: CosimError, *, as_json: bool) -> None:
+def _misused(error: Any, *, as_json: bool) -> int:
+    """Usage errors in the form of all others; without any verb, the help."""
+    if type(error).__name__ == "NoArgsIsHelpError" and not as_json:
+        error.show()
+    else:
+        path = error.ctx.command_path if error.ctx else "cosim"
+        wrong = InputError(error.format_message(), where=path, hint=f"{path} --help")
+        _complain(wrong, wrong.exit_code, as_json=as_json)
+    return InputError.exit_code
+
+
+def _complain(error: CosimError, code: int, *, as_json: bool) -> None:
     if as_json:
         keys = ("what", "where", "expected", "got", "hint")
-        content = {key: getattr(error, key) for key in keys} | {"exit_code": error.exit_code}
+        content = {key: getattr(error, key) for key in keys} | {"exit_code": code}
         print(json.dumps({"error": content}, allow_nan=False))
     print(error.text(), file=sys.stderr)
 

@@ -14,13 +14,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_to_json
 from cosim.master import Observer, Run, System, TraceRecorder, make_timetable, simulate
 from cosim.network import PacketSchedule
 from cosim.scenario.assemble import Hangar, assemble, find_fmus
-from cosim.scenario.gain import Problem, gain_parameters, solve
+from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
+from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
@@ -64,8 +67,10 @@ def prepare(
     for role, name in (("controller", part.controller), ("plant", part.plant)):
         if name not in fmus:
             raise InputError.unknown("component", name, fmus, where=f"design.{role}")
-    # wire once before the design, so that a scenario that cannot run says so at once
-    assemble(loaded.scenario, fmus, parameters={})
+    # fit everything together before the design, which takes longest: what cannot run says so
+    system = problem_of(part).system
+    blank = gain_parameters(np.zeros(system.B.T.shape), fmus[part.controller])
+    assemble(loaded.scenario, fmus, parameters={part.controller: blank})
     tell("design", 0.0)
     problem, found = saved if saved is not None else solve(part)
     return Prepared(loaded, fmus, problem, found)
@@ -88,14 +93,18 @@ def fly(
         controller = prepared.fmus[scenario.design.controller]
         parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
     system = assemble(scenario, prepared.fmus, parameters=parameters)
-    watcher = _Watcher(system, lambda share: tell("flight", share))
     if trace is None:
-        run = simulate(system, [watcher])
+        run = _simulate(system, "flight", tell)
         return _outcome(prepared, system, run, parameters, None, began, tell)[0]
-    trace.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        trace.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
+        ) from error
     entries, attachments = _identity(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments) as writer:
-        run = simulate(system, [TraceRecorder(writer, system), watcher])
+        run = _simulate(system, "flight", tell, TraceRecorder(writer, system))
         outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
@@ -117,7 +126,7 @@ def _outcome(
     companion = None
     if prepared.design is not None and run.ending != "failed":
         at_rest = assemble(scenario, prepared.fmus, parameters=parameters, at_rest=True)
-        companion = simulate(at_rest, [_Watcher(at_rest, lambda share: tell("companion", share))])
+        companion = _simulate(at_rest, "companion", tell)
     schedules = _schedules_reached(system, run, scenario.run.events)
     flight = Flight(scenario, prepared.problem, prepared.design, run, companion, schedules)
     outcome = Outcome(
@@ -181,14 +190,22 @@ def _identity(prepared: Prepared, system: System) -> tuple[dict[str, str], Seque
     return entries, attachments
 
 
+def _simulate(system: System, what: str, tell: Progress, *observers: Observer) -> Run:
+    """A run that says how far it is and can be interrupted between two steps."""
+    with Interruptible() as wish:
+        watcher = _Watcher(system, lambda share: tell(what, share), wish)
+        return simulate(system, [*observers, watcher])
+
+
 def _silent(_what: str, _share: float) -> None:
     """No progress asked for."""
 
 
 class _Watcher(Observer):
-    """Reports how far a run has come, about a hundred times."""
+    """Reports how far a run has come, about a hundred times, and ends it on request."""
 
-    def __init__(self, system: System, tell: Callable[[float], None]) -> None:
+    def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
+        self._wish = wish
         self._last = max(int(system.timetable.points_ns.size) - 1, 1)
         self._every = max(self._last // 100, 1)
         self._tell = tell
@@ -198,6 +215,7 @@ class _Watcher(Observer):
         self._tell(0.0)
 
     def point(self, k: int) -> None:
+        self._wish.obey()
         if k % self._every == 0 or k == self._last:
             self._tell(k / self._last)
 

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from cosim.errors import InputError
 from cosim.hinf.files import parse_toml
 from cosim.scenario.locate import line_of
-from cosim.scenario.schema import Scenario
+from cosim.scenario.schema import NAME_PATTERN, REFERENCE_PATTERN, Scenario
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _validated(text: str, data: dict[str, Any], where: str) -> Scenario:
         return Scenario.model_validate(data)
     except ValidationError as error:
         first = _most_telling(error)
-        path = [part for part in first["loc"] if not _is_branch(part, data)]
+        path = _path(first, data)
         line = line_of(text, path)
         key = ".".join(str(part) for part in path)
         others = len(error.errors()) - 1
@@ -95,19 +95,30 @@ def _validated(text: str, data: dict[str, Any], where: str) -> Scenario:
 
 
 def _most_telling(error: ValidationError) -> Any:
-    # a value that fits no branch of a union is reported once per branch: the longest path
-    # is the branch that came closest
-    details = error.errors(include_url=False)
-    return max(details, key=lambda d: (d["type"] != "missing", len(d["loc"])))
+    # a value that fits no branch of a union is reported once per branch: that a table is no
+    # number says less than what is wrong in the table; else the longest path came closest
+    def rank(detail: Any) -> tuple[bool, bool, int]:
+        scalar_wanted = isinstance(detail["input"], dict) and detail["type"] in _SCALAR_WANTED
+        return not scalar_wanted, detail["type"] != "missing", len(detail["loc"])
+
+    return max(error.errors(include_url=False), key=rank)
 
 
-def _is_branch(part: Any, data: dict[str, Any]) -> bool:
-    del data
-    return isinstance(part, str) and (
-        part in ("packet", "transport", "float", "int", "bool", "constrained-float")
-        or "[" in part
-        or part.endswith("Part")
-    )
+_SCALAR_WANTED = ("float_type", "int_type", "bool_type", "literal_error")
+
+
+def _path(detail: Any, data: Any) -> list[str | int]:
+    """The place of a fault as keys of the file; pydantic's names of union branches are none."""
+    path: list[str | int] = []
+    for i, part in enumerate(detail["loc"]):
+        here = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int)
+        )
+        if here:
+            data = data[part]
+        if here or (detail["type"] == "missing" and i == len(detail["loc"]) - 1):
+            path.append(part)
+    return path
 
 
 def _sentence(detail: Any, key: str) -> str:
@@ -121,10 +132,23 @@ def _sentence(detail: Any, key: str) -> str:
 
 
 def _expected(detail: Any) -> str | None:
-    if detail["type"] in ("extra_forbidden", "missing"):
-        return None
+    match detail["type"]:
+        case "extra_forbidden" | "missing":
+            return None
+        case "string_pattern_mismatch":
+            return _PATTERNS[detail["ctx"]["pattern"]]
+        case "union_tag_not_found":
+            return "a key 'kind' that says which kind of link this is"
+        case "union_tag_invalid":
+            return f"kind = {detail['ctx']['expected_tags'].replace(',', ' or')}"
     message: str = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return message
+
+
+_PATTERNS = {
+    NAME_PATTERN: "a name: a letter, then letters, digits, _ or -",
+    REFERENCE_PATTERN: "component.variable",
+}
 
 
 def _hint(detail: Any, path: list[Any]) -> str | None:

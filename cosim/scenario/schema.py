@@ -10,23 +10,29 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
-Reference = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*\..+$")]
+NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
+REFERENCE_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*\..+$"
+Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
+Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+# three years: sums of a few such times still fit into 64-bit nanoseconds
+Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
+Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    # strict: "5.0" is no number and true is no 1, as TOML itself has it
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
 
 
 class RunPart(_Part):
     """[run]: when, and with which luck."""
 
-    end: Positive
-    step: Positive
+    end: Duration
+    step: Duration
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     events: Literal["align", "grid"] = "align"
     divergence: Positive = 1e6
@@ -43,10 +49,10 @@ class JitterPart(_Part):
     """Extra delay of each message, never negative."""
 
     kind: Literal["uniform", "exponential", "normal"]
-    width: NotNegative = 0.0
-    mean: NotNegative = 0.0
-    sigma: NotNegative = 0.0
-    max: Positive | None = None
+    width: Delay = 0.0
+    mean: Delay = 0.0
+    sigma: Delay = 0.0
+    max: Duration | None = None
 
 
 class BurstPart(_Part):
@@ -62,9 +68,9 @@ class PacketPart(_Part):
     """[links.NAME] with kind = "packet"."""
 
     kind: Literal["packet"]
-    sample_time: Positive
-    offset: NotNegative = 0.0
-    delay: NotNegative = 0.0
+    sample_time: Duration
+    offset: Delay = 0.0
+    delay: Delay = 0.0
     jitter: JitterPart | None = None
     loss: Probability | BurstPart = 0.0
     order: Literal["newest-wins", "fifo", "as-arrived"] = "newest-wins"
@@ -79,7 +85,7 @@ class TransportPart(_Part):
     """[links.NAME] with kind = "transport"."""
 
     kind: Literal["transport"]
-    delay: NotNegative
+    delay: Delay
 
 
 LinkPart = Annotated[PacketPart | TransportPart, Field(discriminator="kind")]
@@ -108,6 +114,8 @@ class PathPart(_Part):
 
     @model_validator(mode="after")
     def _shape(self) -> Self:
+        if len(set(self.axes)) != len(self.axes):
+            raise ValueError(f"the axes must differ; got {', '.join(self.axes)}")
         for i, point in enumerate(self.points):
             if len(point) != 1 + len(self.axes):
                 raise ValueError(
@@ -147,6 +155,15 @@ class DesignPart(_Part):
     damping: Annotated[list[NotNegative], Field(min_length=4, max_length=4)] | None = None
     position_weight: Positive | None = None
     envelope: EnvelopePart | None = None
+
+    @model_validator(mode="after")
+    def _rows(self) -> Self:
+        lengths = sorted({len(row) for row in self.gain or ()})
+        if len(lengths) > 1:
+            raise ValueError(
+                f"the rows of gain must be of one length; got {' and '.join(map(str, lengths))}"
+            )
+        return self
 
 
 class Scenario(_Part):
