@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -9,17 +10,17 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.hinf.certificate import check_certificate
 from cosim.hinf.synthesis import Design
-from cosim.hinf.system_json import system_from_json
+from cosim.hinf.system_json import number, system_from_json
 
-_FIGURES = ("gamma", "least_gamma", "abscissa", "exact_norm", "norm_frequency")
+_FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
+"""Computed beside the proof: notes, not part of the claim."""
 
 
 def design_to_json(design: Design) -> dict[str, Any]:
     """JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
     return {
         **design.certificate,
-        "figures": {name: getattr(design, name) for name in _FIGURES}
-        | {"k1": list(design.k1), "k2": list(design.k2)},
+        "figures": {name: getattr(design, name) for name in _FIGURES},
     }
 
 
@@ -34,17 +35,27 @@ def design_from_json(data: Any, *, where: str) -> Design:
     if not proof.valid:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
     figures = data.get("figures")
-    if not isinstance(figures, dict) or not {*_FIGURES, "k1", "k2"} <= set(figures):
+    if not isinstance(figures, dict) or set(figures) != set(_FIGURES):
         raise InputError(
             "figures are missing from this design",
             where=where,
-            expected=f"figures: {', '.join(_FIGURES)}, k1, k2",
+            expected=f"figures: {', '.join(_FIGURES)}",
         )
+    # what is claimed is read off the proof, never off a note beside it
+    proved = data["variables"]
     return Design(
         system=system_from_json(data["system"]),
         K=np.array(data["K"], dtype=float),
-        k1=tuple(figures["k1"]),
-        k2=tuple(figures["k2"]),
+        gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
+        k1=tuple(map(_double, proved["k1"])),
+        k2=tuple(map(_double, proved["k2"])),
         certificate={key: data[key] for key in ("claim", "system", "variables", "K")},
-        **{name: figures[name] for name in _FIGURES},
+        **{
+            name: None if figures[name] is None else number(figures[name], f"{where}: {name}")
+            for name in _FIGURES
+        },
     )
+
+
+def _double(text: str) -> float:
+    return float(Fraction(text))
