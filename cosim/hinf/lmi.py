@@ -100,7 +100,7 @@ def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
         t["w", "z"] = system.D1.T
         t["z", "z"] = -v.gamma * np.eye(sizes["z"])
         for i in range(N + 1):
-            z = system.D @ v.X if i == 0 else 0.0
+            z: Any = system.D @ v.X if i == 0 else 0.0
             if phi[i]:
                 z += system.D2 @ v.Y
             if i == 0 or phi[i]:
@@ -128,6 +128,8 @@ def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
             return t[column, row].T
         return np.zeros((sizes[row], sizes[column]))
 
-    whole = cp.bmat([[block(row, column) for column in sizes] for row in sizes])
+    whole = cp.bmat(  # type: ignore[attr-defined]  # re-exported by a wildcard
+        [[block(row, column) for column in sizes] for row in sizes]
+    )
     positive = [v.X, *(v.R[j - 1] for j in range(1, N + 1) if j not in late)]
     return whole, positive

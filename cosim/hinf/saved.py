@@ -43,6 +43,10 @@ def design_from_json(data: Any, *, where: str) -> Design:
         )
     # what is claimed is read off the proof, never off a note beside it
     proved = data["variables"]
+    notes: dict[str, Any] = {
+        name: None if figures[name] is None else number(figures[name], f"{where}: {name}")
+        for name in _FIGURES
+    }
     return Design(
         system=system_from_json(data["system"]),
         K=np.array(data["K"], dtype=float),
@@ -50,10 +54,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         k1=tuple(map(_double, proved["k1"])),
         k2=tuple(map(_double, proved["k2"])),
         certificate={key: data[key] for key in ("claim", "system", "variables", "K")},
-        **{
-            name: None if figures[name] is None else number(figures[name], f"{where}: {name}")
-            for name in _FIGURES
-        },
+        **notes,
     )
 
 
