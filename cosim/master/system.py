@@ -69,6 +69,7 @@ class System:
     divergence: float
 
     def __post_init__(self) -> None:
+        _check_links(self)
         _check(self)
 
     def port(self, end: Endpoint) -> Port:
@@ -125,6 +126,19 @@ def make_timetable(
         return Timetable(grid, {}, step_ns)
     aligned = align([schedule(link, end_ns) for link in packet], grid, events)
     return Timetable(aligned.points_ns, {s.link.name: s for s in aligned.schedules}, step_ns)
+
+
+def _check_links(system: System) -> None:
+    for name, link in system.links.items():
+        packet = isinstance(link, PacketLink)
+        if link.name != name or (packet and name not in system.timetable.schedules):
+            raise InputError(
+                "the link and its place in the system do not fit",
+                where=f"link {name!r}",
+                expected="the link's own name, and a timetable made for it",
+                got=f"link {link.name!r}, schedules of {list(system.timetable.schedules)}",
+                hint="pass the same links to make_timetable and to System",
+            )
 
 
 def _check(system: System) -> None:

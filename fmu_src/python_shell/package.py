@@ -105,7 +105,9 @@ def _flat(module: str) -> str:
 
 def _renamed_imports(text: str, renamed: dict[str, str]) -> str:
     for module, new in renamed.items():
-        text = re.sub(rf"^from {re.escape(module)} import", f"from {new} import", text, flags=re.MULTILINE)
+        text = re.sub(
+            rf"^from {re.escape(module)} import", f"from {new} import", text, flags=re.MULTILINE
+        )
     left = re.search(r"^\s*(?:from|import) (?:cosim|fmu_src|numpy)\b.*", text, flags=re.MULTILINE)
     # what only a designer calls imports inside its function and never runs in the FMU
     if left is not None and not left.group().startswith(" "):

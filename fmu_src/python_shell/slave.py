@@ -8,8 +8,14 @@ step fail. Standard library and pythonfmu only.
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import ctypes
 import json
 import math
+import os
+import sys
+from pathlib import Path
 from typing import Any
 
 from pythonfmu import Fmi2Slave
@@ -24,6 +30,19 @@ _CAUSALITY = {
 _INT_MAX = 2**31 - 1
 
 
+def _part_from_binary(resources: str, name: str) -> None:
+    """Take Python's state off PythonFMU's binary while the process is still whole.
+
+    A GNU C++ library with unique symbols is never unloaded before the process ends. There
+    PythonFMU's shared pointer is destroyed first and then set to null by the library's own
+    destructor, on freed memory: now and then the host aborts after all its work is done. Set
+    to null here, at the end of Python, nothing is left to be freed twice.
+    """
+    binary = Path(resources).parent / "binaries" / "linux64" / f"{name}.so"
+    with contextlib.suppress(OSError, AttributeError):  # unloaded already: as it should be
+        ctypes.CDLL(str(binary), mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
+
+
 class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     """A slave whose variables are `TABLE` and whose life is a `BEHAVIOUR`.
 
@@ -36,6 +55,10 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        # where the host is no Python, the binary ends Python itself, while it holds the loader's
+        # lock: what follows would wait for ever
+        if sys.platform == "linux" and sys.orig_argv:
+            atexit.register(_part_from_binary, str(self.resources), type(self).__name__)
         self._names = [entry["name"] for entry in self.TABLE]
         self._values: dict[str, Any] = {entry["name"]: entry["start"] for entry in self.TABLE}
         for entry in self.TABLE:

@@ -244,6 +244,17 @@ def test_fixed_step_fmu_is_refused_where_steps_vary(fmus: Path, tmp_path: Path) 
     assert simulate(replaced("grid")).ending == "finished"
 
 
+def test_link_that_is_not_the_timetables_is_refused(fmus: Path) -> None:
+    """A link under another name, or one the timetable was not made for."""
+    link = PacketLink("sc", ns(0.1))
+    given = section_5(fmus, step=0.1, stop=1.0, links=[link])
+    with pytest.raises(InputError, match="pass the same links to make_timetable"):
+        dataclasses.replace(given, links={"other": link}, connections=[])
+    without = make_timetable({}, ns(0.1), ns(1.0), "align")
+    with pytest.raises(InputError, match="link 'sc': the link and its place"):
+        dataclasses.replace(given, timetable=without)
+
+
 def test_endpoint_reads_as_it_is_written() -> None:
     """component.variable."""
     assert str(end("plant.x[1]")) == "plant.x[1]"
