@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import sys
 from pathlib import Path
 
@@ -27,6 +28,10 @@ def main() -> int:
         for built in ensure_all(options.out, options.names, force=True):
             digest = hashlib.sha256(built.path.read_bytes()).hexdigest()
             print(f"{digest}  {built.path}")
+    except BrokenPipeError:
+        # the reader of our output is gone: nothing is left to say it to
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except OSError as error:
         print(f"the FMU cannot be written: {error}", file=sys.stderr)
         return 2

@@ -95,10 +95,11 @@ def design(
     """
     gain = None
     if name in builtin_names():
-        part = load(name).scenario.design
+        loaded = load(name)
+        part = loaded.scenario.design
         if part is None:
             raise InputError("this scenario has no design", where=name)
-        problem = problem_of(part)
+        problem = problem_of(part, loaded.folder)
         named = NamedSystem(problem.system, problem.k1, problem.k2)
         gain = part.gain
     else:

@@ -126,9 +126,9 @@ def _loop(  # noqa: C901 - the algorithm, in one place
     complete = 0  # rows: one that a component broke off counts no more than one never begun
 
     def ended(ending: Ending, reason: str | None, reached: int) -> Run:
-        if reason is not None:
-            for observer in observers:
-                observer.log(clock.now_ns, "error", "master", reason)
+        level, words = ("info", "the end is reached") if reason is None else ("error", reason)
+        for observer in observers:
+            observer.log(clock.now_ns, level, "master", words)
         return Run(ending, reason, clock.points_ns[:reached], tuple(stations))
 
     try:

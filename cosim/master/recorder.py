@@ -50,6 +50,13 @@ class TraceRecorder:
             places = [p.name for p in station.output_ports]
             if all(name in places for name in _POSE):
                 self._poses.append((station, [places.index(name) for name in _POSE]))
+        self._writer.log(
+            self._points[0],
+            "info",
+            "master",
+            f"{len(stations)} components, {len(self._points)} communication points to "
+            f"t = {self._points[-1] / 1e9:g} s",
+        )
 
     def point(self, k: int) -> None:
         """Write what reached its receiver since the last point, then row k."""

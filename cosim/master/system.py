@@ -180,7 +180,20 @@ def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
             )
         if connection.link is not None and connection.link not in system.links:
             raise InputError.unknown("link", connection.link, system.links, where=where)
+        if connection.link is not None and source.kind != "float":
+            _check_carries(system.links[connection.link], source, where)
         _take(taken, connection.target, f"connection from {connection.source}")
+
+
+def _check_carries(link: Link, port: Port, where: str) -> None:
+    """Refuse a link that would make a number in between out of an Integer or Boolean."""
+    if isinstance(link, TransportLink) or link.quantization:
+        raise InputError(
+            f"link {link.name!r} carries real numbers only",
+            where=where,
+            expected="a packet link without quantization",
+            got=f"{port.name} of kind {port.kind}",
+        )
 
 
 def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.hinf import design_from_json
+from cosim.hinf import Design, design_from_json
+from cosim.hinf.system_json import system_to_json
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import (
     DESIGN_ATTACHMENT,
@@ -28,9 +29,10 @@ from cosim.scenario.execute import (
     fly,
     prepare,
 )
-from cosim.scenario.gain import problem_of
+from cosim.scenario.gain import Problem, is_file, problem_of
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import parse
+from cosim.scenario.schema import DesignPart
 from cosim.trace import Table, Trace, content_hash
 
 
@@ -107,8 +109,8 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
     saved = None
     if loaded.scenario.design is not None:
         data = json.loads(_attachment(trace, path, DESIGN_ATTACHMENT))
-        problem = problem_of(loaded.scenario.design)
-        saved = (problem, design_from_json(data, where=f"{path}: {DESIGN_ATTACHMENT}"))
+        found = design_from_json(data, where=f"{path}: {DESIGN_ATTACHMENT}")
+        saved = (_problem(loaded.scenario.design, found, path), found)
     prepared = prepare(loaded, hangar, saved=saved, progress=progress)
     for component, fmu in prepared.fmus.items():
         wanted = trace.run.get(f"fmu.{component}.sha256")
@@ -122,6 +124,26 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
                 "to the folder with the FMUs of that run",
             )
     return prepared
+
+
+def _problem(part: DesignPart, found: Design, path: Path) -> Problem:
+    """What the design is about: from the scenario, or, for a system in a file, from its proof.
+
+    Raises
+    ------
+    InputError : the design is about another system than the scenario names.
+    """
+    if is_file(part):
+        return Problem(found.system, found.k1, found.k2, None)
+    problem = problem_of(part, path.parent)
+    if system_to_json(problem.system) != system_to_json(found.system):
+        raise InputError(
+            "the design in this trace is for another system",
+            where=f"{path}: {DESIGN_ATTACHMENT}",
+            expected=f"the system {part.system!r} as the scenario in the trace describes it",
+            got=f"a design of {found.system.name!r} with other numbers",
+        )
+    return problem
 
 
 def _attachment(trace: Trace, path: Path, name: str) -> bytes:

@@ -97,6 +97,9 @@ def assemble(
     ]
     driven = {}
     if scenario.reference is not None:
+        goal = _endpoint(scenario.reference.target).component
+        if goal not in fmus:
+            raise InputError.unknown("component", goal, fmus, where="reference.target")
         driven = _driven(scenario.reference, timetable.points_ns / 1e9, at_rest=at_rest)
     reached = {c.target for c in connections} | set(driven)
     components = {}

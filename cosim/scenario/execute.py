@@ -68,11 +68,11 @@ def prepare(
         if name not in fmus:
             raise InputError.unknown("component", name, fmus, where=f"design.{role}")
     # fit everything together before the design, which takes longest: what cannot run says so
-    system = problem_of(part).system
-    blank = gain_parameters(np.zeros(system.B.T.shape), fmus[part.controller])
+    problem = problem_of(part, loaded.folder) if saved is None else saved[0]
+    blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     assemble(loaded.scenario, fmus, parameters={part.controller: blank})
     tell("design", 0.0)
-    problem, found = saved if saved is not None else solve(part)
+    found = solve(problem, part.gain) if saved is None else saved[1]
     return Prepared(loaded, fmus, problem, found)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.hinf import AuvDesign, Design, Envelope, design, system_by_name
 from cosim.hinf.auv import DEFAULT_ENVELOPE, auv_system
+from cosim.hinf.named import BUILT_IN
 from cosim.models.delay_system import DelaySystem
 from cosim.scenario.schema import DesignPart
 
@@ -27,12 +30,12 @@ class Problem:
     vehicle: AuvDesign | None
 
 
-def problem_of(part: DesignPart) -> Problem:
-    """The system that [design] describes.
+def problem_of(part: DesignPart, folder: Path) -> Problem:
+    """The system that [design] describes; a file of it is looked up from `folder`.
 
     Raises
     ------
-    InputError : keys that the named system does not have.
+    InputError : no such system, or keys that it does not have.
     """
     if part.system == "auv":
         return _auv_problem(part)
@@ -43,10 +46,21 @@ def problem_of(part: DesignPart) -> Problem:
             where="design",
             got=f"system = {part.system!r}",
         )
-    named = system_by_name(part.system)
+    if is_file(part):
+        named = system_by_name(str(folder / part.system))
+    elif part.system in BUILT_IN:
+        named = system_by_name(part.system)
+    else:
+        known = (*BUILT_IN, "FILE.toml")
+        raise InputError.unknown("system", part.system, known, where="design.system")
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
     return Problem(named.system, k1, k2, None)
+
+
+def is_file(part: DesignPart) -> bool:
+    """Whether [design] names a system by a file, which a trace does not carry."""
+    return part.system.endswith(".toml")
 
 
 def _auv_problem(part: DesignPart) -> Problem:
@@ -71,15 +85,14 @@ def _auv_problem(part: DesignPart) -> Problem:
     return Problem(system, k1, k2, vehicle)
 
 
-def solve(part: DesignPart) -> tuple[Problem, Design]:
+def solve(problem: Problem, gain: Sequence[Sequence[float]] | None) -> Design:
     """Design the gain, or analyse the one that is given.
 
     Raises
     ------
     NotAchievableError : nothing could be certified.
     """
-    problem = problem_of(part)
-    return problem, design(problem.system, problem.k1, problem.k2, gain=part.gain)
+    return design(problem.system, problem.k1, problem.k2, gain=gain)
 
 
 def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
