@@ -1,9 +1,11 @@
 """H-infinity design over delays: the LMI, the exact proof, the exact yardsticks."""
 
+from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.auv import AuvDesign, auv_system
 from cosim.hinf.certificate import Certificate, check_certificate
 from cosim.hinf.closed_loop import close
 from cosim.hinf.envelope import Envelope
+from cosim.hinf.greatest import GreatestDelay, greatest_delay
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
@@ -11,11 +13,14 @@ from cosim.hinf.saved import design_from_json, design_to_json
 from cosim.hinf.synthesis import Design, design
 
 __all__ = [
+    "Analysis",
     "AuvDesign",
     "Certificate",
     "Design",
     "Envelope",
+    "GreatestDelay",
     "NamedSystem",
+    "analyse",
     "auv_system",
     "characteristic_roots",
     "check_certificate",
@@ -23,6 +28,7 @@ __all__ = [
     "design",
     "design_from_json",
     "design_to_json",
+    "greatest_delay",
     "hinf_norm",
     "spectral_abscissa",
     "system_by_name",

@@ -16,13 +16,20 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import flint
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.hinf.analysis_certificate import KIND, check_analysis
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.proof import Certificate, Variables, claim_of, exact_variables, proved
-from cosim.hinf.rational import exact_matrix, from_text, is_symmetric, to_text
+from cosim.hinf.rational import (
+    exact_matrix,
+    from_text,
+    is_symmetric,
+    matrix_from_text,
+    matrix_to_text,
+    to_text,
+)
 from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
 
@@ -78,10 +85,10 @@ def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables)
         "claim": claim_of(system, v.gamma),
         "system": system_to_json(system),
         "variables": {
-            "X": _matrix_text(v.X),
-            "Y": _matrix_text(exact_matrix(gain) * v.X),
-            "Q": [_matrix_text(Q) for Q in v.Q],
-            "R": [_matrix_text(R) for R in v.R],
+            "X": matrix_to_text(v.X),
+            "Y": matrix_to_text(exact_matrix(gain) * v.X),
+            "Q": [matrix_to_text(Q) for Q in v.Q],
+            "R": [matrix_to_text(R) for R in v.R],
             "eps": None if v.eps is None else to_text(v.eps),
             "k1": [to_text(value) for value in v.k1],
             "k2": [to_text(value) for value in v.k2],
@@ -94,8 +101,9 @@ def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables)
 def check_certificate(data: Any) -> Certificate:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
-    Top-level keys beside the four of the module's docstring are notes: nothing is claimed
-    about them.
+    With `"kind": "analysis"` it is one of `analysis_certificate`, without a kind one of
+    Theorem 2. Top-level keys beside these and the four of the module's docstring are notes:
+    nothing is claimed about them.
 
     Raises
     ------
@@ -105,6 +113,15 @@ def check_certificate(data: Any) -> Certificate:
     """
     if not isinstance(data, dict):
         raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
+    if "kind" in data:
+        if data["kind"] != KIND:
+            raise InputError(
+                "not a kind of certificate",
+                where="certificate.kind",
+                expected=f'"{KIND}", or no kind at all (Theorem 2)',
+                got=shown(data["kind"]),
+            )
+        return check_analysis(data)
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
@@ -173,34 +190,12 @@ def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables
                 got=shown(data[name]),
             )
     v = ExactVariables(
-        X=_matrix_from_text(data["X"], "variables.X", n, n),
-        Q=tuple(_matrix_from_text(Q, f"variables.Q[{j}]", n, n) for j, Q in enumerate(data["Q"])),
-        R=tuple(_matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
+        X=matrix_from_text(data["X"], "variables.X", n, n),
+        Q=tuple(matrix_from_text(Q, f"variables.Q[{j}]", n, n) for j, Q in enumerate(data["Q"])),
+        R=tuple(matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
         eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
         k1=tuple(from_text(x, f"variables.k1[{j}]") for j, x in enumerate(data["k1"])),
         k2=tuple(from_text(x, f"variables.k2[{j}]") for j, x in enumerate(data["k2"])),
         gamma=None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma"),
     )
-    return v, _matrix_from_text(data["Y"], "variables.Y", m, n)
-
-
-def _matrix_text(value: Any) -> list[list[str]]:
-    return [[to_text(value[i, j]) for j in range(value.ncols())] for i in range(value.nrows())]
-
-
-def _matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:
-    fits = (
-        isinstance(rows, list)
-        and len(rows) == height
-        and all(isinstance(row, list) and len(row) == width for row in rows)
-    )
-    if not fits:
-        raise InputError(
-            "wrong shape", where=where, expected=f"{height} rows of {width} numbers as p/q"
-        )
-    entries = [
-        from_text(entry, f"{where}[{i}][{j}]")
-        for i, row in enumerate(rows)
-        for j, entry in enumerate(row)
-    ]
-    return flint.fmpq_mat(height, width, entries)
+    return v, matrix_from_text(data["Y"], "variables.Y", m, n)

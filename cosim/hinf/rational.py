@@ -82,6 +82,36 @@ def from_text(text: Any, where: str) -> Any:
     return flint.fmpq(p, q)
 
 
+def matrix_to_text(value: Any) -> list[list[str]]:
+    """A `flint.fmpq_mat` as rows of "p/q"."""
+    return [[to_text(value[i, j]) for j in range(value.ncols())] for i in range(value.nrows())]
+
+
+def matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:
+    """The matrix that `matrix_to_text` wrote.
+
+    Raises
+    ------
+    InputError
+        If it has another shape, or an entry is no "p/q".
+    """
+    fits = (
+        isinstance(rows, list)
+        and len(rows) == height
+        and all(isinstance(row, list) and len(row) == width for row in rows)
+    )
+    if not fits:
+        raise InputError(
+            "wrong shape", where=where, expected=f"{height} rows of {width} numbers as p/q"
+        )
+    entries = [
+        from_text(entry, f"{where}[{i}][{j}]")
+        for i, row in enumerate(rows)
+        for j, entry in enumerate(row)
+    ]
+    return flint.fmpq_mat(height, width, entries)
+
+
 def identity(n: int) -> Any:
     """The n x n identity as a `flint.fmpq_mat`."""
     return flint.fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])

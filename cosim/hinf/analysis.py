@@ -1,0 +1,214 @@
+"""What a given gain guarantees, or the system as it is: least gamma, or stability, certified.
+
+As in `cosim.hinf.synthesis`: the solver's least gamma, then a little above it a point of great
+margin, then the exact proof (`analysis_proof`); where that fails, a little higher. Order 0 is
+Theorem 1, higher orders are the Bessel-Legendre conditions (`analysis_lmi`).
+
+Not being certified is a result here, not an error: the conditions are sufficient, and what
+they do not prove may still be true. The exact yardsticks stand beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.errors import InputError
+from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
+from cosim.hinf.analysis_lmi import AnalysisLmi
+from cosim.hinf.analysis_proof import MAX_ORDER, analysis_proved
+from cosim.hinf.closed_loop import close
+from cosim.hinf.norm import hinf_norm
+from cosim.hinf.roots import spectral_abscissa
+from cosim.models.delay_system import DelaySystem
+
+_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """A loop and what is known of it.
+
+    Attributes
+    ----------
+    system : what is analysed, at the delays that are analysed.
+    K : (m, n) the gain, as its doubles; None for the system as it is.
+    order : of the Bessel-Legendre inequality; 0 is Theorem 1.
+    certified : whether anything is proved.
+    reason : why nothing is; None if something is.
+    gamma : certified bound of the gain from w to z, uncertainty included; None where only
+        stability is certified, or nothing.
+    least_gamma : the solver's least gamma: not a proof; None where it finds none.
+    abscissa : spectral abscissa of the nominal loop [1/s], computed.
+    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, or
+        where there is no w or no z.
+    norm_frequency : where it is attained [rad/s]; None at infinite frequency.
+    certificate : the proof as JSON values, for `check_certificate`; None if not certified.
+    """
+
+    system: DelaySystem
+    K: NDArray[np.float64] | None
+    order: int
+    certified: bool
+    reason: str | None
+    gamma: float | None
+    least_gamma: float | None
+    abscissa: float
+    exact_norm: float | None
+    norm_frequency: float | None
+    certificate: dict[str, Any] | None
+
+
+def analyse(
+    system: DelaySystem,
+    gain: ArrayLike | None = None,
+    gamma: float | None = None,
+    *,
+    order: int = 0,
+) -> Analysis:
+    """The least certified gamma of u = K x, or stability where there is no w or no z.
+
+    Parameters
+    ----------
+    system : Eq. (7) with any number of delays (n states, m inputs).
+    gain : (m, n) K; None for the system as it is, u = 0.
+    gamma : a bound to prove instead of the least one.
+    order : 0 for Theorem 1, which holds for every constant delay up to the system's; N > 0
+        for the sharper condition, which holds for exactly these delays.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    """
+    K = gain_of(system, gain)
+    _order(order)
+    if gamma is not None:
+        _possible(gamma, system)
+    loop = close(system, K)
+    abscissa = float(spectral_abscissa(loop))
+    peak = hinf_norm(loop) if system.has_performance else None
+    frequency = None if peak is None else float(peak.frequency)
+    least, proof, reason = None, None, None
+    delays = [delay.d for delay in system.delays]
+    if abscissa >= 0:
+        reason = f"the nominal loop is not stable: its rightmost root has real part {abscissa:.6g}"
+    elif system.has_performance:
+        lmi = AnalysisLmi(system, K, order, performance=True)
+        floor = float(np.linalg.norm(system.D1, 2))
+        reference = max(floor, 0.0 if peak is None else float(peak.value)) or 1.0
+        least = lmi.least_gamma(delays, reference)
+        if gamma is not None:
+            levels = [gamma]
+        elif least is None:
+            levels, reason = [], "the solver finds no gamma at which the LMI is feasible"
+        else:
+            levels = [float(f"{least * (1 + share):.7g}") for share in _ABOVE_LEAST]
+        for level in levels:
+            proof, reason = _proof(system, K, lmi, delays, level)
+            if proof is not None:
+                break
+    else:
+        lmi = AnalysisLmi(system, K, order, performance=False)
+        proof, reason = _proof(system, K, lmi, delays, None)
+    return Analysis(
+        system=system,
+        K=None if gain is None else K,
+        order=order,
+        certified=proof is not None,
+        reason=None if proof is not None else reason,
+        gamma=level if proof is not None and system.has_performance else None,
+        least_gamma=least,
+        abscissa=abscissa,
+        exact_norm=None if peak is None else float(peak.value),
+        norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
+        certificate=proof,
+    )
+
+
+class Prover:
+    """Certified feasibility of one loop at one order, for any delays: the LMI is set up once.
+
+    Parameters
+    ----------
+    system : Eq. (7); its delays are the ones that are replaced.
+    K : (m, n).
+    order : N.
+    gamma : the gain to prove; None for stability alone.
+    """
+
+    def __init__(
+        self, system: DelaySystem, K: NDArray[np.float64], order: int, gamma: float | None
+    ) -> None:
+        self._K, self._gamma = K, gamma
+        self._lmi = AnalysisLmi(system, K, order, performance=gamma is not None)
+
+    def proof(self, system: DelaySystem) -> dict[str, Any] | None:
+        """The certificate of `system`, which differs in its delays only; None if there is none."""
+        delays = [delay.d for delay in system.delays]
+        return _proof(system, self._K, self._lmi, delays, self._gamma)[0]
+
+
+def _proof(
+    system: DelaySystem,
+    K: NDArray[np.float64],
+    lmi: AnalysisLmi,
+    delays: Sequence[float],
+    gamma: float | None,
+) -> tuple[dict[str, Any] | None, str | None]:
+    """The certificate, or why there is none."""
+    found = lmi.central(delays, gamma)
+    if found is None:
+        return None, "the solver finds no feasible point"
+    exact = exact_analysis(system, found)
+    proof = analysis_proved(system, K, exact)
+    return (analysis_to_json(system, K, exact) if proof.valid else None), proof.reason
+
+
+def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
+    """K as (m, n) doubles, zero for None.
+
+    Raises
+    ------
+    InputError : it does not fit the system.
+    """
+    n, m = system.B.shape
+    if gain is None:
+        return np.zeros((m, n))
+    try:
+        K = np.array(gain, dtype=np.float64)
+    except (TypeError, ValueError):
+        K = np.full((1, 1), np.nan)
+    if K.shape != (m, n) or not np.isfinite(K).all():
+        raise InputError(
+            "the gain does not fit the system",
+            where="gain",
+            expected=f"{m} rows of {n} finite numbers",
+            got=f"shape {np.shape(K)}" if np.isfinite(K).all() else "not only finite numbers",
+        )
+    return K
+
+
+def _order(order: int) -> None:
+    if not 0 <= order <= MAX_ORDER:
+        raise InputError(
+            "not an order",
+            where="order",
+            expected=f"0 (Theorem 1) to {MAX_ORDER}",
+            got=str(order),
+        )
+
+
+def _possible(gamma: float, system: DelaySystem) -> None:
+    if not (np.isfinite(gamma) and gamma > 0):
+        raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
+    if not system.has_performance:
+        raise InputError(
+            "this system has no gain to bound",
+            where="gamma",
+            expected="a system with C and with D, D1 or D2",
+            got=f"{gamma:g}",
+        )

@@ -1,0 +1,183 @@
+"""Remark 3 for a given loop: the greatest delay at which stability, or a gamma, is certified.
+
+Every delay that counts carries an exact proof; a delay that is "not certified beyond" is one
+at which no proof was found, which does not say that the loop fails there.
+
+Order 0 (Theorem 1) proves every constant delay up to the one it is proved for, so its greatest
+delay is found by bisection. A higher order speaks of exactly one delay: the search starts
+from the greatest delay of order 0 and climbs in steps of `_STEP`, so that it ends at the end
+of the feasible interval it started in, as far as such steps can see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.errors import InputError
+from cosim.hinf.analysis import Prover, gain_of
+from cosim.hinf.analysis_proof import MAX_ORDER
+from cosim.models.delay_system import DelaySystem
+
+DELAY_LIMIT = 20.0
+"""Where a search stops [s]: a greatest delay may not exist."""
+
+_STEP = 1.1
+_FIRST = 2.0**-10
+"""First delay tried above zero, of the limit."""
+
+_PRECISION = 1e-6
+"""Of the bisection, relative."""
+
+
+@dataclass(frozen=True, eq=False)
+class GreatestDelay:
+    """The end of what is certified for one delay, the others held.
+
+    Attributes
+    ----------
+    system : with the greatest certified delay in place; as given if none is certified.
+    which : index of the delay in `system.delays`.
+    order, gamma : what was asked for; gamma None: stability alone.
+    d : the greatest certified delay [s]; None if not even delay 0 is.
+    not_beyond : a delay just above d at which no proof was found; None at the limit.
+    limit_reached : the search stopped at its limit, with everything certified.
+    up_to : the certificate covers every constant delay up to d (order 0, or a delay of any
+        age); else exactly d.
+    certificate : the proof at d, for `check_certificate`; None without one.
+    """
+
+    system: DelaySystem
+    which: int
+    order: int
+    gamma: float | None
+    d: float | None
+    not_beyond: float | None
+    limit_reached: bool
+    up_to: bool
+    certificate: dict[str, Any] | None
+
+
+def greatest_delay(
+    system: DelaySystem,
+    gain: ArrayLike | None = None,
+    gamma: float | None = None,
+    *,
+    which: int = 0,
+    order: int = 0,
+    limit: float = DELAY_LIMIT,
+) -> GreatestDelay:
+    """The greatest delay `which` for which u = K x is certified, the other delays held.
+
+    Parameters
+    ----------
+    system : Eq. (7).
+    gain : (m, n) K; None for the system as it is.
+    gamma : the gain from w to z to hold; None for stability alone.
+    which : index of the delay.
+    order : of the Bessel-Legendre inequality, 0 for Theorem 1.
+    limit : where the search stops [s].
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    """
+    K = gain_of(system, gain)
+    _check(system, gamma, which, order, limit)
+    search = _Search(system, K, gamma, which)
+    if order and not system.delays[which].any_age:
+        search.climb(0, limit, start=0.0, step=2.0)
+        search.climb(order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is None:
+            # some loops need their delay
+            search.climb(order, limit, start=system.delays[which].d, step=_STEP)
+    else:
+        search.climb(order, limit, start=0.0, step=2.0)
+    done = search.d is not None and search.d >= limit
+    return GreatestDelay(
+        system=system if search.d is None else search.at(search.d),
+        which=which,
+        order=order,
+        gamma=gamma,
+        d=search.d,
+        not_beyond=None if done else search.failed,
+        limit_reached=done,
+        up_to=search.order == 0 or system.delays[which].any_age,
+        certificate=search.certificate,
+    )
+
+
+class _Search:
+    """The greatest certified delay so far (`d`), and the least failed one (`failed`)."""
+
+    def __init__(
+        self, system: DelaySystem, K: NDArray[np.float64], gamma: float | None, which: int
+    ) -> None:
+        self._system, self._K, self._gamma, self._which = system, K, gamma, which
+        self.d: float | None = None
+        self.failed: float | None = None
+        self.order = 0
+        self.certificate: dict[str, Any] | None = None
+
+    def at(self, d: float) -> DelaySystem:
+        """The system with delay `which` replaced."""
+        delays = list(self._system.delays)
+        delays[self._which] = replace(delays[self._which], d=d)
+        return replace(self._system, delays=tuple(delays))
+
+    def climb(self, order: int, limit: float, *, start: float, step: float) -> None:
+        """From `start` upwards until a proof fails or the limit is reached, then bisect."""
+        prover = Prover(self._system, self._K, order, self._gamma)
+        self.failed = None
+
+        def certified(d: float) -> bool:
+            proof = prover.proof(self.at(d))
+            if proof is None:
+                self.failed = d
+            else:
+                self.d, self.order, self.certificate = d, order, proof
+            return proof is not None
+
+        d = min(start, limit)
+        if d != self.d and not certified(d):
+            return
+        while d < limit and self.failed is None:
+            d = min(max(d * step, limit * _FIRST), limit)
+            certified(d)
+        while (
+            self.failed is not None
+            and self.d is not None
+            and self.failed - self.d > _PRECISION * self.failed
+        ):
+            certified(_between(self.d, self.failed))
+
+
+def _between(low: float, high: float) -> float:
+    """The middle, to as few digits as the interval needs."""
+    middle = (low + high) / 2
+    digits = 1 - int(np.floor(np.log10(high - low)))
+    rounded = round(middle, digits)
+    return rounded if low < rounded < high else middle
+
+
+def _check(system: DelaySystem, gamma: float | None, which: int, order: int, limit: float) -> None:
+    N = len(system.delays)
+    if not 0 <= which < N:
+        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
+        raise InputError("there is no such delay", where="which", expected=expected, got=str(which))
+    if not 0 <= order <= MAX_ORDER:
+        raise InputError(
+            "not an order", where="order", expected=f"0 to {MAX_ORDER}", got=str(order)
+        )
+    if not (np.isfinite(limit) and limit > 0):
+        raise InputError("not a limit", where="limit", expected="seconds > 0", got=repr(limit))
+    if gamma is not None and not (np.isfinite(gamma) and gamma > 0 and system.has_performance):
+        raise InputError(
+            "no gain that this system can be held to",
+            where="gamma",
+            expected="a positive number, and a system with C and with D, D1 or D2",
+            got=repr(gamma),
+        )
