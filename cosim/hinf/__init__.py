@@ -5,7 +5,7 @@ from cosim.hinf.auv import AuvDesign, auv_system
 from cosim.hinf.certificate import Certificate, check_certificate
 from cosim.hinf.closed_loop import close
 from cosim.hinf.envelope import Envelope
-from cosim.hinf.greatest import GreatestDelay, greatest_delay
+from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
@@ -18,7 +18,7 @@ __all__ = [
     "Certificate",
     "Design",
     "Envelope",
-    "GreatestDelay",
+    "CertifiedDelay",
     "NamedSystem",
     "analyse",
     "auv_system",
@@ -28,7 +28,7 @@ __all__ = [
     "design",
     "design_from_json",
     "design_to_json",
-    "greatest_delay",
+    "certified_delay",
     "hinf_norm",
     "spectral_abscissa",
     "system_by_name",

@@ -21,7 +21,7 @@ from numpy.polynomial import Legendre, Polynomial
 from solved import Array, benchmark, random_system
 
 from cosim.errors import InputError
-from cosim.hinf import analyse, auv_system, check_certificate, close, greatest_delay, hinf_norm
+from cosim.hinf import analyse, auv_system, check_certificate, close, certified_delay, hinf_norm
 from cosim.hinf.analysis_proof import ExactAnalysis, _loop, minus_phi
 from cosim.hinf.rational import exact_matrix
 from cosim.models import paper_example
@@ -139,9 +139,9 @@ def test_the_published_ladder(order: int, d: float, beyond: float) -> None:
 
 
 @pytest.mark.parametrize("order", range(6))
-def test_the_greatest_delay_climbs_and_stays_below_the_truth(order: int) -> None:
+def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> None:
     """The ladder to all its published digits, each certified, none above 6.172581371."""
-    found = greatest_delay(benchmark(1.0), order=order)
+    found = certified_delay(benchmark(1.0), order=order)
     ladder = (4.472, 6.059, 6.1689, 6.1725, 6.1725, 6.1725)
     assert found.d is not None
     assert found.not_beyond is not None
@@ -155,7 +155,7 @@ def test_the_greatest_delay_climbs_and_stays_below_the_truth(order: int) -> None
 def test_a_loop_that_bears_every_delay_reaches_the_limit() -> None:
     """The printed loop is stable for every delay, at gamma 6 as well: the search says so."""
     for gamma in (None, 6.0):
-        found = greatest_delay(paper_example.system(), PRINTED, gamma, limit=50.0)
+        found = certified_delay(paper_example.system(), PRINTED, gamma, limit=50.0)
         assert (found.d, found.limit_reached, found.not_beyond) == (50.0, True, None)
         assert check_certificate(found.certificate).valid
 
@@ -164,7 +164,7 @@ def test_a_loop_that_bears_no_delay_has_no_greatest_one() -> None:
     """x' = x - 0.5 x(t-d) is unstable at d = 0 and at every other."""
     system = DelaySystem([[1.0]], delays=[Delay(1.0, [[-0.5]])])
     for order in (0, 2):
-        found = greatest_delay(system, order=order)
+        found = certified_delay(system, order=order)
         assert found.d is None
         assert found.certificate is None
         assert not found.limit_reached
@@ -181,7 +181,7 @@ def test_a_loop_that_needs_its_delay() -> None:
     system = DelaySystem([[0.0, 1.0], [-2.0, 0.1]], delays=[Delay(1.0, [[0, 0], [1, 0]])])
     assert not analyse(system, order=0).certified
     assert analyse(system, order=2).certified
-    found = greatest_delay(system, order=4)
+    found = certified_delay(system, order=4)
     assert found.d is not None
     assert found.up_to is False
     assert 1.7178 < found.d < end
@@ -391,11 +391,11 @@ def test_what_does_not_fit_is_bad_input() -> None:
         lambda: analyse(system, PRINTED, order=-1),
         lambda: analyse(system, PRINTED, order=13),
         lambda: analyse(benchmark(1.0), gamma=1.0),
-        lambda: greatest_delay(system, PRINTED, which=1),
-        lambda: greatest_delay(system, PRINTED, order=13),
-        lambda: greatest_delay(system, PRINTED, limit=0.0),
-        lambda: greatest_delay(benchmark(1.0), gamma=1.0),
-        lambda: greatest_delay(DelaySystem([[-1.0]])),
+        lambda: certified_delay(system, PRINTED, which=1),
+        lambda: certified_delay(system, PRINTED, order=13),
+        lambda: certified_delay(system, PRINTED, limit=0.0),
+        lambda: certified_delay(benchmark(1.0), gamma=1.0),
+        lambda: certified_delay(DelaySystem([[-1.0]])),
     ):
         with pytest.raises(InputError):
             call()

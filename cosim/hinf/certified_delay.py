@@ -34,7 +34,7 @@ _PRECISION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class GreatestDelay:
+class CertifiedDelay:
     """The end of what is certified for one delay, the others held.
 
     Attributes
@@ -61,7 +61,7 @@ class GreatestDelay:
     certificate: dict[str, Any] | None
 
 
-def greatest_delay(
+def certified_delay(
     system: DelaySystem,
     gain: ArrayLike | None = None,
     gamma: float | None = None,
@@ -69,7 +69,7 @@ def greatest_delay(
     which: int = 0,
     order: int = 0,
     limit: float = DELAY_LIMIT,
-) -> GreatestDelay:
+) -> CertifiedDelay:
     """The greatest delay `which` for which u = K x is certified, the other delays held.
 
     Parameters
@@ -97,7 +97,7 @@ def greatest_delay(
     else:
         search.climb(order, limit, start=0.0, step=2.0)
     done = search.d is not None and search.d >= limit
-    return GreatestDelay(
+    return CertifiedDelay(
         system=system if search.d is None else search.at(search.d),
         which=which,
         order=order,
