@@ -37,14 +37,21 @@ fmu = "broken.fmu"
 
 
 def broken(source: Path, target: Path, how: str) -> None:
-    """A copy of WaveField.fmu that fails in the step after 0.45 s."""
+    """A copy of WaveField.fmu that fails in the step after 0.45 s.
+
+    Its module gets a name of its own: FMUs of one process share `sys.modules`.
+    """
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
         module = old.read("resources/slavemodule.txt").decode().strip()
         for entry in old.infolist():
             content = old.read(entry)
-            if entry.filename == f"resources/{module}.py":
+            name = entry.filename
+            if name == f"resources/{module}.py":
                 content += FAILS.format(name="WaveField", how=how).encode()
-            new.writestr(entry, content)
+                name = "resources/broken_slave.py"
+            elif name == "resources/slavemodule.txt":
+                content = b"broken_slave"
+            new.writestr(name, content)
 
 
 def test_failure_in_a_step_keeps_what_was_recorded(fmus: Path, tmp_path: Path) -> None:
