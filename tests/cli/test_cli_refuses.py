@@ -53,7 +53,7 @@ DESIGNS = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "code", "said"), DESIGNS, ids=lambda x: str(x))
+@pytest.mark.parametrize(("arguments", "code", "said"), DESIGNS, ids=str)
 def test_design_refuses(arguments: list[str], code: int, said: str, tmp_path: Path) -> None:
     """A system, scalar or bound that cannot be: the message names it, the code says which kind."""
     (tmp_path / "folder.toml").mkdir()

@@ -86,3 +86,16 @@ def test_no_verb_prints_help(verb: list[str], tmp_path: Path) -> None:
     result = cosim(*verb, cwd=tmp_path)
     assert "Usage" in result.out + result.err
     assert "Traceback" not in result.out + result.err
+
+
+def test_demo_is_the_two_flights_and_a_picture() -> None:
+    """The demo flies the same runs as `run` does, and draws them."""
+    result = cosim("demo", "--json", "--out", "demo", cwd=home())
+    assert result.code == 0, result.err
+    runs = result.json["runs"]
+    hashes = [run["content_hash"] for run in runs.values()]
+    assert hashes == [
+        flight(name).json["content_hash"] for name in ("auv-acoustic", "auv-acoustic-naive")
+    ]
+    picture = home() / result.json["picture"]
+    assert picture.read_bytes().startswith(b"\x89PNG")

@@ -127,7 +127,7 @@ def test_position_error_and_envelope_from_the_last_rows(name: str) -> None:
 
 @pytest.mark.parametrize("name", ACOUSTIC)
 def test_link_figures_from_the_messages(name: str) -> None:
-    """Delays are arrival minus sending, over what was delivered; drops have a topic of their own."""
+    """Delays are arrival minus sending, of what was delivered; drops have their own topic."""
     trace = Trace(trace_of(name))
     for link, figures in flight(name).json["links"].items():
         rows = trace.read(f"/link/{link}")

@@ -14,13 +14,16 @@ T = np.arange(0.0, 100.0, 0.1)
 LIMIT = 10.0
 
 
-def flown(command: np.ndarray, times: np.ndarray = T, **parameters: float) -> Any:
+def flown(command: np.ndarray, times: np.ndarray = T, limit: float | None = None) -> Any:
     """A run of one controller with one limited force."""
     ports = {
         "force.x": SimpleNamespace(start=0.0),
         "limit.force": SimpleNamespace(start=LIMIT),
     }
-    component = SimpleNamespace(description=SimpleNamespace(ports=ports), parameters=parameters)
+    component = SimpleNamespace(
+        description=SimpleNamespace(ports=ports),
+        parameters={} if limit is None else {"limit.force": limit},
+    )
     return SimpleNamespace(
         points_ns=np.round(times * 1e9).astype(np.int64),
         stations=(SimpleNamespace(name="controller", component=component),),
@@ -29,7 +32,8 @@ def flown(command: np.ndarray, times: np.ndarray = T, **parameters: float) -> An
 
 
 def clipped(signal: np.ndarray) -> np.ndarray:
-    return np.clip(signal, -LIMIT, LIMIT)
+    result: np.ndarray = np.clip(signal, -LIMIT, LIMIT)
+    return result
 
 
 @pytest.mark.parametrize(
@@ -76,6 +80,6 @@ def test_fraction_is_of_time_not_of_points() -> None:
 
 def test_limit_that_the_scenario_sets_counts() -> None:
     """The bound is the parameter of the run, not the FMU's default."""
-    found = saturation(flown(np.full(T.size, LIMIT), **{"limit.force": 20.0}), "controller")
+    found = saturation(flown(np.full(T.size, LIMIT), limit=20.0), "controller")
     assert found is not None
     assert found.fraction == 0.0
