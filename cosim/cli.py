@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import sys
@@ -20,7 +21,7 @@ from cosim.hinf import design as make_design
 from cosim.replay import rerun as run_again
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.demo import demonstrate
-from cosim.scenario.execute import fly, prepare
+from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.gain import problem_of
 from cosim.scenario.read import builtin_names, load
 from cosim.trace import describe, render
@@ -49,6 +50,25 @@ _INTERRUPTED = 130  # what typer makes of a KeyboardInterrupt
 _LEFT_BEHIND = "cosim trace info on the .partial file, if a run had begun"
 _FMUS = Path("fmus")
 _TRACES = Path("traces")
+
+
+def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
+    if asked:
+        print(f"auv-cosim {importlib.metadata.version('auv-cosim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Say which version this is.", callback=_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Certified control of an underwater vehicle over delayed links: design, fly, trace."""
 
 
 @app.command()
@@ -131,9 +151,11 @@ def run(
     component that fails ends it with exit code 4, and what was recorded stays.
     """
     loaded = load(name)
+    trace = out or _TRACES / f"{loaded.name}.mcap"
+    check_room(trace)
     with _progress() as tell:
         prepared = prepare(loaded, _hangar(fmus, loaded.folder), progress=tell)
-        outcome = fly(prepared, out or _TRACES / f"{loaded.name}.mcap", progress=tell)
+        outcome = fly(prepared, trace, progress=tell)
     _print(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)

@@ -89,7 +89,7 @@ def design(
     ----------
     system : Eq. (7) with delays (n states, m inputs).
     k1, k2 : one number per delay, k2 not zero (Theorem 2).
-    gamma : a bound to be met instead of the least one.
+    gamma : a bound to be met instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to be analysed instead of designed.
 
     Raises
@@ -117,10 +117,12 @@ def design(
                 got=f"{gamma:g}",
                 hint="another k1, k2: the least gamma depends on them strongly",
             )
-    elif least is None:
-        levels = [1.0]
+        if least is not None:
+            # what is proved for less is proved for gamma, and far above the least level the
+            # numbers of the LMI lie far apart
+            levels += [level for level in _levels(least) if level < gamma]
     else:
-        levels = [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
+        levels = [1.0] if least is None else _levels(least)
     reason = None
     for level in levels:
         found = problem.central(level, fixed)
@@ -131,7 +133,7 @@ def design(
         if proof.valid:
             return _finished(system, K, variables, least)
         reason = proof.reason
-    goal = f"gamma <= {levels[-1]:.6g}" if system.has_performance else "stability"
+    goal = f"gamma <= {max(levels):.6g}" if system.has_performance else "stability"
     raise NotAchievableError(
         "no solution of the LMI could be certified",
         where=system.name or None,
@@ -139,6 +141,10 @@ def design(
         got=reason or "the solver finds no feasible point",
         hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )
+
+
+def _levels(least: float) -> list[float]:
+    return [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
 
 
 def _finished(

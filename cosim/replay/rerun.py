@@ -98,6 +98,11 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
     loaded = parse(
         text.decode(), name=name, where=f"{path}: {SCENARIO_ATTACHMENT}", folder=hangar.folder
     )
+    hashes = {
+        part.fmu: trace.run.get(f"fmu.{component}.sha256", "")
+        for component, part in loaded.scenario.components.items()
+    }
+    hangar = replace(hangar, wanted=hashes)
     saved = None
     if loaded.scenario.design is not None:
         data = json.loads(_attachment(trace, path, DESIGN_ATTACHMENT, "design.sha256"))

@@ -170,7 +170,10 @@ def test_other_scenario_is_told_apart(tmp_path: Path) -> None:
 
 
 def test_other_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
-    """A component whose bytes are not those of the run, though its name and GUID are."""
+    """A component whose bytes are not those of the run, though its name and GUID are.
+
+    Where the FMU of the run lies among the others, it is found by its hash.
+    """
     text = (SCENARIOS / "valid" / "plain.toml").read_text().replace('"PaperController"', '"c.fmu"')
     (tmp_path / "s.toml").write_text(text)
     shutil.copy(fmus / "PaperController.fmu", tmp_path / "c.fmu")
@@ -181,7 +184,9 @@ def test_other_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
     assert same.json["identical"] is True
     with zipfile.ZipFile(tmp_path / "c.fmu", "a") as archive:
         archive.writestr("extra/note.txt", "one byte more is another FMU")
-    result = cosim("trace", "rerun", ran.json["trace"], "--json", *root, cwd=tmp_path)
+    found = cosim("trace", "rerun", ran.json["trace"], "--json", *root, cwd=tmp_path)
+    assert found.json["identical"] is True
+    result = cosim("trace", "rerun", ran.json["trace"], "--json", cwd=tmp_path)
     assert result.code == 2
     assert "another one than in the trace" in result.error["what"]
     assert "c.fmu" in result.error["where"]
