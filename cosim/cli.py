@@ -15,7 +15,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim import show
 from cosim.errors import CheckFailedError, CosimError, InputError
-from cosim.hinf import Design, NamedSystem, design_to_json, system_by_name
+from cosim.hinf import (
+    Design,
+    NamedSystem,
+    check_certificate,
+    design_to_json,
+    read_certificate,
+    system_by_name,
+)
 from cosim.hinf import design as make_design
 from cosim.replay import rerun as run_again
 from cosim.scenario.assemble import Hangar
@@ -36,6 +43,8 @@ app = typer.Typer(
 )
 trace_app = typer.Typer(no_args_is_help=True, help="Look into a trace, or run it again.")
 app.add_typer(trace_app, name="trace")
+certificate_app = typer.Typer(no_args_is_help=True, help="Check what a design claims.")
+app.add_typer(certificate_app, name="certificate")
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object and nothing else on standard output.")
@@ -116,6 +125,31 @@ def design(
     if save is not None:
         _write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
     _print(as_json, lambda: _design_json(name, found), lambda: show.design_view(name, found))
+
+
+@certificate_app.command()
+def check(
+    file: Annotated[Path, typer.Argument(help="A file written by cosim design --save.")],
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Prove a certificate's claim again from the file alone: no solver, no rounding.
+
+    Exit code 0 if the claim is proved, 1 if it is not, 2 if the file is no certificate.
+    """
+    checked = check_certificate(read_certificate(file))
+    _print(
+        as_json,
+        lambda: {
+            "file": str(file),
+            "valid": checked.valid,
+            "reason": checked.reason,
+            "claim": checked.claim,
+        },
+        lambda: show.certificate_view(str(file), checked),
+    )
+    if not checked.valid:
+        raise typer.Exit(CheckFailedError.exit_code)
 
 
 @app.command()

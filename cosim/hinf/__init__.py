@@ -1,7 +1,7 @@
 """H-infinity design over delays: the LMI, the exact proof, the exact yardsticks."""
 
 from cosim.hinf.auv import AuvDesign, auv_system
-from cosim.hinf.certificate import Certificate, check_certificate
+from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
 from cosim.hinf.closed_loop import close
 from cosim.hinf.envelope import Envelope
 from cosim.hinf.named import NamedSystem, system_by_name
@@ -24,6 +24,7 @@ __all__ = [
     "design_from_json",
     "design_to_json",
     "hinf_norm",
+    "read_certificate",
     "spectral_abscissa",
     "system_by_name",
 ]
