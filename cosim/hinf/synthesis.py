@@ -2,7 +2,7 @@
 
 Steps, for a gain to be found or one that is given:
 
-1. minimise gamma over the LMI (`cosim.hinf.lmi`), k1 and k2 given;
+1. minimise gamma over the LMI (`cosim.hinf.problem`), k1 and k2 given;
 2. a little above the least gamma, maximise the margin of the LMI against its own scale: a
    solution in the middle of what is feasible, where rounding does no harm;
 3. round the gain to a few decimals; what differs from machine to machine in a solver's last
@@ -15,28 +15,27 @@ The gamma of a design is the gamma of its proof.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError, NotAchievableError
+from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.closed_loop import close
-from cosim.hinf.lmi import Unknowns, omega, unknowns
 from cosim.hinf.norm import hinf_norm
+from cosim.hinf.problem import Answer, Point, Problem
 from cosim.hinf.roots import spectral_abscissa
+from cosim.hinf.threads import one_thread
 from cosim.models.delay_system import DelaySystem
 
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
-_SOLVED = ("optimal", "optimal_inaccurate", "user_limit")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +103,11 @@ def design(
     floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
     if gamma is not None:
         _reachable(gamma, floor, system)
-    problem = _Problem(system, one, two)
-    least = problem.least_gamma(fixed) if system.has_performance else None
+    scalars = Scalars(one, two, tuple(delay.d for delay in system.delays))
+    problem = Problem(system)
+    least = _least(problem, scalars, fixed, system.name) if system.has_performance else None
     if gamma is not None:
-        levels = [gamma]
+        levels: list[float | None] = [gamma]
         if least is not None and gamma < least * (1 - 1e-7):
             raise NotAchievableError(
                 f"gamma = {gamma:g} cannot be reached with these k1, k2",
@@ -118,12 +118,12 @@ def design(
                 hint="another k1, k2: the least gamma depends on them strongly",
             )
     elif least is None:
-        levels = [1.0]
+        levels = [None]
     else:
         levels = [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
     reason = None
     for level in levels:
-        found = problem.central(level, fixed)
+        found = central(problem, scalars, level, fixed)
         if found is None:
             continue
         K, variables = found
@@ -131,7 +131,7 @@ def design(
         if proof.valid:
             return _finished(system, K, variables, least)
         reason = proof.reason
-    goal = f"gamma <= {levels[-1]:.6g}" if system.has_performance else "stability"
+    goal = f"gamma <= {levels[-1]:.6g}" if levels[-1] is not None else "stability"
     raise NotAchievableError(
         "no solution of the LMI could be certified",
         where=system.name or None,
@@ -145,7 +145,9 @@ def _finished(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
     loop = close(system, K)
-    peak = hinf_norm(loop) if system.has_performance else None
+    with one_thread():
+        peak = hinf_norm(loop) if system.has_performance else None
+        abscissa = float(spectral_abscissa(loop))
     frequency = None if peak is None else float(peak.frequency)
     return Design(
         system=system,
@@ -154,114 +156,51 @@ def _finished(
         k1=variables.k1,
         k2=variables.k2,
         least_gamma=least,
-        abscissa=float(spectral_abscissa(loop)),
+        abscissa=abscissa,
         exact_norm=None if peak is None else float(peak.value),
         norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
         certificate=certificate_to_json(system, K, variables),
     )
 
 
-class _Problem:
-    """The LMI of one system at one k1, k2."""
-
-    def __init__(self, system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]) -> None:
-        self._system, self._k1, self._k2 = system, k1, k2
-
-    def least_gamma(self, gain: NDArray[np.float64] | None) -> float:
-        """Remark 2: the least gamma, as far as the solver's word goes."""
-        v = unknowns(self._system, gain=gain, gamma=None)
-        whole, positive = omega(self._system, self._k1, self._k2, v)
-        constraints = [_symmetric(whole) << 0, *(matrix >> 0 for matrix in positive)]
-        status = _solve(cp.Problem(cp.Minimize(v.gamma), constraints))
-        if status not in _SOLVED or v.gamma.value is None:
-            raise NotAchievableError(
-                "the LMI has no solution for any gamma",
-                where=self._system.name or None,
-                expected=f"a feasible LMI at k1 = {list(self._k1)}, k2 = {list(self._k2)}",
-                got=f"the solver says {status}",
-                hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
-            )
-        return float(v.gamma.value)
-
-    def central(
-        self, gamma: float, gain: NDArray[np.float64] | None
-    ) -> tuple[NDArray[np.float64], Variables] | None:
-        """A gain and variables with a margin at `gamma`; None if the solver finds none."""
-        if gain is None:
-            first = self._with_margin(gamma, None)
-            if first is None:
-                return None
-            gain = _rounded(np.linalg.solve(first.X, _value(first.Y).T).T)
-        solution = self._with_margin(gamma, gain)
-        if solution is None:
-            return None
-        return gain, Variables(
-            X=solution.X,
-            Q=solution.Q,
-            R=solution.R,
-            eps=float(solution.eps) if self._system.E.size else None,
-            k1=self._k1,
-            k2=self._k2,
-            gamma=gamma if self._system.has_performance else None,
-        )
-
-    def _with_margin(self, gamma: float, gain: NDArray[np.float64] | None) -> Unknowns | None:
-        """Maximise t with Omega <= -t scale; two rounds, the second on the first one's scale."""
-        scale: NDArray[np.float64] | None = None
-        best: Unknowns | None = None
-        for _ in range(2):
-            v = unknowns(self._system, gain=gain, gamma=gamma)
-            whole, positive = omega(self._system, self._k1, self._k2, v)
-            size = whole.shape[0]
-            t = cp.Variable()
-            weights = np.ones(size) if scale is None else scale
-            n = self._system.A.shape[0]
-            constraints = [
-                _symmetric(whole) << -t * np.diag(weights),
-                *(matrix >> 0 for matrix in positive),
-                # the proof needs Q > 0, and nothing else keeps it off its boundary
-                *(Q >> 1e-3 * t * np.eye(n) for Q in v.Q if isinstance(Q, cp.Variable)),
-                # without w and z the LMI is homogeneous, and the margin needs a bound
-                v.X << 1e3 * np.eye(n),
-                t <= 1,
-            ]
-            status = _solve(cp.Problem(cp.Maximize(t), constraints))
-            if status not in _SOLVED or t.value is None or v.X.value is None:
-                return best
-            best = _evaluated(v)
-            scale = np.maximum(-np.diag(np.asarray(whole.value)), 1e-9)
-            scale = scale / scale.max()
-        return best
-
-
-def _evaluated(v: Unknowns) -> Unknowns:
-    return Unknowns(
-        X=_value(v.X),
-        Y=_value(v.Y),
-        Q=tuple(_value(q) for q in v.Q),
-        R=tuple(_value(r) for r in v.R),
-        eps=float(v.eps.value) if v.eps.value is not None else 1.0,
-        gamma=v.gamma,
+def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name: str) -> float:
+    """Remark 2: the least gamma, as far as the solver's word goes."""
+    answer = problem.least_gamma(p, gain)
+    if isinstance(answer, Answer):
+        return answer.value
+    raise NotAchievableError(
+        "the LMI has no solution for any gamma",
+        where=name or None,
+        expected=f"a feasible LMI at k1 = {list(p.k1)}, k2 = {list(p.k2)}",
+        got=f"the solver says {answer.status}",
+        hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )
 
 
-def _value(expression: Any) -> NDArray[np.float64]:
-    return np.asarray(getattr(expression, "value", expression), dtype=np.float64)
+def central(
+    problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
+) -> tuple[NDArray[np.float64], Variables] | None:
+    """A gain and variables with a margin at `gamma`; None if the solver finds none."""
+    if gain is None:
+        first = _with_margin(problem, p, gamma, None)
+        if first is None:
+            return None
+        gain = _rounded(np.asarray(np.linalg.solve(first.X, first.Y.T).T, dtype=np.float64))
+    point = _with_margin(problem, p, gamma, gain)
+    if point is None:
+        return None
+    return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
 
 
-def _solve(problem: Any) -> str:
-    with warnings.catch_warnings():
-        # that a solution may be inaccurate is what the exact proof is there for
-        warnings.simplefilter("ignore", UserWarning)
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except cp.SolverError as error:
-            return f"failed: {error}"
-    return str(problem.status)
-
-
-def _symmetric(matrix: Any) -> Any:
-    return (matrix + matrix.T) / 2
+def _with_margin(
+    problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
+) -> Point | None:
+    """The widest margin; two rounds, the second on the first one's scale."""
+    first = problem.margin(p, gamma, gain)
+    if first is None or first.value <= 0:
+        return None
+    second = problem.margin(p, gamma, gain, problem.size_of(p, first.point))
+    return first.point if second is None or second.value <= 0 else second.point
 
 
 def _rounded(K: NDArray[np.float64]) -> NDArray[np.float64]:
