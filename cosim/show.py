@@ -10,7 +10,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.hinf import Certificate, Design
+from cosim.hinf import Certificate, Design, GreatestDelay
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
@@ -25,7 +25,7 @@ _STATUS = {
 _NONE = "–"
 
 
-def design_view(name: str, design: Design) -> RenderableType:
+def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -> RenderableType:
     """A design: what is proved, what is computed, and the gain."""
     facts = _facts()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
@@ -51,10 +51,21 @@ def design_view(name: str, design: Design) -> RenderableType:
             f"{delay.d:g} s",
             f"{kind}{acts}; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}",
         )
+    if reach is not None:
+        facts.add_row("greatest delay", f"{reach.delay:.6g} s", _end(reach))
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.6g}" for value in row))
     return Group(facts, gain)
+
+
+def _end(reach: GreatestDelay) -> str:
+    """What is known beyond a greatest delay."""
+    if reach.limit_reached:
+        return "certified; the search ended here, the loop may bear more"
+    if reach.refuted_at is not None:
+        return f"certified; at {reach.refuted_at:.6g} s multipliers refute the LMI at these k1, k2"
+    return "certified; nothing is certified beyond"
 
 
 def certificate_view(file: str, certificate: Certificate) -> RenderableType:

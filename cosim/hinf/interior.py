@@ -21,8 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from cosim.hinf.threads import one_thread
-
 Array = NDArray[np.float64]
 Status = Literal["solved", "inaccurate", "infeasible", "failed"]
 
@@ -113,13 +111,8 @@ class _Block:
         return _length(self.rootS, self.dS), _length(self.rootZ, self.dZ)
 
 
-def solve(cones: Sequence[Cone], q: Array) -> Solution:
+def solve(cones: Sequence[Cone], q: Array) -> Solution:  # noqa: C901 - ends in five ways
     """Minimise q'y over the cones."""
-    with one_thread():
-        return _solve(cones, q)
-
-
-def _solve(cones: Sequence[Cone], q: Array) -> Solution:  # noqa: C901 - ends in five ways
     y = np.zeros(len(q))
     blocks = [_Block(cone, q) for cone in cones]
     total = sum(block.n for block in blocks)

@@ -35,6 +35,13 @@ class Point:
     eps: float | None
     gamma: float | None
 
+    @property
+    def largest(self) -> float:
+        """The largest absolute value of any unknown."""
+        matrices = (self.X, self.Y, *self.Q, *self.R)
+        scalars = (abs(self.eps or 0.0), abs(self.gamma or 0.0))
+        return max(*(float(np.abs(M).max(initial=0.0)) for M in matrices), *scalars)
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -105,6 +112,38 @@ class Problem:
             return None
         answer = self._answer(-solution.value, p, solution, -1.0, gain)
         return replace(answer, point=replace(answer.point, gamma=gamma))
+
+    def refuted_below(self, p: Scalars, gamma: float | None) -> float:
+        """How large a solution must be, by Farkas' lemma: none has all |unknowns| below this.
+
+        Multipliers Z >= 0 with <Z, -Omega> + <Z_X, X> + sum <Z_Q, Q> = c + r'y and c < 0 leave
+        only solutions with r'y >= -c. They come from the solver, are made positive
+        semidefinite, and c and r are computed anew, in floating point. 0 says nothing, as
+        where the LMI can be met.
+        """
+        lmi = self._omega(p, None, gamma=gamma)
+        q = np.zeros(self.structure.size + 1)
+        q[self._t] = -1.0
+        weighted = self._omega(p, None, gamma=gamma, weights=np.ones(self.structure.rows))
+        solution = solve([weighted, *self._bounds], q)
+        # the multiplier of X <= 1000 is left out, and shows up in r
+        cones = [lmi, *self._bounds[1:-1]]
+        Z = [_positive(z) for z in (solution.Z[0], *solution.Z[2:-1])]
+        parts = [float(np.vdot(cone.C, z)) for cone, z in zip(cones, Z, strict=True)]
+        c, noise = (
+            sum(parts),
+            1e-9
+            * sum(
+                float(np.linalg.norm(cone.C) * np.linalg.norm(z))
+                for cone, z in zip(cones, Z, strict=True)
+            ),
+        )
+        r = np.zeros(self.structure.size + 1)
+        for cone, z in zip(cones, Z, strict=True):
+            r[cone.unknowns] -= cone.flat @ z.ravel()
+        if c >= -noise:
+            return 0.0
+        return -c / max(float(np.abs(r[: self._t]).sum()), 1e-300)
 
     def size_of(self, p: Scalars, point: Point) -> Array:
         """|diagonal of Omega| at a point: the scale of each row."""
@@ -195,6 +234,12 @@ class Problem:
             if V is not None:
                 y[V.place] = value
         return y
+
+
+def _positive(Z: Array) -> Array:
+    """The nearest positive semidefinite matrix."""
+    values, vectors = np.linalg.eigh(Z)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)
 
 
 def _cone(A: sparse.csc_array, C: Array) -> Cone:

@@ -29,6 +29,7 @@ from cosim.hinf.closed_loop import close
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.problem import Answer, Point, Problem
 from cosim.hinf.roots import spectral_abscissa
+from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.threads import one_thread
 from cosim.models.delay_system import DelaySystem
 
@@ -74,6 +75,7 @@ class Design:
         return True
 
 
+@one_thread
 def design(
     system: DelaySystem,
     k1: Sequence[float],
@@ -81,6 +83,7 @@ def design(
     *,
     gamma: float | None = None,
     gain: ArrayLike | None = None,
+    search: bool = False,
 ) -> Design:
     """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
 
@@ -90,21 +93,21 @@ def design(
     k1, k2 : one number per delay, k2 not zero (Theorem 2).
     gamma : a bound to be met instead of the least one.
     gain : (m, n) a gain to be analysed instead of designed.
+    search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
     NotAchievableError : the LMI has no certified solution at k1, k2 (and gamma).
     """
-    one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
-    if any(value == 0 for value in two):
-        raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
+    scalars = checked_scalars(system, k1, k2)
     fixed = None if gain is None else _fitting(gain, system)
-    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
     if gamma is not None:
-        _reachable(gamma, floor, system)
-    scalars = Scalars(one, two, tuple(delay.d for delay in system.delays))
+        check_reachable(gamma, system)
     problem = Problem(system)
+    if search:
+        scalars = _searched(problem, scalars, fixed)
+    one, two = scalars.k1, scalars.k2
     least = _least(problem, scalars, fixed, system.name) if system.has_performance else None
     if gamma is not None:
         levels: list[float | None] = [gamma]
@@ -121,33 +124,43 @@ def design(
         levels = [None]
     else:
         levels = [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
-    reason = None
+    reason = ""
     for level in levels:
-        found = central(problem, scalars, level, fixed)
-        if found is None:
-            continue
-        K, variables = found
-        proof = certify(system, K, variables)
-        if proof.valid:
-            return _finished(system, K, variables, least)
-        reason = proof.reason
+        found, reason = proved_at(system, problem, scalars, level, fixed)
+        if found is not None:
+            return finished(system, *found, least)
     goal = f"gamma <= {levels[-1]:.6g}" if levels[-1] is not None else "stability"
     raise NotAchievableError(
         "no solution of the LMI could be certified",
         where=system.name or None,
         expected=f"an exact proof of {goal} at k1 = {list(one)}, k2 = {list(two)}",
-        got=reason or "the solver finds no feasible point",
+        got=reason,
         hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )
 
 
-def _finished(
+def proved_at(
+    system: DelaySystem,
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None = None,
+) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
+    """A gain with variables that prove it at `gamma`, or None and why."""
+    found = _central(problem, p, gamma, gain)
+    if found is None:
+        return None, "the solver finds no feasible point"
+    proof = certify(system, *found)
+    return (found, "") if proof.valid else (None, str(proof.reason))
+
+
+def finished(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
+    """A proved gain with what is computed of its loop."""
     loop = close(system, K)
-    with one_thread():
-        peak = hinf_norm(loop) if system.has_performance else None
-        abscissa = float(spectral_abscissa(loop))
+    peak = hinf_norm(loop) if system.has_performance else None
+    abscissa = float(spectral_abscissa(loop))
     frequency = None if peak is None else float(peak.frequency)
     return Design(
         system=system,
@@ -161,6 +174,15 @@ def _finished(
         norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
         certificate=certificate_to_json(system, K, variables),
     )
+
+
+def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
+    """Better k1, k2; those of `p` where none are found."""
+    if problem.structure.gamma is None:
+        found = widest_margin(problem, p, None, gain)
+    else:
+        found = least_gamma(problem, p, gain)
+    return p if found is None else found[0]
 
 
 def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name: str) -> float:
@@ -177,7 +199,7 @@ def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name:
     )
 
 
-def central(
+def _central(
     problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
 ) -> tuple[NDArray[np.float64], Variables] | None:
     """A gain and variables with a margin at `gamma`; None if the solver finds none."""
@@ -218,6 +240,14 @@ def _rounded_up(gamma: float) -> float:
     return float(np.ceil(gamma * 10**digits) / 10**digits)
 
 
+def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
+    """k1, k2 and the system's delays; an `InputError` where they do not fit it."""
+    one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
+    if any(value == 0 for value in two):
+        raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
+    return Scalars(one, two, tuple(delay.d for delay in system.delays))
+
+
 def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[float, ...]:
     numbers = tuple(float(value) for value in values)
     if len(numbers) != len(system.delays) or not all(np.isfinite(numbers)):
@@ -243,7 +273,15 @@ def _fitting(gain: ArrayLike, system: DelaySystem) -> NDArray[np.float64]:
     return K
 
 
-def _reachable(gamma: float, floor: float, system: DelaySystem) -> None:
+def check_reachable(gamma: float, system: DelaySystem) -> None:
+    """Refuse a gamma that no delay, k1, k2 or gain can reach.
+
+    Raises
+    ------
+    InputError : no positive number, or a system without w and z.
+    NotAchievableError : gamma <= ||D1||.
+    """
+    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
     if not (np.isfinite(gamma) and gamma > 0):
         raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
     if not system.has_performance:

@@ -6,17 +6,25 @@ digits must not depend on how many there are.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
-from functools import cache
-from typing import Any
+from collections.abc import Callable
+from functools import cache, wraps
+from typing import ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
+P = ParamSpec("P")
+T = TypeVar("T")
 
-def one_thread() -> AbstractContextManager[Any]:
-    """While it lasts, NumPy and SciPy use one thread."""
-    limit: AbstractContextManager[Any] = _pools().limit(limits=1, user_api="blas")
-    return limit
+
+def one_thread(function: Callable[P, T]) -> Callable[P, T]:
+    """The function, with NumPy and SciPy on one thread while it runs."""
+
+    @wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> T:
+        with _pools().limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited
 
 
 @cache
