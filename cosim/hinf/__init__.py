@@ -1,9 +1,15 @@
 """H-infinity design over delays: the LMI, the exact proof, the exact yardsticks."""
 
 from cosim.hinf.auv import AuvDesign, auv_system
-from cosim.hinf.certificate import Certificate, check_certificate
+from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
 from cosim.hinf.closed_loop import close
 from cosim.hinf.envelope import Envelope
+from cosim.hinf.greatest_delay import (
+    DELAY_LIMIT,
+    GreatestDelay,
+    greatest_delay,
+    with_delays,
+)
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
@@ -11,10 +17,12 @@ from cosim.hinf.saved import design_from_json, design_to_json
 from cosim.hinf.synthesis import Design, design
 
 __all__ = [
+    "DELAY_LIMIT",
     "AuvDesign",
     "Certificate",
     "Design",
     "Envelope",
+    "GreatestDelay",
     "NamedSystem",
     "auv_system",
     "characteristic_roots",
@@ -23,7 +31,10 @@ __all__ = [
     "design",
     "design_from_json",
     "design_to_json",
+    "greatest_delay",
     "hinf_norm",
+    "read_certificate",
     "spectral_abscissa",
     "system_by_name",
+    "with_delays",
 ]
