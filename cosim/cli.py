@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import sys
@@ -15,12 +16,23 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim import show
 from cosim.errors import CheckFailedError, CosimError, InputError
-from cosim.hinf import Design, NamedSystem, design_to_json, system_by_name
+from cosim.hinf import (
+    DELAY_LIMIT,
+    Design,
+    GreatestDelay,
+    NamedSystem,
+    check_certificate,
+    design_to_json,
+    greatest_delay,
+    read_certificate,
+    system_by_name,
+    with_delays,
+)
 from cosim.hinf import design as make_design
 from cosim.replay import rerun as run_again
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.demo import demonstrate
-from cosim.scenario.execute import fly, prepare
+from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.gain import problem_of
 from cosim.scenario.read import builtin_names, load
 from cosim.trace import describe, render
@@ -36,6 +48,8 @@ app = typer.Typer(
 )
 trace_app = typer.Typer(no_args_is_help=True, help="Look into a trace, or run it again.")
 app.add_typer(trace_app, name="trace")
+certificate_app = typer.Typer(no_args_is_help=True, help="Check what a design claims.")
+app.add_typer(certificate_app, name="certificate")
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object and nothing else on standard output.")
@@ -49,6 +63,25 @@ _INTERRUPTED = 130  # what typer makes of a KeyboardInterrupt
 _LEFT_BEHIND = "cosim trace info on the .partial file, if a run had begun"
 _FMUS = Path("fmus")
 _TRACES = Path("traces")
+
+
+def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
+    if asked:
+        print(f"auv-cosim {importlib.metadata.version('auv-cosim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Say which version this is.", callback=_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """Certified control of an underwater vehicle over delayed links: design, fly, trace."""
 
 
 @app.command()
@@ -82,6 +115,22 @@ def design(
     gamma: Annotated[
         float | None, typer.Option(help="A bound to meet, instead of the least one.")
     ] = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Look for better k1, k2, from these among others.")
+    ] = False,
+    delays: Annotated[
+        str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
+    ] = None,
+    max_delay: Annotated[
+        bool,
+        typer.Option(
+            "--max-delay",
+            help="The greatest delay for the given gamma: of the feedback, or else the first.",
+        ),
+    ] = False,
+    delay_limit: Annotated[
+        float, typer.Option(help="Where the search for a greatest delay ends [s].")
+    ] = DELAY_LIMIT,
     save: Annotated[
         Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
     ] = None,
@@ -91,7 +140,7 @@ def design(
 
     gamma bounds the gain from w to z for every admissible uncertainty and is certified in
     rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
-    nominal loop stand beside it.
+    nominal loop stand beside it. k1 and k2 are free, and worth a search.
     """
     gain = None
     if name in builtin_names():
@@ -104,18 +153,62 @@ def design(
         gain = part.gain
     else:
         named = system_by_name(name)
+    system = named.system
+    if delays is not None:
+        system = with_delays(system, _numbers("--delays", delays))
+    scalars = (
+        named.k1 if k1 is None else _numbers("--k1", k1),
+        named.k2 if k2 is None else _numbers("--k2", k2),
+    )
+    goal = named.gamma if gamma is None else gamma
+    reach: GreatestDelay | None = None
     with _progress() as tell:
         tell(f"design of {name}", 0.0)
-        found = make_design(
-            named.system,
-            named.k1 if k1 is None else _numbers("--k1", k1),
-            named.k2 if k2 is None else _numbers("--k2", k2),
-            gamma=named.gamma if gamma is None else gamma,
-            gain=gain,
-        )
+        if max_delay:
+            if gain is not None:
+                raise InputError(
+                    "this scenario gives its gain, and a greatest delay is designed for",
+                    where="--max-delay",
+                )
+            which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+            reach = greatest_delay(
+                system, goal, *scalars, which=which, limit=delay_limit, search=search
+            )
+            found = reach.design
+        else:
+            found = make_design(system, *scalars, gamma=goal, gain=gain, search=search)
     if save is not None:
         _write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
-    _print(as_json, lambda: _design_json(name, found), lambda: show.design_view(name, found))
+    _print(
+        as_json,
+        lambda: _design_json(name, found, reach, save),
+        lambda: show.design_view(name, found, reach),
+    )
+
+
+@certificate_app.command()
+def check(
+    file: Annotated[Path, typer.Argument(help="A file written by cosim design --save.")],
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Prove a certificate's claim again from the file alone: no solver, no rounding.
+
+    Exit code 0 if the claim is proved, 1 if it is not, 2 if the file is no certificate.
+    """
+    checked = check_certificate(read_certificate(file))
+    _print(
+        as_json,
+        lambda: {
+            "file": str(file),
+            "valid": checked.valid,
+            "reason": checked.reason,
+            "claim": checked.claim,
+        },
+        lambda: show.certificate_view(str(file), checked),
+    )
+    if not checked.valid:
+        raise typer.Exit(CheckFailedError.exit_code)
 
 
 @app.command()
@@ -131,9 +224,11 @@ def run(
     component that fails ends it with exit code 4, and what was recorded stays.
     """
     loaded = load(name)
+    trace = out or _TRACES / f"{loaded.name}.mcap"
+    check_room(trace)
     with _progress() as tell:
         prepared = prepare(loaded, _hangar(fmus, loaded.folder), progress=tell)
-        outcome = fly(prepared, out or _TRACES / f"{loaded.name}.mcap", progress=tell)
+        outcome = fly(prepared, trace, progress=tell)
     _print(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)
@@ -260,17 +355,21 @@ def _write(path: Path, text: str) -> None:
         raise InputError("the file cannot be written", where=str(path), got=str(error)) from error
 
 
-def _design_json(name: str, found: Design) -> dict[str, Any]:
+def _design_json(
+    name: str, found: Design, reach: GreatestDelay | None, save: Path | None
+) -> dict[str, Any]:
     return {
         "system": name,
         "gamma": found.gamma,
-        "certified": found.certified,
+        "delays": [delay.d for delay in found.system.delays],
         "K": found.K.tolist(),
         "k1": list(found.k1),
         "k2": list(found.k2),
-        "delays": [
-            {"d": d.d, "feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays
-        ],
+        "certified": found.certified,
+        "certificate": None if save is None else str(save),
+        "limit_reached": None if reach is None else reach.limit_reached,
+        "refuted_at": None if reach is None else reach.refuted_at,
+        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
         "least_gamma": found.least_gamma,
         "exact_norm": found.exact_norm,
         "norm_frequency": found.norm_frequency,

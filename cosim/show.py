@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.hinf import Design
+from cosim.hinf import Certificate, Design, GreatestDelay
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
@@ -24,7 +25,7 @@ _STATUS = {
 _NONE = "–"
 
 
-def design_view(name: str, design: Design) -> RenderableType:
+def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -> RenderableType:
     """A design: what is proved, what is computed, and the gain."""
     facts = _facts()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
@@ -50,10 +51,40 @@ def design_view(name: str, design: Design) -> RenderableType:
             f"{delay.d:g} s",
             f"{kind}{acts}; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}",
         )
+    if reach is not None:
+        facts.add_row("greatest delay", f"{reach.delay:.6g} s", _end(reach))
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.6g}" for value in row))
     return Group(facts, gain)
+
+
+def _end(reach: GreatestDelay) -> str:
+    """What is known beyond a greatest delay."""
+    if reach.limit_reached:
+        return "certified; the search ended here, the loop may bear more"
+    if reach.refuted_at is not None:
+        return f"certified; at {reach.refuted_at:.6g} s multipliers refute the LMI at these k1, k2"
+    return "certified; nothing is certified beyond"
+
+
+def certificate_view(file: str, certificate: Certificate) -> RenderableType:
+    """A check of a certificate: proved or not, and what is claimed."""
+    claim = certificate.claim
+    verdict = (
+        Text.assemble(("proved", "bold green"), f": {file}")
+        if certificate.valid
+        else Text.assemble(("not proved", "bold red"), f": {file}\n  {certificate.reason}")
+    )
+    facts = _facts()
+    facts.add_row("claim", claim["property"], "")
+    if claim["gamma"] is not None:
+        facts.add_row("gamma", f"{float(Fraction(claim['gamma'])):.7g}", "the file has it exactly")
+    for i, delay in enumerate(claim["delays"], 1):
+        acts = ", the control acts through it" if delay["feedback"] else ""
+        facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
+    facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    return Group(verdict, facts)
 
 
 def outcome_view(outcome: Outcome) -> RenderableType:

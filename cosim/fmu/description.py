@@ -31,6 +31,8 @@ class Port:
     kind: SignalKind | None
     unit: str | None
     start: float | None
+    minimum: float | None
+    maximum: float | None
     description: str | None
     feedthrough: bool  # an output that some input reaches without delay
 
@@ -106,6 +108,8 @@ def describe_fmu(path: Path) -> FmuDescription:
             unit=variable.unit
             or (variable.declaredType.unit if variable.declaredType is not None else None),
             start=None if start is None or kind is None else _number(start),
+            minimum=None if variable.min is None else _number(variable.min),
+            maximum=None if variable.max is None else _number(variable.max),
             description=variable.description,
             feedthrough=variable.name in direct,
         )

@@ -151,6 +151,7 @@ class FmuSlave:
                     expected="a parameter or an input",
                     got=f"causality {port.causality}",
                 )
+            _check_range(port, parameters[name], where)
             settable.append(port)
         if settable:
             row = np.array([parameters[port.name] for port in settable], dtype=np.float64)
@@ -215,3 +216,17 @@ class FmuSlave:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _check_range(port: Port, value: float, where: str) -> None:
+    """Refuse what the model description rules out, before the slave has to."""
+    low, high = port.minimum, port.maximum
+    if (low is not None and value < low) or (high is not None and value > high):
+        bounds = [f">= {low:g}"] if low is not None else []
+        bounds += [f"<= {high:g}"] if high is not None else []
+        raise InputError(
+            f"{port.name} is out of range",
+            where=where,
+            expected=" and ".join(bounds),
+            got=f"{value:g}",
+        )

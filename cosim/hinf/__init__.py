@@ -2,10 +2,16 @@
 
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.auv import AuvDesign, auv_system
-from cosim.hinf.certificate import Certificate, check_certificate
+from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
+from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
 from cosim.hinf.closed_loop import close
 from cosim.hinf.envelope import Envelope
-from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
+from cosim.hinf.greatest_delay import (
+    DELAY_LIMIT,
+    GreatestDelay,
+    greatest_delay,
+    with_delays,
+)
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
@@ -13,23 +19,28 @@ from cosim.hinf.saved import design_from_json, design_to_json
 from cosim.hinf.synthesis import Design, design
 
 __all__ = [
+    "DELAY_LIMIT",
     "Analysis",
     "AuvDesign",
     "Certificate",
+    "CertifiedDelay",
     "Design",
     "Envelope",
-    "CertifiedDelay",
+    "GreatestDelay",
     "NamedSystem",
     "analyse",
     "auv_system",
+    "certified_delay",
     "characteristic_roots",
     "check_certificate",
     "close",
     "design",
     "design_from_json",
     "design_to_json",
-    "certified_delay",
+    "greatest_delay",
     "hinf_norm",
+    "read_certificate",
     "spectral_abscissa",
     "system_by_name",
+    "with_delays",
 ]

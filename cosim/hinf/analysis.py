@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,11 @@ class Analysis:
     norm_frequency: float | None
     certificate: dict[str, Any] | None
 
+    @property
+    def up_to(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return self.order == 0 or all(delay.any_age for delay in self.system.delays)
+
 
 def analyse(
     system: DelaySystem,
@@ -88,45 +93,63 @@ def analyse(
     _order(order)
     if gamma is not None:
         _possible(gamma, system)
-    loop = close(system, K)
-    abscissa = float(spectral_abscissa(loop))
-    peak = hinf_norm(loop) if system.has_performance else None
-    frequency = None if peak is None else float(peak.frequency)
+    yardsticks = measured(system, K)
     least, proof, reason = None, None, None
     delays = [delay.d for delay in system.delays]
-    if abscissa >= 0:
-        reason = f"the nominal loop is not stable: its rightmost root has real part {abscissa:.6g}"
-    elif system.has_performance:
-        lmi = AnalysisLmi(system, K, order, performance=True)
-        floor = float(np.linalg.norm(system.D1, 2))
-        reference = max(floor, 0.0 if peak is None else float(peak.value)) or 1.0
-        least = lmi.least_gamma(delays, reference)
-        if gamma is not None:
-            levels = [gamma]
-        elif least is None:
-            levels, reason = [], "the solver finds no gamma at which the LMI is feasible"
-        else:
-            levels = [float(f"{least * (1 + share):.7g}") for share in _ABOVE_LEAST]
-        for level in levels:
-            proof, reason = _proof(system, K, lmi, delays, level)
-            if proof is not None:
-                break
+    levels: list[float | None] = [gamma]
+    if yardsticks.abscissa >= 0:
+        levels, reason = [], _unstable(yardsticks.abscissa)
     else:
-        lmi = AnalysisLmi(system, K, order, performance=False)
-        proof, reason = _proof(system, K, lmi, delays, None)
+        lmi = AnalysisLmi(system, K, order, performance=system.has_performance)
+        if system.has_performance:
+            floor = float(np.linalg.norm(system.D1, 2))
+            least = lmi.least_gamma(delays, max(floor, yardsticks.exact_norm or 0.0) or 1.0)
+            if gamma is None and least is None:
+                levels, reason = [], "the solver finds no gamma at which the LMI is feasible"
+            elif gamma is None and least is not None:
+                levels = [float(f"{least * (1 + share):.7g}") for share in _ABOVE_LEAST]
+    level = None
+    for level in levels:
+        proof, reason = _proof(system, K, lmi, delays, level)
+        if proof is not None:
+            break
     return Analysis(
         system=system,
         K=None if gain is None else K,
         order=order,
         certified=proof is not None,
-        reason=None if proof is not None else reason,
-        gamma=level if proof is not None and system.has_performance else None,
+        reason=reason,
+        gamma=None if proof is None else level,
         least_gamma=least,
-        abscissa=abscissa,
-        exact_norm=None if peak is None else float(peak.value),
-        norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
+        abscissa=yardsticks.abscissa,
+        exact_norm=yardsticks.exact_norm,
+        norm_frequency=yardsticks.norm_frequency,
         certificate=proof,
     )
+
+
+class Yardsticks(NamedTuple):
+    """What is computed of the nominal loop, beside any proof; see `Analysis`."""
+
+    abscissa: float
+    exact_norm: float | None
+    norm_frequency: float | None
+
+
+def measured(system: DelaySystem, K: NDArray[np.float64]) -> Yardsticks:
+    """Abscissa and norm of the nominal loop."""
+    loop = close(system, K)
+    peak = hinf_norm(loop) if system.has_performance else None
+    frequency = None if peak is None else float(peak.frequency)
+    return Yardsticks(
+        float(spectral_abscissa(loop)),
+        None if peak is None else float(peak.value),
+        None if frequency is None or not np.isfinite(frequency) else frequency,
+    )
+
+
+def _unstable(abscissa: float) -> str:
+    return f"the nominal loop is not stable: its rightmost root has real part {abscissa:.6g}"
 
 
 class Prover:

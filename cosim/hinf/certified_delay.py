@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError
-from cosim.hinf.analysis import Prover, gain_of
+from cosim.hinf.analysis import Analysis, Prover, gain_of, measured
 from cosim.hinf.analysis_proof import MAX_ORDER
+from cosim.hinf.greatest_delay import DELAY_LIMIT
 from cosim.models.delay_system import DelaySystem
-
-DELAY_LIMIT = 20.0
-"""Where a search stops [s]: a greatest delay may not exist."""
 
 _STEP = 1.1
 _FIRST = 2.0**-10
@@ -39,26 +37,20 @@ class CertifiedDelay:
 
     Attributes
     ----------
-    system : with the greatest certified delay in place; as given if none is certified.
     which : index of the delay in `system.delays`.
-    order, gamma : what was asked for; gamma None: stability alone.
-    d : the greatest certified delay [s]; None if not even delay 0 is.
-    not_beyond : a delay just above d at which no proof was found; None at the limit.
+    d : the greatest certified delay [s]; None if none is.
+    not_beyond : a delay just above d at which no proof was found; None at the limit, and
+        without a d.
     limit_reached : the search stopped at its limit, with everything certified.
-    up_to : the certificate covers every constant delay up to d (order 0, or a delay of any
-        age); else exactly d.
-    certificate : the proof at d, for `check_certificate`; None without one.
+    analysis : at d, with its proof; of the system as given if nothing is certified. Its
+        `up_to` says whether every smaller delay is covered. Its `order` is that of the proof.
     """
 
-    system: DelaySystem
     which: int
-    order: int
-    gamma: float | None
     d: float | None
     not_beyond: float | None
     limit_reached: bool
-    up_to: bool
-    certificate: dict[str, Any] | None
+    analysis: Analysis
 
 
 def certified_delay(
@@ -97,16 +89,24 @@ def certified_delay(
     else:
         search.climb(order, limit, start=0.0, step=2.0)
     done = search.d is not None and search.d >= limit
-    return CertifiedDelay(
-        system=system if search.d is None else search.at(search.d),
-        which=which,
-        order=order,
-        gamma=gamma,
-        d=search.d,
-        not_beyond=None if done else search.failed,
-        limit_reached=done,
-        up_to=search.order == 0 or system.delays[which].any_age,
+    reached = system if search.d is None else search.at(search.d)
+    analysis = Analysis(
+        system=reached,
+        K=None if gain is None else K,
+        order=order if search.d is None else search.order,
+        certified=search.d is not None,
+        reason=None if search.d is not None else "no delay was found at which a proof exists",
+        gamma=None if search.d is None else gamma,
+        least_gamma=None,
         certificate=search.certificate,
+        **measured(reached, K)._asdict(),
+    )
+    return CertifiedDelay(
+        which=which,
+        d=search.d,
+        not_beyond=None if done or search.d is None else search.failed,
+        limit_reached=done,
+        analysis=analysis,
     )
 
 

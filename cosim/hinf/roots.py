@@ -34,6 +34,7 @@ _FIRST_NODES = 20
 _LARGEST_MATRIX = 1300
 _PHASE = 0.7  # greatest phase [rad] and greatest |step f'/f| between neighbouring samples
 _LARGEST_START = 20000.0
+_MOST_SAMPLES = 400_000  # beyond, counting takes minutes and gigabytes
 _LARGEST_EXPONENT = 200.0
 
 
@@ -172,6 +173,12 @@ def roots_right_of(loop: ClosedLoop, real: float) -> int:
         split = np.flatnonzero(steep | (np.abs(turn) > _PHASE))
         if split.size == 0:
             break
+        if omega.size > _MOST_SAMPLES:
+            raise NotAchievableError(
+                "the delay is too long against the loop's fastest mode to count its roots",
+                where=f"delay {loop.delays[-1]:g} s, rates up to {top:g} 1/s",
+                hint="scale time, or leave out what is much faster than the rest",
+            )
         middle = omega[split] + 0.5 * step[split]
         phases, gs = _log_derivative(loop, real + 1j * middle)
         omega = np.insert(omega, split + 1, middle)

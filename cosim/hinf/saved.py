@@ -34,6 +34,8 @@ def design_from_json(data: Any, *, where: str) -> Design:
     proof = check_certificate(data)
     if not proof.valid:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+    if "kind" in data:
+        raise InputError("not a design", where=where, got=f"a proof of kind {data['kind']}")
     figures = data.get("figures")
     if not isinstance(figures, dict) or set(figures) != set(_FIGURES):
         raise InputError(

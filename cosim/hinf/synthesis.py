@@ -2,7 +2,7 @@
 
 Steps, for a gain to be found or one that is given:
 
-1. minimise gamma over the LMI (`cosim.hinf.lmi`), k1 and k2 given;
+1. minimise gamma over the LMI (`cosim.hinf.problem`), k1 and k2 given;
 2. a little above the least gamma, maximise the margin of the LMI against its own scale: a
    solution in the middle of what is feasible, where rounding does no harm;
 3. round the gain to a few decimals; what differs from machine to machine in a solver's last
@@ -15,28 +15,28 @@ The gamma of a design is the gamma of its proof.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError, NotAchievableError
+from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.closed_loop import close
-from cosim.hinf.lmi import Unknowns, omega, unknowns
 from cosim.hinf.norm import hinf_norm
+from cosim.hinf.problem import Answer, Point, Problem
 from cosim.hinf.roots import spectral_abscissa
+from cosim.hinf.search import least_gamma, widest_margin
+from cosim.hinf.threads import one_thread
 from cosim.models.delay_system import DelaySystem
 
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
-_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
-_SOLVED = ("optimal", "optimal_inaccurate", "user_limit")
+_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,7 @@ class Design:
         return True
 
 
+@one_thread
 def design(
     system: DelaySystem,
     k1: Sequence[float],
@@ -82,6 +83,7 @@ def design(
     *,
     gamma: float | None = None,
     gain: ArrayLike | None = None,
+    search: bool = False,
 ) -> Design:
     """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
 
@@ -89,25 +91,26 @@ def design(
     ----------
     system : Eq. (7) with delays (n states, m inputs).
     k1, k2 : one number per delay, k2 not zero (Theorem 2).
-    gamma : a bound to be met instead of the least one.
+    gamma : a bound to be met instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to be analysed instead of designed.
+    search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
     NotAchievableError : the LMI has no certified solution at k1, k2 (and gamma).
     """
-    one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
-    if any(value == 0 for value in two):
-        raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
+    scalars = checked_scalars(system, k1, k2)
     fixed = None if gain is None else _fitting(gain, system)
-    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
     if gamma is not None:
-        _reachable(gamma, floor, system)
-    problem = _Problem(system, one, two)
-    least = problem.least_gamma(fixed) if system.has_performance else None
+        check_reachable(gamma, system)
+    problem = Problem(system)
+    if search:
+        scalars = _searched(problem, scalars, fixed)
+    one, two = scalars.k1, scalars.k2
+    least = _least(problem, scalars, fixed, system.name) if system.has_performance else None
     if gamma is not None:
-        levels = [gamma]
+        levels: list[float | None] = [gamma]
         if least is not None and gamma < least * (1 - 1e-7):
             raise NotAchievableError(
                 f"gamma = {gamma:g} cannot be reached with these k1, k2",
@@ -117,35 +120,54 @@ def design(
                 got=f"{gamma:g}",
                 hint="another k1, k2: the least gamma depends on them strongly",
             )
-    elif least is None:
-        levels = [1.0]
+        if least is not None:
+            # what is proved for less is proved for gamma, and far above the least level the
+            # numbers of the LMI lie far apart
+            levels += [level for level in _levels(least) if level < gamma]
     else:
-        levels = [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
-    reason = None
+        levels = [None] if least is None else [*_levels(least)]
+    reason = ""
     for level in levels:
-        found = problem.central(level, fixed)
-        if found is None:
-            continue
-        K, variables = found
-        proof = certify(system, K, variables)
-        if proof.valid:
-            return _finished(system, K, variables, least)
-        reason = proof.reason
-    goal = f"gamma <= {levels[-1]:.6g}" if system.has_performance else "stability"
+        found, reason = proved_at(system, problem, scalars, level, fixed)
+        if found is not None:
+            return finished(system, *found, least)
+    bounds = [level for level in levels if level is not None]
+    goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
     raise NotAchievableError(
         "no solution of the LMI could be certified",
         where=system.name or None,
         expected=f"an exact proof of {goal} at k1 = {list(one)}, k2 = {list(two)}",
-        got=reason or "the solver finds no feasible point",
+        got=reason,
         hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )
 
 
-def _finished(
+def _levels(least: float) -> list[float]:
+    return [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
+
+
+def proved_at(
+    system: DelaySystem,
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None = None,
+) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
+    """A gain with variables that prove it at `gamma`, or None and why."""
+    found = _central(problem, p, gamma, gain)
+    if found is None:
+        return None, "the solver finds no feasible point"
+    proof = certify(system, *found)
+    return (found, "") if proof.valid else (None, str(proof.reason))
+
+
+def finished(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
+    """A proved gain with what is computed of its loop."""
     loop = close(system, K)
     peak = hinf_norm(loop) if system.has_performance else None
+    abscissa = float(spectral_abscissa(loop))
     frequency = None if peak is None else float(peak.frequency)
     return Design(
         system=system,
@@ -154,114 +176,60 @@ def _finished(
         k1=variables.k1,
         k2=variables.k2,
         least_gamma=least,
-        abscissa=float(spectral_abscissa(loop)),
+        abscissa=abscissa,
         exact_norm=None if peak is None else float(peak.value),
         norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
         certificate=certificate_to_json(system, K, variables),
     )
 
 
-class _Problem:
-    """The LMI of one system at one k1, k2."""
-
-    def __init__(self, system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]) -> None:
-        self._system, self._k1, self._k2 = system, k1, k2
-
-    def least_gamma(self, gain: NDArray[np.float64] | None) -> float:
-        """Remark 2: the least gamma, as far as the solver's word goes."""
-        v = unknowns(self._system, gain=gain, gamma=None)
-        whole, positive = omega(self._system, self._k1, self._k2, v)
-        constraints = [_symmetric(whole) << 0, *(matrix >> 0 for matrix in positive)]
-        status = _solve(cp.Problem(cp.Minimize(v.gamma), constraints))
-        if status not in _SOLVED or v.gamma.value is None:
-            raise NotAchievableError(
-                "the LMI has no solution for any gamma",
-                where=self._system.name or None,
-                expected=f"a feasible LMI at k1 = {list(self._k1)}, k2 = {list(self._k2)}",
-                got=f"the solver says {status}",
-                hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
-            )
-        return float(v.gamma.value)
-
-    def central(
-        self, gamma: float, gain: NDArray[np.float64] | None
-    ) -> tuple[NDArray[np.float64], Variables] | None:
-        """A gain and variables with a margin at `gamma`; None if the solver finds none."""
-        if gain is None:
-            first = self._with_margin(gamma, None)
-            if first is None:
-                return None
-            gain = _rounded(np.linalg.solve(first.X, _value(first.Y).T).T)
-        solution = self._with_margin(gamma, gain)
-        if solution is None:
-            return None
-        return gain, Variables(
-            X=solution.X,
-            Q=solution.Q,
-            R=solution.R,
-            eps=float(solution.eps) if self._system.E.size else None,
-            k1=self._k1,
-            k2=self._k2,
-            gamma=gamma if self._system.has_performance else None,
-        )
-
-    def _with_margin(self, gamma: float, gain: NDArray[np.float64] | None) -> Unknowns | None:
-        """Maximise t with Omega <= -t scale; two rounds, the second on the first one's scale."""
-        scale: NDArray[np.float64] | None = None
-        best: Unknowns | None = None
-        for _ in range(2):
-            v = unknowns(self._system, gain=gain, gamma=gamma)
-            whole, positive = omega(self._system, self._k1, self._k2, v)
-            size = whole.shape[0]
-            t = cp.Variable()
-            weights = np.ones(size) if scale is None else scale
-            n = self._system.A.shape[0]
-            constraints = [
-                _symmetric(whole) << -t * np.diag(weights),
-                *(matrix >> 0 for matrix in positive),
-                # the proof needs Q > 0, and nothing else keeps it off its boundary
-                *(Q >> 1e-3 * t * np.eye(n) for Q in v.Q if isinstance(Q, cp.Variable)),
-                # without w and z the LMI is homogeneous, and the margin needs a bound
-                v.X << 1e3 * np.eye(n),
-                t <= 1,
-            ]
-            status = _solve(cp.Problem(cp.Maximize(t), constraints))
-            if status not in _SOLVED or t.value is None or v.X.value is None:
-                return best
-            best = _evaluated(v)
-            scale = np.maximum(-np.diag(np.asarray(whole.value)), 1e-9)
-            scale = scale / scale.max()
-        return best
+def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
+    """Better k1, k2; those of `p` where none are found."""
+    if problem.structure.gamma is None:
+        found = widest_margin(problem, p, None, gain)
+    else:
+        found = least_gamma(problem, p, gain)
+    return p if found is None else found[0]
 
 
-def _evaluated(v: Unknowns) -> Unknowns:
-    return Unknowns(
-        X=_value(v.X),
-        Y=_value(v.Y),
-        Q=tuple(_value(q) for q in v.Q),
-        R=tuple(_value(r) for r in v.R),
-        eps=float(v.eps.value) if v.eps.value is not None else 1.0,
-        gamma=v.gamma,
+def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name: str) -> float:
+    """Remark 2: the least gamma, as far as the solver's word goes."""
+    answer = problem.least_gamma(p, gain)
+    if isinstance(answer, Answer):
+        return answer.value
+    raise NotAchievableError(
+        "the LMI has no solution for any gamma",
+        where=name or None,
+        expected=f"a feasible LMI at k1 = {list(p.k1)}, k2 = {list(p.k2)}",
+        got=f"the solver says {answer.status}",
+        hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )
 
 
-def _value(expression: Any) -> NDArray[np.float64]:
-    return np.asarray(getattr(expression, "value", expression), dtype=np.float64)
+def _central(
+    problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
+) -> tuple[NDArray[np.float64], Variables] | None:
+    """A gain and variables with a margin at `gamma`; None if the solver finds none."""
+    if gain is None:
+        first = _with_margin(problem, p, gamma, None)
+        if first is None:
+            return None
+        gain = _rounded(np.asarray(np.linalg.solve(first.X, first.Y.T).T, dtype=np.float64))
+    point = _with_margin(problem, p, gamma, gain)
+    if point is None:
+        return None
+    return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
 
 
-def _solve(problem: Any) -> str:
-    with warnings.catch_warnings():
-        # that a solution may be inaccurate is what the exact proof is there for
-        warnings.simplefilter("ignore", UserWarning)
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except cp.SolverError as error:
-            return f"failed: {error}"
-    return str(problem.status)
-
-
-def _symmetric(matrix: Any) -> Any:
-    return (matrix + matrix.T) / 2
+def _with_margin(
+    problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
+) -> Point | None:
+    """The widest margin; two rounds, the second on the first one's scale."""
+    first = problem.margin(p, gamma, gain)
+    if first is None or first.value <= 0:
+        return None
+    second = problem.margin(p, gamma, gain, problem.size_of(p, first.point))
+    return first.point if second is None or second.value <= 0 else second.point
 
 
 def _rounded(K: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -277,6 +245,14 @@ def _rounded_up(gamma: float) -> float:
     """Seven significant digits, upward."""
     digits = 6 - int(np.floor(np.log10(gamma)))
     return float(np.ceil(gamma * 10**digits) / 10**digits)
+
+
+def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
+    """k1, k2 and the system's delays; an `InputError` where they do not fit it."""
+    one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
+    if any(value == 0 for value in two):
+        raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
+    return Scalars(one, two, tuple(delay.d for delay in system.delays))
 
 
 def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[float, ...]:
@@ -304,7 +280,15 @@ def _fitting(gain: ArrayLike, system: DelaySystem) -> NDArray[np.float64]:
     return K
 
 
-def _reachable(gamma: float, floor: float, system: DelaySystem) -> None:
+def check_reachable(gamma: float, system: DelaySystem) -> None:
+    """Refuse a gamma that no delay, k1, k2 or gain can reach.
+
+    Raises
+    ------
+    InputError : no positive number, or a system without w and z.
+    NotAchievableError : gamma <= ||D1||.
+    """
+    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
     if not (np.isfinite(gamma) and gamma > 0):
         raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
     if not system.has_performance:

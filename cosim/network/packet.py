@@ -224,11 +224,14 @@ class PacketLink:
                 expected="hold, zero, or a finite number",
                 got=repr(self.on_loss),
             )
-        if not _is_finite(self.quantization) or self.quantization < 0:
+        # below 1e-100 the number of steps in an ordinary value is no longer finite
+        if not _is_finite(self.quantization) or not (
+            self.quantization == 0 or self.quantization >= 1e-100
+        ):
             raise InputError(
                 "quantization step out of range",
                 where=f"{where}: quantization",
-                expected="a finite number, 0 (none) or larger",
+                expected="0 (none), or a finite number from 1e-100 up",
                 got=repr(self.quantization),
             )
         for key in ("data_rate", "frame_size"):

@@ -93,22 +93,19 @@ def rerun(
 
 
 def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | None) -> Prepared:
-    text = _attachment(trace, path, SCENARIO_ATTACHMENT)
-    recorded = trace.run.get("scenario.sha256") if trace.run else None
-    if recorded != hashlib.sha256(text).hexdigest():
-        raise InputError(
-            "the scenario in this trace is not the one it names",
-            where=str(path),
-            expected=f"SHA-256 {recorded}",
-            got=hashlib.sha256(text).hexdigest(),
-        )
+    text = _attachment(trace, path, SCENARIO_ATTACHMENT, "scenario.sha256")
     name = trace.run.get("scenario", path.stem)
     loaded = parse(
         text.decode(), name=name, where=f"{path}: {SCENARIO_ATTACHMENT}", folder=hangar.folder
     )
+    hashes = {
+        part.fmu: trace.run.get(f"fmu.{component}.sha256", "")
+        for component, part in loaded.scenario.components.items()
+    }
+    hangar = replace(hangar, wanted=hashes)
     saved = None
     if loaded.scenario.design is not None:
-        data = json.loads(_attachment(trace, path, DESIGN_ATTACHMENT))
+        data = json.loads(_attachment(trace, path, DESIGN_ATTACHMENT, "design.sha256"))
         found = design_from_json(data, where=f"{path}: {DESIGN_ATTACHMENT}")
         saved = (_problem(loaded.scenario.design, found, path), found)
     prepared = prepare(loaded, hangar, saved=saved, progress=progress)
@@ -146,7 +143,8 @@ def _problem(part: DesignPart, found: Design, path: Path) -> Problem:
     return problem
 
 
-def _attachment(trace: Trace, path: Path, name: str) -> bytes:
+def _attachment(trace: Trace, path: Path, name: str, digest: str) -> bytes:
+    """An attachment, which must be the one whose hash the trace names under `digest`."""
     data = trace.attachments.get(name)
     if data is None:
         raise InputError(
@@ -154,6 +152,14 @@ def _attachment(trace: Trace, path: Path, name: str) -> bytes:
             where=str(path),
             expected=f"an attachment {name}, as cosim run writes it",
             got=", ".join(trace.attachments) or "no attachments",
+        )
+    recorded, found = trace.run.get(digest), hashlib.sha256(data).hexdigest()
+    if recorded != found:
+        raise InputError(
+            f"{name} in this trace is not the one it was run with",
+            where=str(path),
+            expected=f"SHA-256 {recorded}",
+            got=found,
         )
     return bytes(data)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -27,13 +28,20 @@ class Hangar:
     ----------
     root : folder with python/NAME.fmu; what the catalogue has and is missing is built there.
     folder : where relative paths of a scenario begin.
+    wanted : FMU reference -> SHA-256 that its file must have, wherever below `root` it lies
+        and whatever it is called; if there is none, the reference is followed as usual.
     """
 
     root: Path
     folder: Path
+    wanted: Mapping[str, str] = field(default_factory=dict)
 
     def find(self, fmu: str) -> FmuDescription:
-        """An FMU by catalogue name or path."""
+        """An FMU by its hash if one is wanted, else by catalogue name or path."""
+        if fmu in self.wanted:
+            for path in sorted(self.root.rglob("*.fmu")):
+                if hashlib.sha256(path.read_bytes()).hexdigest() == self.wanted[fmu]:
+                    return describe_fmu(path)
         if fmu in CATALOGUE:
             try:
                 return describe_fmu(ensure_fmu(fmu, self.root).path)

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from cosim.scenario.assemble import Hangar
-from cosim.scenario.execute import Progress, fly, prepare
+from cosim.scenario.execute import Progress, check_room, fly, prepare
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import load
-from cosim.trace.picture import Labelled, compare_flights
+from cosim.trace.picture import Labelled, compare_flights, pyplot
 
 FLIGHTS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
 """Scenario and label, the first with the gain that is designed for the link."""
@@ -33,6 +33,9 @@ class Demo:
 
 def demonstrate(hangar: Hangar, folder: Path, progress: Progress | None = None) -> Demo:
     """Design, fly and draw; traces and picture go to `folder`."""
+    # what would fail at the end is said at the beginning
+    pyplot()
+    check_room(folder / "demo.png")
     outcomes = {}
     for name, label in FLIGHTS:
         tell: Progress | None = None

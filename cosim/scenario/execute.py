@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import os
 import platform
 import sys
 import time
@@ -96,6 +97,7 @@ def fly(
     if trace is None:
         run = _simulate(system, "flight", tell)
         return _outcome(prepared, system, run, parameters, None, began, tell)[0]
+    check_room(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -111,6 +113,23 @@ def fly(
             links |= result_of_link(name, schedule.statistics())
         writer.finish({**result_entries(outcome), **links})
     return replace(outcome, content_hash=content_hash(trace))
+
+
+def check_room(trace: Path) -> None:
+    """See that a trace can be written, before anything takes time; makes nothing.
+
+    Raises
+    ------
+    InputError : its folder, or the nearest one there is, cannot be written.
+    """
+    nearest = next(folder for folder in trace.absolute().parents if folder.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(
+            "the folder of the trace cannot be written",
+            where=str(trace.parent),
+            expected=f"{nearest} to be a folder that can be written",
+            hint="another place: --out",
+        )
 
 
 def _outcome(

@@ -83,7 +83,7 @@ def _validated(text: str, data: dict[str, Any], where: str) -> Scenario:
         first = _most_telling(error)
         path = _path(first, data)
         line = line_of(text, path)
-        key = ".".join(str(part) for part in path)
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
         others = len(error.errors()) - 1
         raise InputError(
             _sentence(first, key),

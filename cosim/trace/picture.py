@@ -40,7 +40,7 @@ def compare_flights(
     ------
     InputError : matplotlib is not installed, or a trace is not of such a scenario.
     """
-    plt = _pyplot()
+    plt = pyplot()
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = plt.figure(figsize=(13, 8.2), layout="constrained")
         grid = figure.add_gridspec(4, 3, width_ratios=(1.15, 1, 1))
@@ -58,7 +58,8 @@ def compare_flights(
     return target
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
+    """matplotlib's pyplot without a display; an `InputError` if it is not installed."""
     try:
         import matplotlib as mpl  # noqa: PLC0415 - optional: the extra `plot`
 

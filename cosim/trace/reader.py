@@ -154,7 +154,7 @@ class Trace:
                     where=str(self.path),
                     expected="a complete MCAP file",
                     got=self.damage,
-                    hint="recover what is readable with `cosim trace recover`",
+                    hint="`cosim trace info` reads it as far as it goes",
                 ) from error
 
     @property

@@ -21,7 +21,7 @@ from numpy.polynomial import Legendre, Polynomial
 from solved import Array, benchmark, random_system
 
 from cosim.errors import InputError
-from cosim.hinf import analyse, auv_system, check_certificate, close, certified_delay, hinf_norm
+from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
 from cosim.hinf.analysis_proof import ExactAnalysis, _loop, minus_phi
 from cosim.hinf.rational import exact_matrix
 from cosim.models import paper_example
@@ -148,8 +148,8 @@ def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> Non
     assert ladder[order] <= found.d < min(found.not_beyond, EXACT_BOUND)
     assert found.not_beyond - found.d < 1e-5 * found.d
     assert not found.limit_reached
-    assert found.up_to == (order == 0)
-    assert check_certificate(found.certificate).valid
+    assert found.analysis.up_to == (order == 0)
+    assert check_certificate(found.analysis.certificate).valid
 
 
 def test_a_loop_that_bears_every_delay_reaches_the_limit() -> None:
@@ -157,7 +157,7 @@ def test_a_loop_that_bears_every_delay_reaches_the_limit() -> None:
     for gamma in (None, 6.0):
         found = certified_delay(paper_example.system(), PRINTED, gamma, limit=50.0)
         assert (found.d, found.limit_reached, found.not_beyond) == (50.0, True, None)
-        assert check_certificate(found.certificate).valid
+        assert check_certificate(found.analysis.certificate).valid
 
 
 def test_a_loop_that_bears_no_delay_has_no_greatest_one() -> None:
@@ -166,7 +166,8 @@ def test_a_loop_that_bears_no_delay_has_no_greatest_one() -> None:
     for order in (0, 2):
         found = certified_delay(system, order=order)
         assert found.d is None
-        assert found.certificate is None
+        assert found.analysis.certificate is None
+        assert not found.analysis.certified
         assert not found.limit_reached
 
 
@@ -183,11 +184,11 @@ def test_a_loop_that_needs_its_delay() -> None:
     assert analyse(system, order=2).certified
     found = certified_delay(system, order=4)
     assert found.d is not None
-    assert found.up_to is False
+    assert found.analysis.up_to is False
     assert 1.7178 < found.d < end
     assert found.not_beyond is not None
     assert found.d < found.not_beyond
-    assert check_certificate(found.certificate).valid
+    assert check_certificate(found.analysis.certificate).valid
 
 
 def test_any_age_is_theorem_1_at_every_order_and_without_Q() -> None:

@@ -1,0 +1,166 @@
+"""k1 and k2 searched: they are free, and worth a factor of ten in gamma or in the delay.
+
+The best value of the LMI is smooth in k1, k2, and its multipliers give the slopes at the cost
+of nothing. So: a few fixed starts, k2 a multiple of 1/d (the scale of a loop that is to bear a
+delay d) and k1 a multiple of k2, then a bounded quasi-Newton descent in log k2 and k1/k2 from
+the best. Nothing is drawn at random: the same system gives the same k1, k2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import optimize
+
+from cosim.hinf.assembly import Array, Scalars
+from cosim.hinf.problem import Answer, Problem
+
+if TYPE_CHECKING:
+    from cosim.models.delay_system import Matrix
+
+_SCALES = (0.05, 0.2, 0.5, 1.0)
+_RATIOS = (-1.0, -0.2)
+_MULTIPLES = (1e-4, 1e3)
+"""k2 stays within these multiples of 1/d."""
+_RATIO_LIMIT = 20.0
+"""|k1 / k2| stays within this."""
+_STEPS, _FEW_STEPS = 40, 15
+
+Ask = Callable[[Scalars], Answer | None]
+
+
+def least_gamma(
+    problem: Problem, p: Scalars, gain: Matrix | None = None
+) -> tuple[Scalars, float] | None:
+    """k1, k2 of the least gamma found, and it; None where no start is feasible.
+
+    `p` has the delays, and the k1, k2 to start from beside the fixed starts; with a `gain`,
+    that gain's least gamma.
+    """
+
+    def ask(at: Scalars) -> Answer | None:
+        answer = problem.least_gamma(at, gain)
+        return answer if isinstance(answer, Answer) else None
+
+    tried = [(at, ask(at)) for at in starts(p)]
+    found = [(at, answer.value) for at, answer in tried if answer is not None]
+    if not found:
+        return None
+    # two descents: the best start may lie in the worse valley
+    ends = [_descend(ask, at, sign=1.0) for at, _ in sorted(found, key=lambda x: x[1])[:2]]
+    return min(ends, key=lambda x: x[1])
+
+
+def widest_margin(
+    problem: Problem, p: Scalars, gamma: float | None, gain: Matrix | None = None
+) -> tuple[Scalars, float] | None:
+    """k1, k2 with a margin at the delays of `p`, and the margin; negative: none was found."""
+
+    def ask(at: Scalars) -> Answer | None:
+        return problem.margin(at, gamma, gain)
+
+    tried = [(at, ask(at)) for at in starts(p)]
+    found = [(at, answer.value) for at, answer in tried if answer is not None]
+    if not found:
+        return None
+    best, value = max(found, key=lambda x: x[1])
+    if value > 0:
+        return best, value
+    best, value = _descend(ask, best, sign=-1.0, enough=0.0)
+    return best, -value
+
+
+def climb(problem: Problem, p: Scalars, gamma: float | None) -> tuple[Scalars, float] | None:
+    """As `widest_margin`, from `p` alone: for a delay a little beyond one that is borne."""
+
+    def ask(at: Scalars) -> Answer | None:
+        return problem.margin(at, gamma)
+
+    if ask(p) is None:
+        return None
+    best, value = _descend(ask, p, sign=-1.0, enough=0.0, steps=_FEW_STEPS)
+    return best, -value
+
+
+def starts(p: Scalars) -> list[Scalars]:
+    """`p` itself, and k2 = c/d, k1 = r k2 for fixed c and r."""
+    late = [d for d in p.d if d > 0]
+    if not late:
+        return [p]
+    lengths = [d or min(late) for d in p.d]
+    made = []
+    for c in _SCALES:
+        for r in _RATIOS:
+            k2 = tuple(c / d for d in lengths)
+            made.append(Scalars(tuple(r * value for value in k2), k2, p.d))
+    return [p, *made]
+
+
+class _EnoughError(Exception):
+    """What was looked for is found."""
+
+
+def _descend(
+    ask: Ask, start: Scalars, *, sign: float, enough: float | None = None, steps: int = _STEPS
+) -> tuple[Scalars, float]:
+    """The least sign * value, from a start where there is an answer; ends early below `enough`."""
+    N = len(start.k2)
+    signs = np.sign(start.k2)
+    lengths = [d if d > 0 else 1.0 for d in start.d]
+    best: list[tuple[Scalars, float]] = []
+
+    def scalars(u: Array) -> Scalars:
+        k2 = signs * np.exp(u[:N])
+        k1 = u[N:] * k2
+        return replace(start, k1=tuple(map(float, k1)), k2=tuple(map(float, k2)))
+
+    def value(u: Array) -> tuple[float, Array]:
+        at = scalars(u)
+        answer = ask(at)
+        if answer is None:
+            # a wall: the line search turns back
+            return 10.0 * abs(best[0][1]) + 10.0, np.zeros(2 * N)
+        here = sign * answer.value
+        if not best or here < best[0][1]:
+            best[:] = [(at, here)]
+        if enough is not None and here < enough:
+            raise _EnoughError
+        by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N:]
+        k1, k2 = np.array(at.k1), np.array(at.k2)
+        return here, np.concatenate([by_k1 * k1 + by_k2 * k2, by_k1 * k2])
+
+    u = np.concatenate([np.log(np.abs(start.k2)), np.array(start.k1) / np.array(start.k2)])
+    bounds = [(math.log(_MULTIPLES[0] / d), math.log(_MULTIPLES[1] / d)) for d in lengths]
+    bounds += [(-_RATIO_LIMIT, _RATIO_LIMIT)] * N
+    inside = np.clip(u, *np.array(bounds).T)
+    if not np.array_equal(inside, u):
+        return start, sign * _value(ask(start))
+    with suppress(_EnoughError):
+        optimize.minimize(
+            value,
+            u,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"maxfun": steps, "ftol": 1e-9, "gtol": 1e-7},
+        )
+    return best[0]
+
+
+def _value(answer: Answer | None) -> float:
+    return math.inf if answer is None else answer.value
+
+
+def scaled(p: Scalars, which: int, d: float) -> Scalars:
+    """`p` with one delay changed, and its k1, k2 in proportion to 1/d."""
+    scale = p.d[which] / d
+
+    def put(values: Sequence[float], value: float) -> tuple[float, ...]:
+        return (*values[:which], value, *values[which + 1 :])
+
+    return Scalars(put(p.k1, p.k1[which] * scale), put(p.k2, p.k2[which] * scale), put(p.d, d))

@@ -1,0 +1,95 @@
+"""The installed command as a process: signals, pipes, other folders."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from cli.shell import COMMAND, SCENARIOS, cosim
+
+from cosim.trace import Trace
+
+LONG = (SCENARIOS / "valid" / "over-a-packet-link.toml").read_text("utf-8")
+LONG = LONG.replace("end = 1.0", "end = 5000.0").replace("step = 0.1", "step = 0.01")
+
+
+def started(fmus: Path, folder: Path) -> subprocess.Popen[str]:
+    """A long run that has begun to write its trace."""
+    (folder / "long.toml").write_text(LONG, "utf-8")
+    process = subprocess.Popen(  # noqa: S603 - the command under test
+        [COMMAND, "run", "long.toml", "--out", "t.mcap", "--json", "--fmus", fmus.parent],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    partial = folder / "t.mcap.partial"
+    until = time.monotonic() + 60.0
+    while not (partial.exists() and partial.stat().st_size > 300_000):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until, "the run has not begun"
+        time.sleep(0.05)
+    return process
+
+
+def readable_rows(folder: Path) -> int:
+    """Rows of the plant in what an interrupted run left."""
+    assert not (folder / "t.mcap").exists()
+    path = folder / "t.mcap.partial"
+    told = cosim("trace", "info", path, "--json", cwd=folder)
+    assert told.code == 0, told.err
+    assert told.json["finished"] is False
+    rows = Trace(path).read("/plant/output")
+    assert (rows.log_time_ns[1:] > rows.log_time_ns[:-1]).all()
+    return len(rows)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "killed"])
+def test_interrupted_run_leaves_its_rows(
+    number: signal.Signals, fmus: Path, tmp_path: Path
+) -> None:
+    """Ctrl-C: exit 130, in words. Either way the rows so far are readable in the .partial."""
+    process = started(fmus, tmp_path)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert "Traceback" not in out + err
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert json.loads(out)["error"]["exit_code"] == 130
+        assert "interrupted" in err
+    else:
+        assert process.returncode == -signal.SIGKILL
+    assert readable_rows(tmp_path) > 1000
+
+
+def test_reader_that_leaves_early(tmp_path: Path) -> None:
+    """`cosim scenarios | true` prints no traceback."""
+    process = subprocess.Popen(  # noqa: S603 - the command under test
+        [COMMAND, "scenarios"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    said = process.stderr.read().decode()
+    process.stderr.close()
+    process.wait(60)
+    assert "Traceback" not in said
+    assert "Exception" not in said
+
+
+def test_command_gives_its_error_as_json(tmp_path: Path) -> None:
+    """The installed command leaves with the code of its error and no traceback."""
+    done = subprocess.run(  # noqa: S603 - the command under test
+        [COMMAND, "run", "nothing", "--json"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["error"]["exit_code"] == 2
+    assert "Traceback" not in done.stderr

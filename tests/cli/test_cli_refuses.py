@@ -1,0 +1,169 @@
+"""What every verb says when it cannot do what was asked."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from cli.shell import SCENARIOS, cosim, trace_of
+
+PLAIN = SCENARIOS / "valid" / "plain.toml"
+
+USAGE = [
+    ["--json"],
+    ["frobnicate", "--json"],
+    ["run", "--json"],
+    ["run", "auv-acoustic", "--ot", "x", "--json"],
+    ["run", "auv-acoustic", "extra", "--json"],
+    ["scenarios", "extra", "--json"],
+    ["design", "--json"],
+    ["design", "paper", "--gamma", "much", "--json"],
+    ["trace", "--json"],
+    ["trace", "info", "--json"],
+    ["trace", "frobnicate", "--json"],
+]
+
+
+@pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
+def test_usage_errors_are_json_too(arguments: list[str], tmp_path: Path) -> None:
+    """A verb, option or argument that does not exist: exit 2, one JSON object, where to look."""
+    result = cosim(*arguments, cwd=tmp_path)
+    assert result.code == 2
+    assert result.error["hint"].endswith("--help")
+
+
+DESIGNS = [
+    (["papr"], 2, "did you mean paper?"),
+    (["nope.toml"], 2, "cannot be read"),
+    (["folder.toml"], 2, "cannot be read"),
+    (["plain"], 2, "there is no system"),
+    (["paper", "--k1", "a"], 2, "--k1: not a list of numbers"),
+    (["paper", "--k1", ""], 2, "--k1: not a list of numbers"),
+    (["paper", "--k1", "0.6,0.6"], 2, "1 finite numbers, one per delay"),
+    (["paper", "--k1", "nan"], 2, "1 finite numbers, one per delay"),
+    (["paper", "--k1", "1e400"], 2, "1 finite numbers, one per delay"),
+    (["paper", "--k2", "0"], 2, "k2 must not be zero"),
+    (["auv", "--k2", "1.0"], 2, "2 finite numbers, one per delay"),
+    (["paper", "--gamma", "nan"], 2, "gamma must be a positive number"),
+    (["paper", "--gamma", "-1"], 2, "gamma must be a positive number"),
+    (["paper", "--gamma", "5"], 5, "no gamma <= ||D1|| = 5 exists"),
+    (["paper", "--gamma", "5.005", "--k1", "0.6", "--k2", "0.2"], 5, "gamma >= 5.0132"),
+    (["paper", "--save", "folder.toml"], 2, "the file cannot be written"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "said"), DESIGNS, ids=str)
+def test_design_refuses(arguments: list[str], code: int, said: str, tmp_path: Path) -> None:
+    """A system, scalar or bound that cannot be: the message names it, the code says which kind."""
+    (tmp_path / "folder.toml").mkdir()
+    result = cosim("design", *arguments, "--json", cwd=tmp_path)
+    assert result.code == code
+    assert said in result.err
+    assert result.error["what"]
+
+
+def test_scenario_without_design_has_none(tmp_path: Path) -> None:
+    """`design FILE.toml` takes systems; a scenario's file is told apart by its keys."""
+    result = cosim("design", PLAIN, "--json", cwd=tmp_path)
+    assert result.code == 2
+    assert "there is no key 'title'" in result.error["what"]
+
+
+TRACES = {
+    "missing": (2, "cannot be opened"),
+    "empty": (2, "empty"),
+    "text": (2, "not an MCAP file"),
+    "folder": (2, "not a trace"),
+    "cut": (3, "cut short or damaged"),
+    "flipped": (3, "cut short or damaged"),
+}
+
+
+@pytest.mark.parametrize("kind", TRACES)
+def test_rerun_refuses_what_is_no_whole_trace(kind: str, tmp_path: Path) -> None:
+    """Missing, empty, something else: bad input; cut or damaged: loss. Never a traceback."""
+    code, said = TRACES[kind]
+    path = tmp_path / "t.mcap"
+    whole = trace_of("paper-example").read_bytes()
+    if kind == "folder":
+        path.mkdir()
+    elif kind != "missing":
+        flipped = bytearray(whole)
+        flipped[len(whole) // 2] ^= 0xFF
+        contents = {"empty": b"", "text": b"title = 1\n" * 9, "cut": whole[: len(whole) // 2]}
+        path.write_bytes(contents.get(kind, bytes(flipped)))
+    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
+    assert result.code == code
+    assert said in result.error["what"]
+    told = cosim("trace", "info", path, "--json", cwd=tmp_path)
+    if code == 3:
+        assert told.code == 0
+        assert told.json["complete"] is False
+        assert told.json["damage"]
+    else:
+        assert told.code == 2
+        assert said in told.error["what"]
+
+
+@pytest.mark.parametrize("cut", [1, 8, 9, 20, 200, 5000, -1, -9, -100])
+def test_info_reads_a_trace_cut_anywhere(cut: int, tmp_path: Path) -> None:
+    """However short it is, what is readable is told, or that nothing is."""
+    path = tmp_path / "t.mcap"
+    path.write_bytes(trace_of("paper-example").read_bytes()[:cut])
+    result = cosim("trace", "info", path, "--json", cwd=tmp_path)
+    if result.code:
+        assert result.code in (2, 3)
+        assert result.error["what"]
+    else:
+        assert result.json["complete"] is False
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", str(PLAIN), "--out", "file/t.mcap"],
+        ["run", str(PLAIN), "--out", "folder"],
+        ["run", str(PLAIN), "--out", "/proc/none/t.mcap"],
+        ["run", str(PLAIN), "--fmus", "file"],
+        ["run", str(PLAIN), "--fmus", "/proc/none"],
+        ["run", "folder"],
+        ["run", "latin.toml"],
+        ["run", "no/such.toml"],
+        ["run", ""],
+    ],
+    ids=" ".join,
+)
+def test_paths_that_cannot_be_used(arguments: list[str], fmus: Path, tmp_path: Path) -> None:
+    """Unwritable, unreadable, a directory, not UTF-8: bad input that names the path."""
+    (tmp_path / "file").write_text("a file")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "latin.toml").write_bytes('title = "Später"\n'.encode("latin-1"))
+    if "--fmus" not in arguments:
+        arguments = [*arguments, "--fmus", str(fmus.parent)]
+    result = cosim(*arguments, "--json", cwd=tmp_path)
+    assert result.code == 2
+    assert result.error["where"]
+    assert "unexpected" not in result.error["what"]
+
+
+def test_unreadable_file_is_named(tmp_path: Path) -> None:
+    """A file without permission to read: bad input."""
+    path = tmp_path / "s.toml"
+    shutil.copy(PLAIN, path)
+    path.chmod(0)
+    try:
+        path.read_text()
+    except PermissionError:
+        result = cosim("run", path, "--json", cwd=tmp_path)
+        assert result.code == 2
+        assert "s.toml" in result.error["where"]
+    else:
+        pytest.skip("this user may read everything")
+
+
+def test_scenario_that_is_almost_one(tmp_path: Path) -> None:
+    """A mistyped name comes back with the names that exist, nearest first."""
+    result = cosim("run", "auv-acoustc", "--json", cwd=tmp_path)
+    assert result.code == 2
+    assert "did you mean auv-acoustic" in result.error["hint"]

@@ -1,0 +1,101 @@
+"""What every verb prints when all is well."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from cli.shell import BUILT_IN, cosim, flight, home, trace_of
+
+from cosim.hinf import check_certificate
+
+
+def test_scenarios_are_listed(tmp_path: Path) -> None:
+    """Names and titles, for programs and for people."""
+    rows = cosim("scenarios", "--json", cwd=tmp_path).json["scenarios"]
+    assert [row["name"] for row in rows] == sorted(BUILT_IN)
+    assert all(row["title"] for row in rows)
+    seen = cosim("scenarios", cwd=tmp_path)
+    assert seen.code == 0
+    assert all(row["title"] in seen.out for row in rows)
+
+
+def test_design_of_the_paper(tmp_path: Path) -> None:
+    """At k1 = 0.6, k2 = 0.2 the corrected LMI gives 5.0132, certified; the norm is below."""
+    result = cosim(
+        "design",
+        "paper",
+        "--k1",
+        "0.6",
+        "--k2",
+        "0.2",
+        "--json",
+        "--save",
+        "d.json",
+        cwd=tmp_path,
+    )
+    assert result.code == 0
+    found = result.json
+    assert found["gamma"] == pytest.approx(5.0132, abs=5e-4)
+    assert found["certified"] is True
+    assert [len(row) for row in found["K"]] == [2]
+    assert 5.0 <= found["exact_norm"] <= found["gamma"]
+    assert found["abscissa"] < 0.0
+    saved = json.loads((tmp_path / "d.json").read_text())
+    assert saved["K"] == found["K"]
+    assert check_certificate(saved).valid
+
+
+def test_design_of_a_scenario_is_the_one_it_flies_with(tmp_path: Path) -> None:
+    """The name of a scenario designs what its [design] says: the printed gain, analysed."""
+    found = cosim("design", "paper-example", "--json", cwd=tmp_path).json
+    assert found["K"] == [[0.6432, -0.5679]]
+    assert found["gamma"] == flight("paper-example").json["metrics"]["gamma"]
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_info_says_what_run_said(name: str) -> None:
+    """Status, metrics, links and hash in the trace are those that were printed."""
+    ran = flight(name).json
+    told = cosim("trace", "info", trace_of(name), "--json", cwd=home()).json
+    assert told["finished"] is True
+    assert told["complete"] is True
+    assert told["content_hash"] == ran["content_hash"]
+    assert told["result"]["status"] == ran["status"]
+    assert told["result"]["metrics"] == ran["metrics"]
+    assert told["result"]["final"] == ran["final"]
+    assert set(told["links"]) == set(ran["links"])
+
+
+def test_people_read_the_same_figures() -> None:
+    """Without --json: status, links and assumptions in words."""
+    seen = cosim("trace", "info", trace_of("auv-acoustic-naive"), cwd=home())
+    assert seen.code == 0
+    assert "uplink" in seen.out
+    flown = cosim("run", "paper-example", "--out", "seen.mcap", cwd=home())
+    assert flown.code == 0
+    assert "finished" in flown.out
+    assert "not met" in flown.out
+    assert "seen.mcap" in flown.out
+
+
+@pytest.mark.parametrize("verb", [[], ["trace"]], ids=["cosim", "cosim trace"])
+def test_no_verb_prints_help(verb: list[str], tmp_path: Path) -> None:
+    """Without any verb the verbs are listed, and nothing is complained about."""
+    result = cosim(*verb, cwd=tmp_path)
+    assert "Usage" in result.out + result.err
+    assert "Traceback" not in result.out + result.err
+
+
+def test_demo_is_the_two_flights_and_a_picture() -> None:
+    """The demo flies the same runs as `run` does, and draws them."""
+    result = cosim("demo", "--json", "--out", "demo", cwd=home())
+    assert result.code == 0, result.err
+    runs = result.json["runs"]
+    hashes = [run["content_hash"] for run in runs.values()]
+    assert hashes == [
+        flight(name).json["content_hash"] for name in ("auv-acoustic", "auv-acoustic-naive")
+    ]
+    picture = home() / result.json["picture"]
+    assert picture.read_bytes().startswith(b"\x89PNG")

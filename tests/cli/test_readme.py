@@ -1,0 +1,104 @@
+"""Every command, file and program that the README shows does what it says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cli.shell import COMMAND, cosim, flight, home
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text("utf-8")
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+LINES = [
+    line.split(" #")[0].strip()
+    for language, block in BLOCKS
+    if language in ("", "sh", "bash", "console")
+    for line in block.splitlines()
+    if line.strip()
+]
+COMMANDS = [line for line in LINES if not line.startswith("make ")]
+
+
+def files() -> dict[str, str]:
+    """The TOML blocks under the names that the commands give them: a system, a scenario."""
+    named = sorted({word for line in COMMANDS for word in line.split() if word.endswith(".toml")})
+    blocks = [block for language, block in BLOCKS if language == "toml"]
+    result = {}
+    for name in named:
+        wanted = "[system]" if "system" in name else "[components."
+        result[name] = next(block for block in blocks if wanted in block)
+    assert len(result) == len(blocks)
+    return result
+
+
+@pytest.fixture(scope="module")
+def folder() -> Path:
+    """Where a reader types: what is flown before is there, and the files that are shown."""
+    assert flight("auv-acoustic").code == 0
+    for name, text in files().items():
+        (home() / name).write_text(text, "utf-8")
+    shutil.copy(ROOT / "build_fmu.py", home())
+    return home()
+
+
+def run(words: list[str | Path], folder: Path) -> None:
+    done = subprocess.run(  # noqa: S603 - what the README tells people to type
+        words, cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("line", [line for line in LINES if line.startswith("make ")])
+def test_target_exists(line: str) -> None:
+    """What is said to `make` is a target of the Makefile."""
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    for target in line.split()[1:]:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_command_works(line: str, folder: Path) -> None:
+    """Typed in the order of the README, each command ends with exit code 0."""
+    program, *arguments = shlex.split(line)
+    if program == "cosim":
+        result = cosim(*arguments, cwd=folder)
+        assert result.code == 0, result.err
+        if "--json" in arguments:
+            assert result.json
+    elif program == "python":
+        run([sys.executable, *arguments], folder)
+    else:
+        run([COMMAND.with_name(program), *arguments], folder)
+
+
+@pytest.mark.parametrize("block", [block for language, block in BLOCKS if language == "python"])
+def test_program_works(block: str, folder: Path) -> None:
+    """Each Python block runs as it stands."""
+    run([sys.executable, "-c", block], folder)
+
+
+def test_every_block_is_known() -> None:
+    """No fenced block escapes these tests."""
+    assert {language for language, _ in BLOCKS} <= {"", "sh", "bash", "console", "toml", "python"}
+    assert COMMANDS
+
+
+def test_every_link_and_picture_exists() -> None:
+    """What the README points to in the repository is there."""
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        if "://" not in target:
+            assert (ROOT / target).exists(), target
+
+
+def test_verbs_of_the_readme_are_in_the_help(tmp_path: Path) -> None:
+    """Every command line of the README names a verb that the help lists."""
+    out = cosim("--help", cwd=tmp_path).out + cosim("trace", "--help", cwd=tmp_path).out
+    verbs = {line.split()[1] for line in COMMANDS if line.startswith("cosim ")}
+    assert all(re.search(rf"\b{verb}\b", out) for verb in verbs)

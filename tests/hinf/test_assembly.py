@@ -1,0 +1,156 @@
+"""The assembled LMI is the reference one, its solver agrees with another, its slopes are slopes."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from solved import random_system
+
+from cosim.hinf.assembly import Scalars, Structure, smat, svec
+from cosim.hinf.conic import Cone, solve
+from cosim.hinf.lmi import Unknowns, omega, unknowns
+from cosim.hinf.problem import Answer, Problem
+from cosim.models import paper_example
+from cosim.models.delay_system import DelaySystem
+
+Array = NDArray[np.float64]
+
+
+def _delays(system: DelaySystem) -> tuple[float, ...]:
+    return tuple(delay.d for delay in system.delays)
+
+
+def _reference_gamma(
+    system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], gain: Array | None = None
+) -> float:
+    """Least gamma by the reference formulation and Clarabel."""
+    v = unknowns(system, gain=gain, gamma=None)
+    whole, positive = omega(system, k1, k2, v)
+    constraints = [(whole + whole.T) / 2 << 0, *(matrix >> 0 for matrix in positive)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem: Any = cp.Problem(cp.Minimize(v.gamma), constraints)
+        problem.solve(solver=cp.CLARABEL)
+    assert problem.status == "optimal"
+    return float(v.gamma.value)
+
+
+@pytest.mark.parametrize("case", range(8))
+def test_it_is_the_reference_with_rows_m_taken_out(case: int) -> None:
+    """Any point, k1, k2 of either sign: equal to the Schur complement of `lmi`, to rounding."""
+    rng = np.random.default_rng(case)
+    system = random_system(
+        rng, late=bool(case & 1), any_age=bool(case & 2), uncertain=bool(case & 4)
+    )
+    s, n = Structure(system), 2
+    k1, k2 = (tuple(float(x) for x in rng.standard_normal(2)) for _ in range(2))
+    y = rng.standard_normal(s.size)
+    lmi = s.at(Scalars(k1, k2, _delays(system)))
+    ours = smat(lmi.A @ y - lmi.b, s.rows)
+    v = Unknowns(
+        X=s.X.of(y),
+        Y=s.Y.of(y),
+        Q=tuple(np.zeros((n, n)) if Q is None else Q.of(y) for Q in s.Q),
+        R=tuple(R.of(y) for R in s.R if R is not None),
+        eps=0.0 if s.eps is None else s.eps.of(y)[0, 0],
+        gamma=0.0 if s.gamma is None else s.gamma.of(y)[0, 0],
+    )
+    whole = np.asarray(omega(system, k1, k2, v)[0].value)
+    # x, x1, x2, w, z, r1, r2, then m1, m2, then h
+    m = 3 * n + 4 + 2 * n + np.arange(2 * n)
+    kept = np.setdiff1d(np.arange(len(whole)), m)
+    schur = whole[np.ix_(kept, kept)] - whole[np.ix_(kept, m)] @ np.linalg.solve(
+        whole[np.ix_(m, m)], whole[np.ix_(m, kept)]
+    )
+    scale = np.ones(len(kept))
+    for j, value in enumerate(k2, 1):
+        scale[j * n : (j + 1) * n] = value / abs(value) ** 0.5
+    np.testing.assert_allclose(ours, scale[:, None] * schur * scale, atol=1e-12)
+
+
+def test_least_gamma_of_the_paper_is_the_published_correction() -> None:
+    """Section 5 at k1 = .6, k2 = .2: 5.0132; the printed gain and the reference solver agree."""
+    system = paper_example.system()
+    problem = Problem(system)
+    p = Scalars((0.6,), (0.2,), (0.3,))
+    free = problem.least_gamma(p)
+    assert isinstance(free, Answer)
+    assert free.value == pytest.approx(5.0132, abs=5e-5)
+    assert free.value == pytest.approx(_reference_gamma(system, (0.6,), (0.2,)), rel=2e-6)
+    K = np.array([paper_example.PRINTED_K])
+    given = problem.least_gamma(p, K)
+    assert isinstance(given, Answer)
+    assert given.value == pytest.approx(_reference_gamma(system, (0.6,), (0.2,), K), rel=2e-6)
+
+
+@pytest.mark.parametrize("case", range(6))
+def test_least_gamma_of_random_systems_is_the_reference_solvers(case: int) -> None:
+    """Two delays, feedback immediate or late: both formulations, both solvers, one number."""
+    rng = np.random.default_rng(100 + case)
+    system = random_system(
+        rng, late=bool(case & 1), any_age=bool(case & 2), uncertain=bool(case & 4), scale=0.3
+    )
+    k1, k2 = (-0.5, -0.5), (0.7, 0.9)
+    ours = Problem(system).least_gamma(Scalars(k1, k2, _delays(system)))
+    if not isinstance(ours, Answer):
+        with pytest.raises(AssertionError):
+            _reference_gamma(system, k1, k2)
+        return
+    assert ours.value == pytest.approx(_reference_gamma(system, k1, k2), rel=1e-5)
+
+
+def test_slopes_are_the_difference_quotients() -> None:
+    """d gamma / d k1 and d k2 by the multipliers, against solves to either side."""
+    problem = Problem(paper_example.system())
+    p = Scalars((0.6,), (0.2,), (0.9,))
+    at = problem.least_gamma(p)
+    assert isinstance(at, Answer)
+    for i, name in enumerate(("k1", "k2")):
+        values = []
+        for h in (1e-3, -1e-3):
+            end = problem.least_gamma(replace(p, **{name: (getattr(p, name)[0] + h,)}))
+            assert isinstance(end, Answer)
+            values.append(end.value)
+        assert at.slopes[i] == pytest.approx((values[0] - values[1]) / 2e-3, rel=1e-3)
+
+
+def _cone(C: Array, *matrices: Array) -> Cone:
+    stacked = sparse.csr_array(np.vstack(matrices))
+    return Cone(C, np.arange(len(matrices)), stacked)
+
+
+def test_the_solver_finds_a_largest_eigenvalue() -> None:
+    """min t with t I - M >= 0 is the largest eigenvalue of M (numpy's)."""
+    M = np.random.default_rng(5).standard_normal((7, 7))
+    M = M + M.T
+    solution = solve([_cone(-M, -np.eye(7))], np.array([1.0]))
+    assert solution.status == "solved"
+    assert solution.value == pytest.approx(np.linalg.eigvalsh(M)[-1], abs=1e-8)
+    # and the multiplier is the projector on its eigenvector
+    vector = np.linalg.eigh(M)[1][:, -1]
+    np.testing.assert_allclose(solution.Z[0], np.outer(vector, vector), atol=1e-5)
+
+
+def test_the_solver_shows_why_nothing_is_feasible() -> None:
+    """y >= 1 and y <= 0: the multipliers (1, 1) say so, and so do those returned."""
+    one = np.ones((1, 1))
+    solution = solve([_cone(-one, -one), _cone(0 * one, one)], np.array([1.0]))
+    assert solution.status == "infeasible"
+    lower, upper = (Z[0, 0] for Z in solution.Z)
+    assert lower == pytest.approx(1.0)
+    assert upper == pytest.approx(lower, rel=1e-6)
+
+
+def test_svec_keeps_products() -> None:
+    """svec(A).svec(B) = trace(A B), and smat takes it back."""
+    rng = np.random.default_rng(0)
+    A, B = (x + x.T for x in rng.standard_normal((2, 5, 5)))
+    assert svec(A) @ svec(B) == pytest.approx(np.trace(A @ B))
+    np.testing.assert_allclose(smat(svec(A), 5), A)

@@ -1,0 +1,69 @@
+"""Designs: certified, next to what does not use the LMI, and refused where they cannot be had."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.errors import InputError, NotAchievableError
+from cosim.hinf import auv_system, check_certificate, design
+from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
+from cosim.models import paper_example
+from cosim.models.delay_system import Delay, DelaySystem
+
+
+def test_section_5_is_certified_close_above_its_least_gamma() -> None:
+    """5.0132 at k1 = .6, k2 = .2, and the exact norm below it; the proof holds from its JSON."""
+    found = design(paper_example.system(), (0.6,), (0.2,))
+    assert found.gamma is not None
+    assert found.least_gamma is not None
+    assert found.exact_norm is not None
+    assert found.least_gamma < found.gamma < found.least_gamma * (1 + 1e-4)
+    assert found.gamma == pytest.approx(5.0132, abs=1e-3)
+    assert 5.0 <= found.exact_norm < found.gamma
+    assert check_certificate(found.certificate).valid
+
+
+def test_the_printed_gain_is_analysed_as_it_is() -> None:
+    """exact norm 5.0276 at 22.9 rad/s, rightmost root -5.138; certified above."""
+    found = design(paper_example.system(), (0.6,), (0.2,), gain=[list(paper_example.PRINTED_K)])
+    assert found.K.tolist() == [list(paper_example.PRINTED_K)]
+    assert found.exact_norm == pytest.approx(5.0276, abs=1e-4)
+    assert found.norm_frequency == pytest.approx(22.9, abs=0.1)
+    assert found.abscissa == pytest.approx(-5.138, abs=1e-3)
+    assert found.gamma is not None
+    assert found.gamma > found.exact_norm
+
+
+def test_the_vehicle_over_its_link() -> None:
+    """Eight states, two delays of any age: certified, no more than 3.4188."""
+    found = design(auv_system(), DEFAULT_K1, DEFAULT_K2)
+    assert found.gamma is not None
+    assert found.exact_norm is not None
+    assert found.exact_norm < found.gamma <= 3.4188
+    assert found.abscissa < 0
+    assert check_certificate(found.certificate).valid
+
+
+def test_stability_alone_where_there_is_nothing_to_bound() -> None:
+    """A published benchmark, stable to 6.1726, without w and z: certified at d = 3."""
+    system = DelaySystem([[-2.0, 0.0], [0.0, -0.9]], delays=[Delay(3.0, [[-1, 0], [-1, -1]])])
+    found = design(system, (-0.1,), (0.2,))
+    assert found.gamma is None
+    assert check_certificate(found.certificate).valid
+
+
+def test_what_cannot_be_had_is_refused_by_name() -> None:
+    """gamma <= ||D1|| = 5, gamma below the least, k2 = 0, what no input reaches."""
+    system = paper_example.system()
+    with pytest.raises(NotAchievableError, match="D1"):
+        design(system, (0.6,), (0.2,), gamma=5.0)
+    with pytest.raises(NotAchievableError, match="cannot be reached"):
+        design(system, (0.6,), (0.2,), gamma=5.01)
+    with pytest.raises(InputError, match="k2"):
+        design(system, (0.6,), (0.0,))
+    unreachable = DelaySystem(
+        [[1.0, 0.0], [0.0, -1.0]], [[0.0], [1.0]], np.eye(2), np.eye(2), delays=[]
+    )
+    with pytest.raises(NotAchievableError, match="no solution"):
+        design(unreachable, (), ())
