@@ -18,9 +18,12 @@ from cosim import show
 from cosim.errors import CheckFailedError, CosimError, InputError
 from cosim.hinf import (
     DELAY_LIMIT,
+    Analysis,
+    CertifiedDelay,
     Design,
     GreatestDelay,
     NamedSystem,
+    certified_delay,
     check_certificate,
     design_to_json,
     greatest_delay,
@@ -28,7 +31,9 @@ from cosim.hinf import (
     system_by_name,
     with_delays,
 )
+from cosim.hinf import analyse as make_analysis
 from cosim.hinf import design as make_design
+from cosim.hinf.system_json import matrix
 from cosim.replay import rerun as run_again
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.demo import demonstrate
@@ -48,7 +53,9 @@ app = typer.Typer(
 )
 trace_app = typer.Typer(no_args_is_help=True, help="Look into a trace, or run it again.")
 app.add_typer(trace_app, name="trace")
-certificate_app = typer.Typer(no_args_is_help=True, help="Check what a design claims.")
+certificate_app = typer.Typer(
+    no_args_is_help=True, help="Check what a design or an analysis claims."
+)
 app.add_typer(certificate_app, name="certificate")
 
 JsonOption = Annotated[
@@ -142,17 +149,7 @@ def design(
     rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
     nominal loop stand beside it. k1 and k2 are free, and worth a search.
     """
-    gain = None
-    if name in builtin_names():
-        loaded = load(name)
-        part = loaded.scenario.design
-        if part is None:
-            raise InputError("this scenario has no design", where=name)
-        problem = problem_of(part, loaded.folder)
-        named = NamedSystem(problem.system, problem.k1, problem.k2)
-        gain = part.gain
-    else:
-        named = system_by_name(name)
+    named, gain = _problem(name)
     system = named.system
     if delays is not None:
         system = with_delays(system, _numbers("--delays", delays))
@@ -186,9 +183,75 @@ def design(
     )
 
 
+@app.command()
+def analyse(
+    name: Annotated[
+        str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
+    ],
+    gain: Annotated[
+        str | None,
+        typer.Option(
+            help='K, row by row, as in "[[0.6, -0.5]]"; else that of the scenario, or none.'
+        ),
+    ] = None,
+    order: Annotated[
+        int,
+        typer.Option(help="0: Theorem 1. N: Bessel-Legendre, sharper, at exactly these delays."),
+    ] = 0,
+    gamma: Annotated[
+        float | None, typer.Option(help="A bound to prove, instead of the least one.")
+    ] = None,
+    delays: Annotated[
+        str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
+    ] = None,
+    max_delay: Annotated[
+        bool,
+        typer.Option(
+            "--max-delay",
+            help="The greatest delay for stability, or for --gamma: of the feedback, or else the "
+            "first.",
+        ),
+    ] = False,
+    delay_limit: Annotated[
+        float, typer.Option(help="Where the search for a greatest delay ends [s].")
+    ] = DELAY_LIMIT,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the exact certificate here (JSON), if there is one.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what a given gain guarantees, or the system as it is, and prove it exactly.
+
+    gamma is the least one that is certified, for every admissible uncertainty; without w and z
+    it is stability. What is not certified may still be true: that is a result, with exit code 0.
+    """
+    named, own_gain = _problem(name)
+    system = named.system
+    if delays is not None:
+        system = with_delays(system, _numbers("--delays", delays))
+    K = own_gain if gain is None else _gain(gain)
+    reach: CertifiedDelay | None = None
+    with _progress() as tell:
+        tell(f"analysis of {name}", 0.0)
+        if max_delay:
+            which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+            reach = certified_delay(system, K, gamma, which=which, order=order, limit=delay_limit)
+            found = reach.analysis
+        else:
+            found = make_analysis(system, K, gamma, order=order)
+    saved = save if found.certified else None
+    if saved is not None:
+        _write(saved, json.dumps(found.certificate, indent=1, allow_nan=False) + "\n")
+    _print(
+        as_json,
+        lambda: _analysis_json(name, found, reach, saved),
+        lambda: show.analysis_view(name, found, reach),
+    )
+
+
 @certificate_app.command()
 def check(
-    file: Annotated[Path, typer.Argument(help="A file written by cosim design --save.")],
+    file: Annotated[Path, typer.Argument(help="What --save of design or analyse wrote.")],
     *,
     as_json: JsonOption = False,
 ) -> None:
@@ -338,6 +401,28 @@ def _hangar(fmus: Path, folder: Path | None = None) -> Hangar:
     return Hangar(root=fmus, folder=folder or Path.cwd())
 
 
+def _problem(name: str) -> tuple[NamedSystem, Any]:
+    """A scenario's design, or a system by its name; and the gain that the scenario gives."""
+    if name not in builtin_names():
+        return system_by_name(name), None
+    loaded = load(name)
+    part = loaded.scenario.design
+    if part is None:
+        raise InputError("this scenario has no design", where=name)
+    problem = problem_of(part, loaded.folder)
+    return NamedSystem(problem.system, problem.k1, problem.k2), part.gain
+
+
+def _gain(text: str) -> Any:
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            "not a matrix", where="--gain", expected='rows as in "[[0.6, -0.5]]"', got=text
+        ) from error
+    return matrix(value, "--gain")
+
+
 def _numbers(option: str, text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
@@ -369,6 +454,34 @@ def _design_json(
         "certificate": None if save is None else str(save),
         "limit_reached": None if reach is None else reach.limit_reached,
         "refuted_at": None if reach is None else reach.refuted_at,
+        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
+        "least_gamma": found.least_gamma,
+        "exact_norm": found.exact_norm,
+        "norm_frequency": found.norm_frequency,
+        "abscissa": found.abscissa,
+    }
+
+
+def _analysis_json(
+    name: str, found: Analysis, reach: CertifiedDelay | None, save: Path | None
+) -> dict[str, Any]:
+    delays: list[float | None] = [delay.d for delay in found.system.delays]
+    if reach is not None:
+        delays[reach.which] = reach.d
+    return {
+        "system": name,
+        "gamma": found.gamma,
+        "delays": delays,
+        "K": None if found.K is None else found.K.tolist(),
+        "k1": None,
+        "k2": None,
+        "certified": found.certified,
+        "reason": found.reason,
+        "certificate": None if save is None else str(save),
+        "order": found.order,
+        "up_to_delays": found.up_to if found.certified else None,
+        "limit_reached": None if reach is None else reach.limit_reached,
+        "not_certified_at": None if reach is None else reach.not_beyond,
         "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
         "least_gamma": found.least_gamma,
         "exact_norm": found.exact_norm,

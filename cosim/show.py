@@ -10,7 +10,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.hinf import Certificate, Design, GreatestDelay
+from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
@@ -59,6 +59,54 @@ def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -
     return Group(facts, gain)
 
 
+def analysis_view(
+    name: str, analysis: Analysis, reach: CertifiedDelay | None = None
+) -> RenderableType:
+    """What a given gain guarantees: what is proved, or why nothing is, and what is computed."""
+    what = f"{name}, u = 0" if analysis.K is None else f"{name}, u = K x"
+    if analysis.certified:
+        head = Text.assemble(("certified", "bold green"), f": {what}")
+    else:
+        head = Text.assemble(("not certified", "bold yellow"), f": {what}\n  {analysis.reason}")
+    facts = _facts()
+    facts.add_row("condition", _condition(analysis.order), "")
+    if analysis.certified:
+        gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
+        facts.add_row("gamma", gamma, "certified: exact rational proof, for this gain")
+    if analysis.exact_norm is not None:
+        peak = analysis.norm_frequency
+        at = "infinite frequency" if peak is None else f"{peak:.4g} rad/s"
+        facts.add_row(
+            "exact norm",
+            _number(analysis.exact_norm, 6),
+            f"computed: nominal loop, peak at {at}",
+        )
+    facts.add_row(
+        "abscissa", f"{analysis.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop"
+    )
+    for i, delay in enumerate(analysis.system.delays):
+        kind = "any age up to it" if delay.any_age else "constant, "
+        if not delay.any_age:
+            kind += "up to it" if analysis.order == 0 else "exactly it"
+        facts.add_row(
+            f"delay {i + 1}",
+            f"{delay.d:g} s",
+            kind + (", the control acts through it" if delay.feedback else ""),
+        )
+    if reach is not None and reach.d is not None:
+        end = (
+            "certified; the search ended here, the loop may bear more"
+            if reach.limit_reached
+            else f"certified; not certified at {reach.not_beyond:.7g} s"
+        )
+        facts.add_row("greatest delay", f"{reach.d:.7g} s", end)
+    return Group(head, facts)
+
+
+def _condition(order: int) -> str:
+    return "Theorem 1" if order == 0 else f"Bessel-Legendre, order {order}"
+
+
 def _end(reach: GreatestDelay) -> str:
     """What is known beyond a greatest delay."""
     if reach.limit_reached:
@@ -78,6 +126,7 @@ def certificate_view(file: str, certificate: Certificate) -> RenderableType:
     )
     facts = _facts()
     facts.add_row("claim", claim["property"], "")
+    facts.add_row("condition", _condition(claim["order"]) if "order" in claim else "Theorem 2", "")
     if claim["gamma"] is not None:
         facts.add_row("gamma", f"{float(Fraction(claim['gamma'])):.7g}", "the file has it exactly")
     for i, delay in enumerate(claim["delays"], 1):
