@@ -15,30 +15,26 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim import show
+from cosim.answers import analysis_json, design_json
+from cosim.arguments import gain_from, named_problem, numbers, write
 from cosim.errors import CheckFailedError, CosimError, InputError
 from cosim.hinf import (
     DELAY_LIMIT,
-    Analysis,
     CertifiedDelay,
-    Design,
     GreatestDelay,
-    NamedSystem,
     certified_delay,
     check_certificate,
     design_to_json,
     greatest_delay,
     read_certificate,
-    system_by_name,
     with_delays,
 )
 from cosim.hinf import analyse as make_analysis
 from cosim.hinf import design as make_design
-from cosim.hinf.system_json import matrix
 from cosim.replay import rerun as run_again
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
-from cosim.scenario.gain import problem_of
 from cosim.scenario.read import builtin_names, load
 from cosim.trace import describe, render
 
@@ -149,13 +145,13 @@ def design(
     rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
     nominal loop stand beside it. k1 and k2 are free, and worth a search.
     """
-    named, gain = _problem(name)
+    named, gain = named_problem(name)
     system = named.system
     if delays is not None:
-        system = with_delays(system, _numbers("--delays", delays))
+        system = with_delays(system, numbers("--delays", delays))
     scalars = (
-        named.k1 if k1 is None else _numbers("--k1", k1),
-        named.k2 if k2 is None else _numbers("--k2", k2),
+        named.k1 if k1 is None else numbers("--k1", k1),
+        named.k2 if k2 is None else numbers("--k2", k2),
     )
     goal = named.gamma if gamma is None else gamma
     reach: GreatestDelay | None = None
@@ -175,10 +171,10 @@ def design(
         else:
             found = make_design(system, *scalars, gamma=goal, gain=gain, search=search)
     if save is not None:
-        _write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
+        write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
     _print(
         as_json,
-        lambda: _design_json(name, found, reach, save),
+        lambda: design_json(name, found, reach, save),
         lambda: show.design_view(name, found, reach),
     )
 
@@ -225,11 +221,11 @@ def analyse(
     gamma is the least one that is certified, for every admissible uncertainty; without w and z
     it is stability. What is not certified may still be true: that is a result, with exit code 0.
     """
-    named, own_gain = _problem(name)
+    named, own_gain = named_problem(name)
     system = named.system
     if delays is not None:
-        system = with_delays(system, _numbers("--delays", delays))
-    K = own_gain if gain is None else _gain(gain)
+        system = with_delays(system, numbers("--delays", delays))
+    K = own_gain if gain is None else gain_from(gain)
     reach: CertifiedDelay | None = None
     with _progress() as tell:
         tell(f"analysis of {name}", 0.0)
@@ -241,10 +237,10 @@ def analyse(
             found = make_analysis(system, K, gamma, order=order)
     saved = save if found.certified else None
     if saved is not None:
-        _write(saved, json.dumps(found.certificate, indent=1, allow_nan=False) + "\n")
+        write(saved, json.dumps(found.certificate, indent=1, allow_nan=False) + "\n")
     _print(
         as_json,
-        lambda: _analysis_json(name, found, reach, saved),
+        lambda: analysis_json(name, found, reach, saved),
         lambda: show.analysis_view(name, found, reach),
     )
 
@@ -399,92 +395,3 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
 def _hangar(fmus: Path, folder: Path | None = None) -> Hangar:
     return Hangar(root=fmus, folder=folder or Path.cwd())
-
-
-def _problem(name: str) -> tuple[NamedSystem, Any]:
-    """A scenario's design, or a system by its name; and the gain that the scenario gives."""
-    if name not in builtin_names():
-        return system_by_name(name), None
-    loaded = load(name)
-    part = loaded.scenario.design
-    if part is None:
-        raise InputError("this scenario has no design", where=name)
-    problem = problem_of(part, loaded.folder)
-    return NamedSystem(problem.system, problem.k1, problem.k2), part.gain
-
-
-def _gain(text: str) -> Any:
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            "not a matrix", where="--gain", expected='rows as in "[[0.6, -0.5]]"', got=text
-        ) from error
-    return matrix(value, "--gain")
-
-
-def _numbers(option: str, text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InputError(
-            "not a list of numbers", where=option, expected="numbers separated by commas", got=text
-        ) from error
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, "utf-8")
-    except OSError as error:
-        raise InputError("the file cannot be written", where=str(path), got=str(error)) from error
-
-
-def _design_json(
-    name: str, found: Design, reach: GreatestDelay | None, save: Path | None
-) -> dict[str, Any]:
-    return {
-        "system": name,
-        "gamma": found.gamma,
-        "delays": [delay.d for delay in found.system.delays],
-        "K": found.K.tolist(),
-        "k1": list(found.k1),
-        "k2": list(found.k2),
-        "certified": found.certified,
-        "certificate": None if save is None else str(save),
-        "limit_reached": None if reach is None else reach.limit_reached,
-        "refuted_at": None if reach is None else reach.refuted_at,
-        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
-        "least_gamma": found.least_gamma,
-        "exact_norm": found.exact_norm,
-        "norm_frequency": found.norm_frequency,
-        "abscissa": found.abscissa,
-    }
-
-
-def _analysis_json(
-    name: str, found: Analysis, reach: CertifiedDelay | None, save: Path | None
-) -> dict[str, Any]:
-    delays: list[float | None] = [delay.d for delay in found.system.delays]
-    if reach is not None:
-        delays[reach.which] = reach.d
-    return {
-        "system": name,
-        "gamma": found.gamma,
-        "delays": delays,
-        "K": None if found.K is None else found.K.tolist(),
-        "k1": None,
-        "k2": None,
-        "certified": found.certified,
-        "reason": found.reason,
-        "certificate": None if save is None else str(save),
-        "order": found.order,
-        "up_to_delays": found.up_to if found.certified else None,
-        "limit_reached": None if reach is None else reach.limit_reached,
-        "not_certified_at": None if reach is None else reach.not_beyond,
-        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
-        "least_gamma": found.least_gamma,
-        "exact_norm": found.exact_norm,
-        "norm_frequency": found.norm_frequency,
-        "abscissa": found.abscissa,
-    }
