@@ -55,7 +55,7 @@ def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -
         facts.add_row("greatest delay", f"{reach.delay:.6g} s", _end(reach))
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
-        gain.add_row(*(f"{value:.6g}" for value in row))
+        gain.add_row(*(f"{value:.4g}" for value in row))
     return Group(facts, gain)
 
 
