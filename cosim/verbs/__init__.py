@@ -1,0 +1,1 @@
+"""What the command line can be asked, a file per group of verbs."""

@@ -1,0 +1,163 @@
+"""Verbs about a gain and what it guarantees: design, analyse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim import show
+from cosim.answers import analysis_json, design_json
+from cosim.arguments import gain_from, named_problem, numbers, write
+from cosim.errors import InputError
+from cosim.hinf import (
+    DELAY_LIMIT,
+    CertifiedDelay,
+    GreatestDelay,
+    certified_delay,
+    design_to_json,
+    greatest_delay,
+    with_delays,
+)
+from cosim.hinf import analyse as make_analysis
+from cosim.hinf import design as make_design
+from cosim.verbs.common import JsonOption, answer, progress
+
+
+def design(
+    name: Annotated[
+        str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
+    ],
+    k1: Annotated[
+        str | None, typer.Option(help="Free scalars k1, one per delay, as in -0.3,-1.0.")
+    ] = None,
+    k2: Annotated[str | None, typer.Option(help="Free scalars k2, one per delay.")] = None,
+    gamma: Annotated[
+        float | None, typer.Option(help="A bound to meet, instead of the least one.")
+    ] = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Look for better k1, k2, from these among others.")
+    ] = False,
+    delays: Annotated[
+        str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
+    ] = None,
+    max_delay: Annotated[
+        bool,
+        typer.Option(
+            "--max-delay",
+            help="The greatest delay for the given gamma: of the feedback, or else the first.",
+        ),
+    ] = False,
+    delay_limit: Annotated[
+        float, typer.Option(help="Where the search for a greatest delay ends [s].")
+    ] = DELAY_LIMIT,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Design the H-infinity gain of a system with delays, and prove it exactly.
+
+    gamma bounds the gain from w to z for every admissible uncertainty and is certified in
+    rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
+    nominal loop stand beside it. k1 and k2 are free, and worth a search.
+    """
+    named, gain = named_problem(name)
+    system = named.system
+    if delays is not None:
+        system = with_delays(system, numbers("--delays", delays))
+    scalars = (
+        named.k1 if k1 is None else numbers("--k1", k1),
+        named.k2 if k2 is None else numbers("--k2", k2),
+    )
+    goal = named.gamma if gamma is None else gamma
+    reach: GreatestDelay | None = None
+    with progress() as tell:
+        tell(f"design of {name}", 0.0)
+        if max_delay:
+            if gain is not None:
+                raise InputError(
+                    "this scenario gives its gain, and a greatest delay is designed for",
+                    where="--max-delay",
+                )
+            which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+            reach = greatest_delay(
+                system, goal, *scalars, which=which, limit=delay_limit, search=search
+            )
+            found = reach.design
+        else:
+            found = make_design(system, *scalars, gamma=goal, gain=gain, search=search)
+    if save is not None:
+        write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
+    answer(
+        as_json,
+        lambda: design_json(name, found, reach, save),
+        lambda: show.design_view(name, found, reach),
+    )
+
+
+def analyse(
+    name: Annotated[
+        str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
+    ],
+    gain: Annotated[
+        str | None,
+        typer.Option(
+            help='K, row by row, as in "[[0.6, -0.5]]"; else that of the scenario, or none.'
+        ),
+    ] = None,
+    order: Annotated[
+        int,
+        typer.Option(help="0: Theorem 1. N: Bessel-Legendre, sharper, at exactly these delays."),
+    ] = 0,
+    gamma: Annotated[
+        float | None, typer.Option(help="A bound to prove, instead of the least one.")
+    ] = None,
+    delays: Annotated[
+        str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
+    ] = None,
+    max_delay: Annotated[
+        bool,
+        typer.Option(
+            "--max-delay",
+            help="The greatest delay for stability, or for --gamma: of the feedback, or else the "
+            "first.",
+        ),
+    ] = False,
+    delay_limit: Annotated[
+        float, typer.Option(help="Where the search for a greatest delay ends [s].")
+    ] = DELAY_LIMIT,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the exact certificate here (JSON), if there is one.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what a given gain guarantees, or the system as it is, and prove it exactly.
+
+    gamma is the least one that is certified, for every admissible uncertainty; without w and z
+    it is stability. What is not certified may still be true: that is a result, with exit code 0.
+    """
+    named, own_gain = named_problem(name)
+    system = named.system
+    if delays is not None:
+        system = with_delays(system, numbers("--delays", delays))
+    K = own_gain if gain is None else gain_from(gain)
+    reach: CertifiedDelay | None = None
+    with progress() as tell:
+        tell(f"analysis of {name}", 0.0)
+        if max_delay:
+            which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+            reach = certified_delay(system, K, gamma, which=which, order=order, limit=delay_limit)
+            found = reach.analysis
+        else:
+            found = make_analysis(system, K, gamma, order=order)
+    saved = save if found.certified else None
+    if saved is not None:
+        write(saved, json.dumps(found.certificate, indent=1, allow_nan=False) + "\n")
+    answer(
+        as_json,
+        lambda: analysis_json(name, found, reach, saved),
+        lambda: show.analysis_view(name, found, reach),
+    )

@@ -1,0 +1,53 @@
+"""Verbs that fly: demo, scenarios, run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim import show
+from cosim.scenario.demo import demonstrate
+from cosim.scenario.execute import check_room, fly, prepare
+from cosim.scenario.read import builtin_names, load
+from cosim.verbs.common import FMUS, TRACES, FmusOption, JsonOption, answer, hangar, progress
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for traces and picture.")] = TRACES,
+    fmus: FmusOption = FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Design two gains, fly both over the same acoustic link, compare them in one picture."""
+    with progress() as tell:
+        result = demonstrate(hangar(fmus), out, tell)
+    answer(as_json, result.to_json, lambda: show.demo_view(result))
+
+
+def scenarios(*, as_json: JsonOption = False) -> None:
+    """List the scenarios that come with the package."""
+    rows = [{"name": name, "title": load(name).scenario.title} for name in builtin_names()]
+    answer(as_json, lambda: {"scenarios": rows}, lambda: show.scenarios_view(rows))
+
+
+def run(
+    name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
+    out: Annotated[Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")] = None,
+    fmus: FmusOption = FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly a scenario and write its trace.
+
+    A run that diverges or ends in a limit cycle is done and says so (exit code 0); a
+    component that fails ends it with exit code 4, and what was recorded stays.
+    """
+    loaded = load(name)
+    trace = out or TRACES / f"{loaded.name}.mcap"
+    check_room(trace)
+    with progress() as tell:
+        prepared = prepare(loaded, hangar(fmus, loaded.folder), progress=tell)
+        outcome = fly(prepared, trace, progress=tell)
+    answer(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
+    if outcome.status == "failed":
+        raise typer.Exit(4)
