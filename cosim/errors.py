@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 
 class CosimError(Exception):
@@ -89,6 +89,22 @@ class ComponentError(CosimError):
 
 
 class NotAchievableError(CosimError):
-    """What was asked of a design cannot be had: infeasible, or not certified."""
+    """What was asked of a design cannot be had: infeasible, or not certified.
+
+    `certificate` is the exact proof that it cannot, for `check_certificate`, where there is one.
+    """
 
     exit_code = 5
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str | None = None,
+        expected: str | None = None,
+        got: str | None = None,
+        hint: str | None = None,
+        certificate: dict[str, Any] | None = None,
+    ) -> None:
+        self.certificate = certificate
+        super().__init__(what, where=where, expected=expected, got=got, hint=hint)

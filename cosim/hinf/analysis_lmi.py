@@ -35,7 +35,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import block_diag, matrix_balance
 
-from cosim.hinf.sdp import Array, Constraint, minimise, product, svec, symmetric
+from cosim.hinf.conic import Constraint, solve
+from cosim.hinf.svec import Array, product, svec, symmetric
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import DelaySystem
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 _FLOOR = 1e-3
 """The margin of P, Q and R beside that of Phi, relative."""
 
+_TOLERANCE = 1e-8
 _BOUND = 1e3
 """Largest P, Q, R and eps in the search for a margin, in the solver's own units."""
 
@@ -106,8 +108,10 @@ class AnalysisLmi:
         constraints = self._constraints(delays, reference, fixed=False)
         cost = np.zeros(constraints[0].columns.shape[1])
         cost[-1] = 1.0
-        v = minimise(cost, constraints)
-        return None if v is None or not v[-1] > 0 else float(reference * np.sqrt(v[-1]))
+        found = solve(constraints, cost, tolerance=_TOLERANCE)
+        if not (found.usable and found.value > 0):
+            return None
+        return float(reference * np.sqrt(found.value))
 
     def central(self, delays: Sequence[float], gamma: float | None) -> AnalysisVariables | None:
         """A point of great margin at `gamma`, None if the solver finds none.
@@ -123,11 +127,13 @@ class AnalysisLmi:
         scale, found = np.ones(phi.size), None
         for _ in range(2):
             whole = phi.less(svec(np.diag(scale)))
-            v = minimise(-last[0], [whole, *floors, *free, Constraint(1, np.ones(1), -last)])
-            if v is None:
+            bounded = [whole, *floors, *free, Constraint(1, np.ones(1), -last)]
+            solution = solve(bounded, -last[0], tolerance=_TOLERANCE)
+            if not solution.usable:
                 break
-            found = self._variables(v[:-1], delays, gamma)
-            scale = np.maximum(np.diag(phi.at(v[:-1])), 1e-9)
+            v = solution.y[:-1]
+            found = self._variables(v, delays, gamma)
+            scale = np.maximum(np.diag(phi.at(v)), 1e-9)
             scale /= scale.max()
         return found
 

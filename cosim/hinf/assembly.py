@@ -7,7 +7,11 @@ Same inequality as `cosim.hinf.lmi`, smaller and in a scaling that suits a solve
   follows from row rj;
 * rows xj are multiplied by sqrt|k2j|, so that -2 X / k2j becomes -2 sign(k2j) X.
 
-Both leave the inequality equivalent. Omega is then affine in the unknowns, and term by term a
+* rows rj of all delays but one, b, are replaced by
+  (rj - sqrt(dj/db) rb) / sqrt(1 + dj/db): what they had in common with x, xi and w cancels,
+  and what is left couples them with rb alone. A sparse matrix is what the solver is fast at.
+
+All leave the inequality equivalent. Omega is then affine in the unknowns, and term by term a
 fixed matrix times a product of powers of k1, k2, d:
 
     Omega = sum_c factor_c(k1, k2, d) (T_c0 + sum_i y_i T_ci)
@@ -20,7 +24,7 @@ rows; eps; gamma.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,10 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from cosim.hinf.conic import Constraint
+from cosim.hinf.svec import Array
+
 if TYPE_CHECKING:
     from cosim.models.delay_system import DelaySystem, Matrix
 
-Array = NDArray[np.float64]
 _ROOT2 = math.sqrt(2.0)
 
 
@@ -58,14 +64,6 @@ class Unknown:
         return np.asarray(y[self.place], dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Assembled:
-    """-svec(Omega) = b - A y for one set of scalars, svec as the solver's triangle cone."""
-
-    A: sparse.csc_array
-    b: Array
-
-
 class Structure:
     """The LMI of one system, to be had for any `Scalars` with the same delays at zero.
 
@@ -73,6 +71,8 @@ class Structure:
     ----------
     size : number of unknowns.
     rows : rows of Omega.
+    offset : first row of each block.
+    base : the delay (from 1) whose rows r the other rows r are counted against.
     X, Y, eps, gamma : places of the unknowns; eps, gamma None where there are none.
     Q, R : one per delay; None where Q must be zero (any age), where R plays no part (d = 0).
     """
@@ -81,6 +81,8 @@ class Structure:
         n, m = system.B.shape
         self.system = system
         self.late = tuple(delay.d > 0 for delay in system.delays)
+        lengths = [delay.d for delay in system.delays]
+        self.base = 1 + lengths.index(max(lengths)) if any(self.late) else None
         self.size = 0
         self.X = self._symmetric(n)
         self.Y = self._full(m, n)
@@ -88,7 +90,7 @@ class Structure:
         self.R = tuple(self._symmetric(n) if late else None for late in self.late)
         self.eps = self._full(1, 1) if system.E.size else None
         self.gamma = self._full(1, 1) if system.has_performance else None
-        self._offset: dict[str, int] = {}
+        self.offset: dict[str, int] = {}
         self.rows = 0
         self._factors: list[_Factor] = []
         self._entries: list[tuple[NDArray[np.int64], NDArray[np.int64], Array, int]] = []
@@ -96,16 +98,18 @@ class Structure:
         self._write()
         self._compile()
 
-    def at(self, scalars: Scalars) -> Assembled:
-        """The LMI at these scalars."""
+    def at(self, scalars: Scalars) -> Constraint:
+        """-Omega >= 0 at these scalars."""
         weights = np.array([factor(scalars) for factor in self._factors])
-        data = weights @ self._data
-        shape = (self.rows * (self.rows + 1) // 2, self.size + 1)
-        whole = sparse.csc_array((data, self._indices, self._indptr), shape=shape)
-        return Assembled(
-            A=sparse.csc_array(whole[:, : self.size]),
-            b=-np.asarray(whole[:, [self.size]].toarray()).ravel(),
+        data = -(weights @ self._data)
+        height = self.rows * (self.rows + 1) // 2
+        ends = self._indptr
+        columns = sparse.csc_array(
+            (data[: ends[-2]], self._indices[: ends[-2]], ends[:-1]), shape=(height, self.size)
         )
+        constant = np.zeros(height)
+        constant[self._indices[ends[-2] :]] = data[ends[-2] :]
+        return Constraint(self.rows, constant, columns)
 
     def with_gain(self, gain: Matrix) -> sparse.csc_array:
         """y = S y' for Y = K X: y' is y, its entries at Y without effect."""
@@ -143,7 +147,7 @@ class Structure:
         if system.E.size:
             sizes["h"] = system.H.shape[0]
         for name, size in sizes.items():
-            self._offset[name] = self.rows
+            self.offset[name] = self.rows
             self.rows += size
 
     def _write(self) -> None:  # noqa: C901 - one table, read from top to bottom
@@ -151,7 +155,6 @@ class Structure:
         system, N = self.system, len(self.system.delays)
         n = system.A.shape[0]
         one, later = np.eye(n), range(1, N + 1)
-        late = [j for j in later if self.late[j - 1]]
         A = [system.A, *(delay.A for delay in system.delays)]
         H = [system.H, *(delay.H for delay in system.delays)]
         acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
@@ -180,14 +183,14 @@ class Structure:
         for j in later:
             self._write_delay(j, one)
             G("x0", f"x{j}", j, a(j))
-        for j in late:
-            G("x0", f"r{j}", 0, root(j), flipped=True)
-            EE("x0", f"r{j}", root(j))
+        base = self.base
+        if base is not None:
+            G("x0", f"r{base}", 0, root(base), flipped=True)
+            EE("x0", f"r{base}", root(base))
             for i in later:
-                factor = _product(root(j), a(i))
-                G(f"x{i}", f"r{j}", i, factor, flipped=True)
-            for k in (k for k in late if k >= j):
-                EE(f"r{j}", f"r{k}", _product(root(j), root(k)))
+                G(f"x{i}", f"r{base}", i, _product(root(base), a(i)), flipped=True)
+            EE(f"r{base}", f"r{base}", _product(root(base), root(base)))
+            self._write_rates(base, {j: R for j, R in enumerate(self.R, 1) if R is not None})
         if self.gamma is not None:
             self._constant("x0", "w", lambda _: 1.0, system.C)
             self._constant("w", "z", lambda _: 1.0, system.D1.T)
@@ -197,8 +200,8 @@ class Structure:
             self._put("x0", "z", lambda _: 1.0, system.D, self.X, one, flipped=True)
             for i in (i for i in range(N + 1) if acts[i]):
                 self._put(f"x{i}", "z", a(i), system.D2, self.Y, one, flipped=True)
-            for j in late:
-                self._constant("w", f"r{j}", root(j), system.C.T)
+            if base is not None:
+                self._constant("w", f"r{base}", root(base), system.C.T)
         if self.eps is not None:
             for i in range(N + 1):
                 self._put(f"x{i}", "h", a(i), one, self.X, H[i].T)
@@ -229,7 +232,28 @@ class Structure:
             self._put("x0", "x0", lambda p: d(p) * k1(p) ** 2, one, R, one)
             self._put("x0", x, lambda p: d(p) * k1(p) * k2(p) * abs(k2(p)) ** -0.5, one, R, one)
             self._put(x, x, lambda p: d(p) * abs(k2(p)), one, R, one)
-            self._put(f"r{j}", f"r{j}", lambda _: -1.0, one, R, one)
+
+    def _write_rates(self, base: int, R: dict[int, Unknown]) -> None:
+        """What is left among rows r, by delay, once those of `base` are taken off the others."""
+        one = np.eye(self.system.A.shape[0])
+
+        def share(j: int) -> _Factor:
+            """The square root of dj / (db + dj)."""
+            return lambda p: math.sqrt(p.d[j - 1] / (p.d[base - 1] + p.d[j - 1]))
+
+        def own(j: int) -> _Factor:
+            return lambda p: -p.d[base - 1] / (p.d[base - 1] + p.d[j - 1])
+
+        def both(j: int, k: int) -> _Factor:
+            return lambda p: -share(j)(p) * share(k)(p)
+
+        self._put(f"r{base}", f"r{base}", lambda _: -1.0, one, R[base], one)
+        others = [j for j in R if j != base]
+        for j in others:
+            self._put(f"r{base}", f"r{j}", share(j), one, R[base], one)
+            self._put(f"r{j}", f"r{j}", own(j), one, R[j], one)
+            for k in (k for k in others if k >= j):
+                self._put(f"r{j}", f"r{k}", both(j, k), one, R[base], one)
 
     def _put(
         self,
@@ -242,7 +266,7 @@ class Structure:
         *,
         flipped: bool = False,
     ) -> None:
-        """Add factor L V R (or its transpose) to a block on or above the diagonal.
+        """Add factor L V R (or its transpose) to a block; its mirror image is the same entry.
 
         A block on the diagonal counts with its symmetric part.
         """
@@ -274,7 +298,7 @@ class Structure:
         i, j = np.indices(shape)
         if flipped:
             i, j = j, i
-        i, j = self._offset[row] + i.ravel(), self._offset[column] + j.ravel()
+        i, j = self.offset[row] + i.ravel(), self.offset[column] + j.ravel()
         low, high = np.minimum(i, j), np.maximum(i, j)
         share = _ROOT2 / 2 if row == column else _ROOT2
         weight = np.where(low == high, 1.0, share)
@@ -297,18 +321,3 @@ class Structure:
 
 def _product(one: _Factor, other: _Factor) -> _Factor:
     return lambda p: one(p) * other(p)
-
-
-def svec(matrix: Matrix) -> Array:
-    """Upper triangle by columns, off-diagonal entries times sqrt 2: the solver's cone."""
-    column, row = np.tril_indices(matrix.shape[0])
-    scale = np.where(row == column, 1.0, _ROOT2)
-    return np.asarray(matrix[row, column] * scale, dtype=np.float64)
-
-
-def smat(vector: Sequence[float] | Array, n: int) -> Array:
-    """The symmetric matrix of a `svec`."""
-    column, row = np.tril_indices(n)
-    matrix = np.zeros((n, n))
-    matrix[row, column] = np.asarray(vector) / np.where(row == column, 1.0, _ROOT2)
-    return matrix + np.triu(matrix, 1).T

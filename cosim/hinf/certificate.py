@@ -13,6 +13,7 @@ As JSON a certificate carries everything that the proof needs and can be checked
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,12 @@ from cosim.hinf.rational import (
     matrix_to_text,
     to_text,
 )
+from cosim.hinf.refutation_certificate import (
+    FLOOR,
+    REFUTATION,
+    check_gamma_floor,
+    check_refutation,
+)
 from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
 
@@ -46,6 +53,13 @@ __all__ = [
     "check_certificate",
     "read_certificate",
 ]
+
+_OTHERS: dict[str, Callable[[dict[str, Any]], Certificate]] = {
+    KIND: check_analysis,
+    REFUTATION: check_refutation,
+    FLOOR: check_gamma_floor,
+}
+"""What checks a certificate that is not one of a gain by Theorem 2, by its kind."""
 
 _KEYS = ("claim", "system", "variables", "K")
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
@@ -101,9 +115,10 @@ def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables)
 def check_certificate(data: Any) -> Certificate:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
-    With `"kind": "analysis"` it is one of `analysis_certificate`, without a kind one of
-    Theorem 2. Top-level keys beside these and the four of the module's docstring are notes:
-    nothing is claimed about them.
+    With `"kind": "analysis"` it is one of `analysis_certificate`, with "refutation" or "gamma
+    floor" one of `refutation_certificate`, without a kind one of Theorem 2. Top-level keys
+    beside these and the four of the module's docstring are notes: nothing is claimed about
+    them.
 
     Raises
     ------
@@ -114,14 +129,17 @@ def check_certificate(data: Any) -> Certificate:
     if not isinstance(data, dict):
         raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
     if "kind" in data:
-        if data["kind"] != KIND:
+        kind = data["kind"]
+        check = _OTHERS.get(kind) if isinstance(kind, str) else None
+        if check is None:
+            known = ", ".join(f'"{name}"' for name in _OTHERS)
             raise InputError(
                 "not a kind of certificate",
                 where="certificate.kind",
-                expected=f'"{KIND}", or no kind at all (Theorem 2)',
-                got=shown(data["kind"]),
+                expected=f"{known}, or no kind at all (Theorem 2)",
+                got=shown(kind),
             )
-        return check_analysis(data)
+        return check(data)
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])

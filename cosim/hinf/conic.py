@@ -1,11 +1,10 @@
-"""Linear matrix inequalities handed to Clarabel as they stand, without a modelling layer.
+"""The way to the solver: linear matrix inequalities as plain arrays, straight to Clarabel.
 
-    minimise q'y   subject to   S_k = C_k - sum_i y_i A_ki >= 0,   k = 1, 2, ...
+    minimise q'y   subject to   M_k(y) = M_k0 + sum_i y_i M_ki >= 0,   k = 1, 2, ...
 
-with the dual   maximise -sum_k <C_k, Z_k>   subject to   <A_i, Z> = -q_i,  Z_k >= 0.
+with the dual   maximise -sum_k <M_k0, Z_k>   subject to   sum_k <M_ki, Z_k> = q_i,  Z_k >= 0.
 
-A cone's rows are the upper triangle of the matrix, column by column, off-diagonal entries
-times sqrt(2), so that inner products stay what they are. The solver's word is no proof: what
+No modelling layer stands in between, so nothing is rebuilt. The solver's word is no proof: what
 counts is what the exact certificate makes of the solution.
 """
 
@@ -17,11 +16,11 @@ from typing import Literal
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
-Status = Literal["solved", "inaccurate", "infeasible", "failed"]
+from cosim.hinf.svec import Array, smat, svec
+
+Status = Literal["solved", "inaccurate", "infeasible", "unbounded", "failed"]
 
 _STATUS: dict[str, Status] = {
     "Solved": "solved",
@@ -30,89 +29,90 @@ _STATUS: dict[str, Status] = {
     "MaxIterations": "inaccurate",
     "PrimalInfeasible": "infeasible",
     "AlmostPrimalInfeasible": "infeasible",
+    "DualInfeasible": "unbounded",
+    "AlmostDualInfeasible": "unbounded",
 }
+
+TOLERANCE = 1e-9
+"""Of gap and residuals, unless less is asked for."""
 
 
 @dataclass(frozen=True)
-class Cone:
-    """C - sum_i y_i A_i >= 0 of one size.
+class Constraint:
+    """M0 + sum_i y_i M_i >= 0.
 
-    C : (N, N) symmetric.
-    unknowns : indices of the y that take part.
-    stacked : (len(unknowns) N, N) sparse, their A_i one below the other.
+    size : rows of M.
+    constant : svec(M0).
+    columns : svec(M_i), one column per unknown of the problem.
     """
 
-    C: Array
-    unknowns: NDArray[np.int64]
-    stacked: sparse.csr_array
+    size: int
+    constant: Array
+    columns: Array | sparse.csc_array
 
-    @property
-    def flat(self) -> sparse.csr_array:
-        """(len(unknowns), N^2): each A_i as a row."""
-        n = self.C.shape[0]
-        return sparse.csr_array(self.stacked.reshape((len(self.unknowns), n * n)))
+    def at(self, y: Array) -> Array:
+        """M(y) as a full matrix."""
+        return smat(self.constant + self.columns @ y, self.size)
+
+    def less(self, column: Array) -> Constraint:
+        """M(y) - t W >= 0 with one more unknown t; `column` is svec(W)."""
+        if isinstance(self.columns, np.ndarray):
+            return Constraint(self.size, self.constant, np.column_stack([self.columns, -column]))
+        more = sparse.csc_array(-column[:, None])
+        return Constraint(
+            self.size, self.constant, sparse.csc_array(sparse.hstack([self.columns, more]))
+        )
+
+    def below(self, bound: float) -> Constraint:
+        """Bound I - M(y) >= 0."""
+        return Constraint(self.size, bound * svec(np.eye(self.size)) - self.constant, -self.columns)
 
 
 @dataclass(frozen=True)
 class Solution:
     """What the solver ends with.
 
-    status : `infeasible` only with multipliers that show it.
+    status : `solved`; `inaccurate`, a point that may still be worth a proof; `infeasible`, only
+        with multipliers that show it; `unbounded`; `failed`, which says nothing of the problem.
     y : the unknowns; the last iterate unless solved.
     value : q'y.
-    Z : one multiplier per cone; where `infeasible`, -sum <C, Z> = 1 and <A_i, Z> about 0.
+    Z : one multiplier per constraint; where `infeasible`, -sum <M0, Z> = 1, <M_i, Z> about 0.
+    said : the solver's own word.
     """
 
     status: Status
     y: Array
     value: float
     Z: tuple[Array, ...]
+    said: str
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a point that is worth a proof; the proof decides, not the status."""
+        return self.status in {"solved", "inaccurate"}
 
 
-def solve(cones: Sequence[Cone], q: Array) -> Solution:
-    """Minimise q'y over the cones."""
-    parts, right, kinds = [], [], []
-    for cone in cones:
-        n = cone.C.shape[0]
-        row, column, scale = _triangle(n)
-        entries = cone.flat[:, row * n + column].multiply(scale).T.tocoo()
-        shape = (len(row), len(q))
-        moved = (entries.data, (entries.row, cone.unknowns[entries.col]))
-        parts.append(sparse.coo_array(moved, shape=shape))
-        right.append(cone.C[row, column] * scale)
-        kinds.append(clarabel.PSDTriangleConeT(n))
+def solve(constraints: Sequence[Constraint], q: Array, *, tolerance: float = TOLERANCE) -> Solution:
+    """Minimise q'y over the constraints."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     settings.max_threads = 1  # the last digits must not depend on how many there are
-    nothing = sparse.csc_matrix((len(q), len(q)))
-    A = sparse.csc_matrix(sparse.vstack(parts))
-    b = np.concatenate(right)
-    found = clarabel.DefaultSolver(nothing, q, A, b, kinds, settings).solve()
+    b = np.concatenate([c.constant for c in constraints])
+    found = clarabel.DefaultSolver(
+        sparse.csc_matrix((len(q), len(q))),
+        q,
+        sparse.csc_matrix(sparse.vstack([sparse.csc_array(-c.columns) for c in constraints])),
+        b,
+        [clarabel.PSDTriangleConeT(c.size) for c in constraints],
+        settings,
+    ).solve()
     y, z = np.array(found.x), np.array(found.z)
     status = _STATUS.get(str(found.status), "failed")
     if not (np.isfinite(y).all() and np.isfinite(z).all()):
         status = "failed"
     if status == "infeasible":
         z = z / max(-float(b @ z), 1e-300)
-    Z, start = [], 0
-    for cone in cones:
-        n = cone.C.shape[0]
-        size = n * (n + 1) // 2
-        Z.append(_matrix(z[start : start + size], n))
-        start += size
-    return Solution(status, y, float(q @ y), tuple(Z))
-
-
-def _triangle(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Rows, columns and scale of the upper triangle, column by column."""
-    low, high = np.tril_indices(n)
-    return high, low, np.where(low == high, 1.0, np.sqrt(2.0))
-
-
-def _matrix(values: Array, n: int) -> Array:
-    row, column, scale = _triangle(n)
-    matrix = np.zeros((n, n))
-    matrix[row, column] = values / scale
-    matrix[column, row] = values / scale
-    return matrix
+    ends = np.cumsum([len(c.constant) for c in constraints])[:-1]
+    Z = tuple(smat(part, c.size) for part, c in zip(np.split(z, ends), constraints, strict=True))
+    return Solution(status, y, float(q @ y), Z, str(found.status))

@@ -3,7 +3,7 @@
 At fixed k1, k2 the LMI can be met on an interval from 0: whatever solves it at d solves it at
 every smaller delay, since d enters it, rows r and m taken out, with positive semidefinite
 factors alone. The end of that interval is where its margin is zero. Below it, a design is
-proved exactly; above it, multipliers (Farkas) show that no solution exists, in floating point.
+proved exactly; just above it, so is that no solution exists, by Farkas' lemma.
 
 With k1, k2 searched there may be no end: section 5's loop is stable for every delay. Then the
 search stops at a limit, and says so.
@@ -12,15 +12,18 @@ search stops at a limit, and says so.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from scipy import optimize
 
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
-from cosim.hinf.problem import Problem
-from cosim.hinf.search import climb, scaled, widest_margin
+from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.reach import furthest
+from cosim.hinf.refutation import refute
 from cosim.hinf.synthesis import (
     Design,
     check_reachable,
@@ -40,10 +43,11 @@ DELAY_LIMIT = 20.0
 _SMALLEST = 1e-6
 """Share of the limit below which a delay counts as none."""
 _BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
-_ABOVE = (1e-4, 1e-3, 1e-2)
-_LARGE = 1e4
-"""Unknowns beyond this multiple of those at the greatest delay count as none at all."""
-_ROUNDS = 10
+_ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
+_PRECISION = 1e-7
+"""Of the end at fixed k1, k2, relative: a margin knows it no better."""
+_BEYOND = (1e-3, 1e-2, 0.1, 1.0)
+"""Of a greatest delay found: where its end at fixed k1, k2 is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +57,16 @@ class GreatestDelay:
     delay : d* [s], certified; the other delays as they were.
     design : the gain and its proof at d*.
     limit_reached : d* is the limit of the search, and says nothing about what is beyond.
-    refuted_at : a delay [s] just above d* at which multipliers show that the LMI has no
-        solution at these k1, k2; None: not certified beyond.
+    refuted_at : a delay [s] just above d* at which the LMI is proved to have no solution at the
+        design's k1, k2, and so at no greater one; None: not certified beyond.
+    refutation : the proof as JSON values, for `check_certificate`.
     """
 
     delay: float
     design: Design
     limit_reached: bool
     refuted_at: float | None
+    refutation: dict[str, Any] | None
 
 
 @one_thread
@@ -115,7 +121,10 @@ def greatest_delay(
     if end is None:
         end = _end(problem, p, gamma, which)
     if end is None:
-        raise _none_at_all(system, gamma, p, search=search)
+        least = _replaced(p, which, _SMALLEST * limit)
+        there = _with_delay(system, which, least.d[which])
+        proof = None if search else refute(there, problem, least, gamma)
+        raise _none_at_all(system, gamma, least, proof, search=search)
     shares = (0.0, *_BELOW) if end.d[which] == limit else _BELOW
     reason = ""
     for share in shares:
@@ -124,11 +133,13 @@ def greatest_delay(
         there = _with_delay(system, which, d)
         found, reason = proved_at(there, problem, at, gamma)
         if found is not None:
+            beyond = None if d == limit else _refuted(system, problem, at, gamma, which)
             return GreatestDelay(
                 delay=d,
                 design=finished(there, *found, None),
                 limit_reached=d == limit,
-                refuted_at=None if search or d == limit else _refuted(problem, at, gamma, which),
+                refuted_at=None if beyond is None else beyond[0],
+                refutation=None if beyond is None else beyond[1],
             )
     raise NotAchievableError(
         "no delay could be certified",
@@ -140,58 +151,70 @@ def greatest_delay(
 
 
 def _end(problem: Problem, p: Scalars, gamma: float | None, which: int) -> Scalars | None:
-    """Where the margin at these k1, k2 is zero, or the limit; None: at no delay is there one."""
-
-    def margin(d: float) -> float:
-        answer = problem.margin(_replaced(p, which, d), gamma)
-        return -1.0 if answer is None else answer.value
-
+    """Where the margin at these k1, k2 is zero, or the delay of `p`; None: at no delay is one."""
+    margin = _margin_by(problem, p, gamma, which)
     limit = p.d[which]
     if margin(limit) > 0:
         return p
     least = _SMALLEST * limit
     if margin(least) <= 0:
         return None
-    end = optimize.brentq(margin, least, limit, xtol=1e-8 * limit, rtol=1e-8)
-    return _replaced(p, which, float(end))
+    return _replaced(p, which, _zero(margin, least, limit))
 
 
 def _searched_end(problem: Problem, p: Scalars, gamma: float | None, which: int) -> Scalars | None:
-    """The limit if k1, k2 are found for it; else what bisection with searched k1, k2 finds."""
-    limit = p.d[which]
-    found = widest_margin(problem, p, gamma)
-    if found is not None and found[1] > 0:
-        return found[0]
-    good = _end(problem, p, gamma, which)
-    low, high = (good.d[which] if good else _SMALLEST * limit), limit
-    for _ in range(_ROUNDS):
-        # delays are lengths: halve the ratio while it is large
-        d = math.sqrt(low * high) if high > 4 * low else (low + high) / 2
-        if good is None:
-            found = widest_margin(problem, scaled(p, which, d), gamma)
-        else:
-            found = climb(problem, scaled(good, which, d), gamma)
-        if found is not None and found[1] > 0:
-            good, low = found[0], d
-        else:
-            high = d
-    return good
+    """The end at the k1, k2 found to bear most, or the limit."""
+    found = furthest(problem, p, gamma, which)
+    if found is None or found.d[which] == p.d[which]:
+        return found
+    margin = _margin_by(problem, found, gamma, which)
+    low = found.d[which]
+    if margin(low) <= 0:
+        return found
+    for share in _BEYOND:
+        high = min(found.d[which] * (1 + share), p.d[which])
+        if margin(high) <= 0:
+            return _replaced(found, which, _zero(margin, low, high))
+        low = high
+    return _replaced(found, which, low)
 
 
-def _refuted(problem: Problem, p: Scalars, gamma: float | None, which: int) -> float | None:
-    """A delay just above at which there is no solution, by multipliers."""
-    answer = problem.margin(p, gamma)
-    if answer is None:
-        return None
+def _margin_by(
+    problem: Problem, p: Scalars, gamma: float | None, which: int
+) -> Callable[[float], float]:
+    """The margin at a delay; where the solver has no answer there is none."""
+
+    @cache
+    def margin(d: float) -> float:
+        answer = problem.margin(_replaced(p, which, d), gamma)
+        return answer.value if isinstance(answer, Answer) else -1.0
+
+    return margin
+
+
+def _zero(margin: Callable[[float], float], low: float, high: float) -> float:
+    return float(optimize.brentq(margin, low, high, xtol=_PRECISION * high, rtol=_PRECISION))
+
+
+def _refuted(
+    system: DelaySystem, problem: Problem, p: Scalars, gamma: float | None, which: int
+) -> tuple[float, dict[str, Any]] | None:
+    """A delay just above that of `p` at which there is no solution, with the proof."""
     for share in _ABOVE:
         d = p.d[which] * (1 + share)
-        if problem.refuted_below(_replaced(p, which, d), gamma) > _LARGE * answer.point.largest:
-            return d
+        proof = refute(_with_delay(system, which, d), problem, _replaced(p, which, d), gamma)
+        if proof is not None:
+            return d, proof
     return None
 
 
 def _none_at_all(
-    system: DelaySystem, gamma: float | None, p: Scalars, *, search: bool
+    system: DelaySystem,
+    gamma: float | None,
+    p: Scalars,
+    proof: dict[str, Any] | None,
+    *,
+    search: bool,
 ) -> NotAchievableError:
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
     where = "the k1, k2 searched" if search else f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
@@ -199,8 +222,11 @@ def _none_at_all(
         f"{goal} cannot be had at any delay",
         where=system.name or None,
         expected=f"a feasible LMI at a small delay, with {where}",
-        got="the solver finds no feasible point",
+        got="the solver finds no feasible point"
+        if proof is None
+        else f"proved: the LMI has no solution at delays {list(p.d)}, nor at greater ones",
         hint="a larger gamma" if search else "other k1, k2, or their search; a larger gamma",
+        certificate=proof,
     )
 
 

@@ -1,7 +1,8 @@
 """What is asked of the LMI of one system: the least gamma, the widest margin.
 
-The structure is assembled once (`cosim.hinf.assembly`); every question at other k1, k2, d or
-gamma is new weights and a solve (`cosim.hinf.conic`).
+The structure is assembled once (`cosim.hinf.assembly`), in units in which its numbers are near
+one (`cosim.hinf.scaling`); every question at other k1, k2, d or gamma is new weights and a
+solve (`cosim.hinf.conic`). Questions and answers are in the system's own units.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from cosim.hinf.assembly import Array, Scalars, Structure, Unknown, smat, svec
-from cosim.hinf.conic import Cone, Solution, solve
+from cosim.hinf.assembly import Scalars, Structure, Unknown
+from cosim.hinf.conic import TOLERANCE, Constraint, Solution, solve
+from cosim.hinf.scaling import Scaling, scaling_of
+from cosim.hinf.svec import Array, svec
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import DelaySystem, Matrix
@@ -22,6 +25,8 @@ _LARGEST_X = 1e3
 """What a margin needs to be bounded: X <= this."""
 _Q_SHARE = 1e-3
 """The proof needs Q > 0, and nothing else keeps it off its boundary: Q >= this times t."""
+_MARGIN_TOLERANCE = 1e-7
+"""A margin is asked for its sign, and for a point in the middle: neither needs more digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +40,6 @@ class Point:
     eps: float | None
     gamma: float | None
 
-    @property
-    def largest(self) -> float:
-        """The largest absolute value of any unknown."""
-        matrices = (self.X, self.Y, *self.Q, *self.R)
-        scalars = (abs(self.eps or 0.0), abs(self.gamma or 0.0))
-        return max(*(float(np.abs(M).max(initial=0.0)) for M in matrices), *scalars)
-
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -49,46 +47,56 @@ class Answer:
 
     value : the least gamma, or the widest margin t.
     point : where it is attained.
-    slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N), by the multipliers.
+    scale : |diagonal of Omega| there, the scale of each row.
+    slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N, d_1, ..., d_N), by the multipliers.
     """
 
     value: float
     point: Point
+    scale: Array
     slopes: Array
 
 
 class Problem:
-    """The LMI of one system; delays and k1, k2 are arguments."""
+    """The LMI of one system; delays and k1, k2 are arguments.
+
+    Attributes
+    ----------
+    structure : the LMI, in the units of `scaling`.
+    has_gamma : whether there is a gain from w to z to be bounded.
+    solves : how often the solver was asked: what a search is budgeted by.
+    """
 
     def __init__(self, system: DelaySystem) -> None:
-        self.structure = Structure(system)
+        self.scaling: Scaling = scaling_of(system)
+        self.structure = Structure(self.scaling.system(system))
+        self.has_gamma = self.structure.gamma is not None
+        self.solves = 0
         self._n = system.A.shape[0]
         self._t = self.structure.size
-        zeros = np.zeros((self._n, self._n))
-        self._signs = [self._cone(self.structure.X, zeros)]
-        self._signs += [self._cone(Q, zeros) for Q in self.structure.Q if Q is not None]
+        s, zeros = self.structure, np.zeros((self._n, self._n))
         limit = _LARGEST_X * np.eye(self._n)
-        self._bounds = [self._cone(self.structure.X, limit, sign=-1.0)]
         # without w and z the LMI is homogeneous: X >= I says how large its solution is to be
-        least = zeros if system.has_performance else -np.eye(self._n)
-        self._bounds += [self._cone(self.structure.X, least)]
-        self._bounds += [
-            self._cone(Q, zeros, t=_Q_SHARE) for Q in self.structure.Q if Q is not None
-        ]
-        one = sparse.csr_array(np.ones((1, 1)))
-        self._bounds.append(Cone(np.ones((1, 1)), np.array([self._t]), one))  # t <= 1
+        least = zeros if self.has_gamma else -np.eye(self._n)
+        free = [Q for Q in s.Q if Q is not None]
+        self._signs = [self._bound(V, zeros) for V in (s.X, *free)]
+        self._bounds = [self._bound(s.X, limit, sign=-1.0, t=0.0), self._bound(s.X, least, t=0.0)]
+        self._bounds += [self._bound(Q, zeros, t=_Q_SHARE) for Q in free]
+        last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
+        self._bounds.append(Constraint(1, np.ones(1), last))  # t <= 1
 
     def least_gamma(self, p: Scalars, gain: Matrix | None = None) -> Answer | Solution:
         """Remark 2: the least gamma, or what the solver says instead of one."""
         gamma = self.structure.gamma
         if gamma is None:
             raise ValueError("expected a system with w and z, got one without")
-        q = np.zeros(self.structure.size)
+        q = np.zeros(self._t)
         q[gamma.place[0, 0]] = 1.0
-        solution = solve([self._omega(p, gain), *self._signs], q)
-        if solution.status not in {"solved", "inaccurate"}:
+        inner = self._inner(p)
+        solution = self._solve([self._omega(inner, gain), *self._signs], q, TOLERANCE)
+        if not solution.usable:
             return solution
-        return self._answer(solution.value, p, solution, 1.0, gain)
+        return self._answer(solution, inner, gain, 1.0 / self.scaling.a**2)
 
     def margin(
         self,
@@ -96,166 +104,110 @@ class Problem:
         gamma: float | None,
         gain: Matrix | None = None,
         weights: Array | None = None,
-    ) -> Answer | None:
-        """The largest t with Omega <= -t diag(weights), X <= 1000, t <= 1; None: no answer.
+    ) -> Answer | Solution:
+        """The largest t with Omega <= -t diag(weights), X <= 1000, t <= 1.
 
         t > 0 says that the LMI can be met at this gamma (within the bound on X), t < 0 that
-        it cannot.
+        it cannot. Omega and X in the problem's own units. Else what the solver says instead.
         """
-        q = np.zeros(self.structure.size + 1)
+        q = np.zeros(self._t + 1)
         q[self._t] = -1.0
-        if weights is None:
-            weights = np.ones(self.structure.rows)
-        cone = self._omega(p, gain, gamma=gamma, weights=weights)
-        solution = solve([cone, *self._bounds], q)
-        if solution.status not in {"solved", "inaccurate"}:
-            return None
-        answer = self._answer(-solution.value, p, solution, -1.0, gain)
+        inner = self._inner(p)
+        own = np.ones(self.structure.rows) if weights is None else weights
+        whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
+        solution = self._solve([whole, *self._bounds], q, _MARGIN_TOLERANCE)
+        if not solution.usable:
+            return solution
+        answer = self._answer(solution, inner, gain, -1.0)
         return replace(answer, point=replace(answer.point, gamma=gamma))
 
-    def refuted_below(self, p: Scalars, gamma: float | None) -> float:
-        """How large a solution must be, by Farkas' lemma: none has all |unknowns| below this.
+    def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
+        """-Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; in inner units."""
+        return [self._omega(self._inner(p), None, gamma), *self._signs]
 
-        Multipliers Z >= 0 with <Z, -Omega> + <Z_X, X> + sum <Z_Q, Q> = c + r'y and c < 0 leave
-        only solutions with r'y >= -c. They come from the solver, are made positive
-        semidefinite, and c and r are computed anew, in floating point. 0 says nothing, as
-        where the LMI can be met.
-        """
-        lmi = self._omega(p, None, gamma=gamma)
-        q = np.zeros(self.structure.size + 1)
-        q[self._t] = -1.0
-        weighted = self._omega(p, None, gamma=gamma, weights=np.ones(self.structure.rows))
-        solution = solve([weighted, *self._bounds], q)
-        # the multiplier of X <= 1000 is left out, and shows up in r
-        cones = [lmi, *self._bounds[1:-1]]
-        Z = [_positive(z) for z in (solution.Z[0], *solution.Z[2:-1])]
-        parts = [float(np.vdot(cone.C, z)) for cone, z in zip(cones, Z, strict=True)]
-        c, noise = (
-            sum(parts),
-            1e-9
-            * sum(
-                float(np.linalg.norm(cone.C) * np.linalg.norm(z))
-                for cone, z in zip(cones, Z, strict=True)
-            ),
-        )
-        r = np.zeros(self.structure.size + 1)
-        for cone, z in zip(cones, Z, strict=True):
-            r[cone.unknowns] -= cone.flat @ z.ravel()
-        if c >= -noise:
-            return 0.0
-        return -c / max(float(np.abs(r[: self._t]).sum()), 1e-300)
+    def _inner(self, p: Scalars) -> Scalars:
+        T = self.scaling.T
+        k1, k2 = (tuple(T * value for value in values) for values in (p.k1, p.k2))
+        return Scalars(k1, k2, tuple(d / T for d in p.d))
 
-    def size_of(self, p: Scalars, point: Point) -> Array:
-        """|diagonal of Omega| at a point: the scale of each row."""
-        diagonal = np.abs(np.diag(self._value(p, self._vector(point))))
-        scale: Array = np.maximum(diagonal, 1e-9 * diagonal.max())
-        return scale
+    def _solve(self, constraints: list[Constraint], q: Array, tolerance: float) -> Solution:
+        self.solves += 1
+        return solve(constraints, q, tolerance=tolerance)
 
     def _omega(
-        self,
-        p: Scalars,
-        gain: Matrix | None,
-        gamma: float | None = None,
-        weights: Array | None = None,
-    ) -> Cone:
-        """-Omega - t diag(weights) >= 0; gamma a number where it is given."""
+        self, p: Scalars, gain: Matrix | None = None, gamma: float | None = None
+    ) -> Constraint:
+        """-Omega >= 0; gamma a number where it is given."""
         lmi = self.structure.at(p)
-        A, b = lmi.A, lmi.b
+        constant, columns = lmi.constant, lmi.columns
         if gain is not None:
-            A = sparse.csc_array(A @ self.structure.with_gain(gain))
+            columns = sparse.csc_array(columns @ self.structure.with_gain(self.scaling.gain(gain)))
         place = self.structure.gamma
         if gamma is not None and place is not None:
-            index = int(place.place[0, 0])
-            b = b - gamma * A[:, [index]].toarray().ravel()
-            A = A @ sparse.diags_array(np.arange(self.structure.size) != index, dtype=float)
-        if weights is not None:
-            extra = sparse.csc_array(svec(np.diag(weights))[:, None])
-            A = sparse.hstack([A, extra])
-        return _cone(sparse.csc_array(A), smat(b, self.structure.rows))
+            unit = np.zeros(self._t)
+            unit[place.place[0, 0]] = 1.0
+            constant = constant + gamma * self.scaling.a**2 * (columns @ unit)
+            columns = sparse.csc_array(columns @ sparse.diags_array(1.0 - unit))
+        return Constraint(lmi.size, constant, columns)
 
-    def _cone(self, V: Unknown, C: Array, *, sign: float = 1.0, t: float = 0.0) -> Cone:
-        """C + sign V - t I >= 0."""
-        n = V.place.shape[0]
-        high, low = np.tril_indices(n)
-        values = -sign * np.where(low == high, 1.0, np.sqrt(2.0))
-        columns = V.place[low, high]
-        shape = (len(values), self.structure.size + 1)
-        A = sparse.coo_array((values, (np.arange(len(values)), columns)), shape=shape).tolil()
-        if t:
-            A[:, [self._t]] = t * svec(np.eye(n))[:, None]
-        return _cone(sparse.csc_array(A), C)
-
-    def _answer(
-        self, value: float, p: Scalars, solution: Solution, sign: float, gain: Matrix | None
-    ) -> Answer:
-        y = solution.y[: self.structure.size]
-        if gain is not None:
-            y = self.structure.with_gain(gain) @ y
-        s = self.structure
+    def _bound(
+        self, V: Unknown, C: Array, *, sign: float = 1.0, t: float | None = None
+    ) -> Constraint:
+        """C + sign V >= t I, t the last unknown; without a t where it is None."""
         n = self._n
+        rows, columns = np.tril_indices(n)
+        place = V.place[rows, columns]
+        entries = sign * np.where(rows == columns, 1.0, np.sqrt(2.0))
+        width = self._t if t is None else self._t + 1
+        matrix = sparse.csc_array((entries, (np.arange(len(place)), place)), (len(place), width))
+        if t:
+            unit = sparse.csc_array(np.eye(1, width, self._t))
+            matrix = sparse.csc_array(matrix - sparse.kron(t * svec(np.eye(n))[:, None], unit))
+        return Constraint(n, svec(C), matrix)
 
-        def of(V: Unknown | None, otherwise: float) -> Array:
-            return V.of(y) if V is not None else otherwise * np.eye(n)
+    def _answer(self, solution: Solution, p: Scalars, gain: Matrix | None, factor: float) -> Answer:
+        s, units = self.structure, self.scaling
+        y = solution.y[: self._t]
+        if gain is not None:
+            y = s.with_gain(units.gain(gain)) @ y
+
+        def of(V: Unknown | None, power: int, otherwise: float) -> Array:
+            return units.back(V.of(y), power) if V is not None else otherwise * np.eye(self._n)
 
         point = Point(
-            X=s.X.of(y),
-            Y=s.Y.of(y),
-            Q=tuple(of(Q, 0.0) for Q in s.Q),
-            R=tuple(of(R, 1.0) for R in s.R),
-            eps=None if s.eps is None else float(s.eps.of(y)[0, 0]),
-            gamma=None if s.gamma is None else float(s.gamma.of(y)[0, 0]),
+            X=of(s.X, 1, 0.0),
+            Y=units.back_Y(s.Y.of(y)),
+            Q=tuple(of(Q, 2, 0.0) for Q in s.Q),
+            R=tuple(of(R, 1, 1.0) for R in s.R),
+            eps=None if s.eps is None else units.c**2 * float(s.eps.of(y)[0, 0]),
+            gamma=None if s.gamma is None else float(s.gamma.of(y)[0, 0]) / units.a**2,
         )
-        return Answer(value, point, sign * self._slopes(p, y, solution.Z[0]))
+        diagonal = np.abs(np.diag(s.at(p).at(y)))
+        scale = np.maximum(diagonal, 1e-9 * diagonal.max())
+        per_unit = np.repeat([units.T, units.T, 1.0 / units.T], len(p.d))
+        slopes = factor * per_unit * self._slopes(p, y, solution.Z[0])
+        return Answer(factor * solution.value, point, scale, slopes)
 
     def _slopes(self, p: Scalars, y: Array, Z: Array) -> Array:
-        """d <Z, Omega(y; k1, k2)> for each of k1, k2: how the optimum moves with them."""
+        """d <Z, Omega(y; k1, k2, d)> for each of them: how the optimum moves with them."""
         slopes = []
-        for name in ("k1", "k2"):
+        multiplier = svec(Z)
+        for name in ("k1", "k2", "d"):
             values: tuple[float, ...] = getattr(p, name)
             for j, value in enumerate(values):
                 step = 1e-6 * max(abs(value), 1e-6)
+                if name == "d" and value == 0:
+                    slopes.append(0.0)  # its rows are left out
+                    continue
                 ends = [
                     replace(p, **{name: (*values[:j], value + h, *values[j + 1 :])})
                     for h in (step, -step)
                 ]
-                above, below = (float(np.vdot(Z, self._value(end, y))) for end in ends)
+                above, below = (float(multiplier @ self._value(end, y)) for end in ends)
                 slopes.append((above - below) / (2 * step))
         return np.array(slopes)
 
     def _value(self, p: Scalars, y: Array) -> Array:
+        """svec(Omega)."""
         lmi = self.structure.at(p)
-        return smat(lmi.A @ y - lmi.b, self.structure.rows)
-
-    def _vector(self, point: Point) -> Array:
-        y, s = np.zeros(self.structure.size), self.structure
-        pairs: list[tuple[Unknown | None, Array]] = [(s.X, point.X), (s.Y, point.Y)]
-        pairs += [*zip(s.Q, point.Q, strict=True), *zip(s.R, point.R, strict=True)]
-        for V, value in (*pairs, (s.eps, point.eps), (s.gamma, point.gamma)):
-            if V is not None:
-                y[V.place] = value
-        return y
-
-
-def _positive(Z: Array) -> Array:
-    """The nearest positive semidefinite matrix."""
-    values, vectors = np.linalg.eigh(Z)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)
-
-
-def _cone(A: sparse.csc_array, C: Array) -> Cone:
-    """C - sum y_i A_i >= 0 from the columns svec(A_i)."""
-    n = C.shape[0]
-    use = np.flatnonzero(np.diff(A.indptr))
-    part = sparse.coo_array(A[:, use])
-    high, low = np.tril_indices(n)
-    i, j = low[part.row], high[part.row]
-    off = i != j
-    values = part.data / np.where(off, np.sqrt(2.0), 1.0)
-    entries = (
-        np.concatenate([values, values[off]]),
-        (
-            np.concatenate([part.col * n + i, part.col[off] * n + j[off]]),
-            np.concatenate([j, i[off]]),
-        ),
-    )
-    return Cone(C, use, sparse.csr_array(sparse.coo_array(entries, shape=(len(use) * n, n))))
+        return -np.asarray(lmi.constant + lmi.columns @ y)

@@ -17,19 +17,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import optimize
 
-from cosim.hinf.assembly import Array, Scalars
+from cosim.hinf.assembly import Scalars
+from cosim.hinf.conic import Solution
 from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import Matrix
 
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)
-_MULTIPLES = (1e-4, 1e3)
+MULTIPLES = (1e-4, 1e3)
 """k2 stays within these multiples of 1/d."""
-_RATIO_LIMIT = 20.0
+RATIO_LIMIT = 20.0
 """|k1 / k2| stays within this."""
-_STEPS, _FEW_STEPS = 40, 15
+_STEPS = 40
 
 Ask = Callable[[Scalars], Answer | None]
 
@@ -44,8 +46,7 @@ def least_gamma(
     """
 
     def ask(at: Scalars) -> Answer | None:
-        answer = problem.least_gamma(at, gain)
-        return answer if isinstance(answer, Answer) else None
+        return _answer(problem.least_gamma(at, gain))
 
     tried = [(at, ask(at)) for at in starts(p)]
     found = [(at, answer.value) for at, answer in tried if answer is not None]
@@ -62,7 +63,7 @@ def widest_margin(
     """k1, k2 with a margin at the delays of `p`, and the margin; negative: none was found."""
 
     def ask(at: Scalars) -> Answer | None:
-        return problem.margin(at, gamma, gain)
+        return _answer(problem.margin(at, gamma, gain))
 
     tried = [(at, ask(at)) for at in starts(p)]
     found = [(at, answer.value) for at, answer in tried if answer is not None]
@@ -72,18 +73,6 @@ def widest_margin(
     if value > 0:
         return best, value
     best, value = _descend(ask, best, sign=-1.0, enough=0.0)
-    return best, -value
-
-
-def climb(problem: Problem, p: Scalars, gamma: float | None) -> tuple[Scalars, float] | None:
-    """As `widest_margin`, from `p` alone: for a delay a little beyond one that is borne."""
-
-    def ask(at: Scalars) -> Answer | None:
-        return problem.margin(at, gamma)
-
-    if ask(p) is None:
-        return None
-    best, value = _descend(ask, p, sign=-1.0, enough=0.0, steps=_FEW_STEPS)
     return best, -value
 
 
@@ -101,7 +90,7 @@ def starts(p: Scalars) -> list[Scalars]:
     return [p, *made]
 
 
-class _EnoughError(Exception):
+class EnoughError(Exception):
     """What was looked for is found."""
 
 
@@ -129,18 +118,18 @@ def _descend(
         if not best or here < best[0][1]:
             best[:] = [(at, here)]
         if enough is not None and here < enough:
-            raise _EnoughError
+            raise EnoughError
         by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N:]
         k1, k2 = np.array(at.k1), np.array(at.k2)
         return here, np.concatenate([by_k1 * k1 + by_k2 * k2, by_k1 * k2])
 
     u = np.concatenate([np.log(np.abs(start.k2)), np.array(start.k1) / np.array(start.k2)])
-    bounds = [(math.log(_MULTIPLES[0] / d), math.log(_MULTIPLES[1] / d)) for d in lengths]
-    bounds += [(-_RATIO_LIMIT, _RATIO_LIMIT)] * N
+    bounds = [(math.log(MULTIPLES[0] / d), math.log(MULTIPLES[1] / d)) for d in lengths]
+    bounds += [(-RATIO_LIMIT, RATIO_LIMIT)] * N
     inside = np.clip(u, *np.array(bounds).T)
     if not np.array_equal(inside, u):
         return start, sign * _value(ask(start))
-    with suppress(_EnoughError):
+    with suppress(EnoughError):
         optimize.minimize(
             value,
             u,
@@ -150,6 +139,10 @@ def _descend(
             options={"maxfun": steps, "ftol": 1e-9, "gtol": 1e-7},
         )
     return best[0]
+
+
+def _answer(found: Answer | Solution) -> Answer | None:
+    return found if isinstance(found, Answer) else None
 
 
 def _value(answer: Answer | None) -> float:

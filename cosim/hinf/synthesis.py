@@ -26,8 +26,11 @@ from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.closed_loop import close
+from cosim.hinf.conic import Solution
 from cosim.hinf.norm import hinf_norm
-from cosim.hinf.problem import Answer, Point, Problem
+from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.refutation import refute
+from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.roots import spectral_abscissa
 from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.threads import one_thread
@@ -35,6 +38,8 @@ from cosim.models.delay_system import DelaySystem
 
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
+
+_NO_POINT = "the solver finds no feasible point"
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 
@@ -108,17 +113,21 @@ def design(
     if search:
         scalars = _searched(problem, scalars, fixed)
     one, two = scalars.k1, scalars.k2
-    least = _least(problem, scalars, fixed, system.name) if system.has_performance else None
+    at_least = _least(problem, scalars, fixed, system.name) if system.has_performance else None
+    least = None if at_least is None else at_least.value
     if gamma is not None:
         levels: list[float | None] = [gamma]
         if least is not None and gamma < least * (1 - 1e-7):
+            proof = None if fixed is not None else refute(system, problem, scalars, gamma)
             raise NotAchievableError(
                 f"gamma = {gamma:g} cannot be reached with these k1, k2",
                 where=system.name or None,
                 expected=f"gamma >= {least:.6g}, the least of the LMI at k1 = {list(one)}, "
                 f"k2 = {list(two)}",
-                got=f"{gamma:g}",
+                got=f"{gamma:g}"
+                + ("" if proof is None else "; proved: the LMI has no solution there"),
                 hint="another k1, k2: the least gamma depends on them strongly",
+                certificate=proof,
             )
         if least is not None:
             # what is proved for less is proved for gamma, and far above the least level the
@@ -128,7 +137,7 @@ def design(
         levels = [None] if least is None else [*_levels(least)]
     reason = ""
     for level in levels:
-        found, reason = proved_at(system, problem, scalars, level, fixed)
+        found, reason = proved_at(system, problem, scalars, level, fixed, at_least)
         if found is not None:
             return finished(system, *found, least)
     bounds = [level for level in levels if level is not None]
@@ -152,11 +161,15 @@ def proved_at(
     p: Scalars,
     gamma: float | None,
     gain: NDArray[np.float64] | None = None,
+    near: Answer | None = None,
 ) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
-    """A gain with variables that prove it at `gamma`, or None and why."""
-    found = _central(problem, p, gamma, gain)
-    if found is None:
-        return None, "the solver finds no feasible point"
+    """A gain with variables that prove it at `gamma`, or None and why.
+
+    near : a solution nearby, whose scale the margin is counted against.
+    """
+    found = _central(problem, p, gamma, gain, near)
+    if isinstance(found, str):
+        return None, found
     proof = certify(system, *found)
     return (found, "") if proof.valid else (None, str(proof.reason))
 
@@ -185,51 +198,70 @@ def finished(
 
 def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
     """Better k1, k2; those of `p` where none are found."""
-    if problem.structure.gamma is None:
+    if not problem.has_gamma:
         found = widest_margin(problem, p, None, gain)
     else:
         found = least_gamma(problem, p, gain)
     return p if found is None else found[0]
 
 
-def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name: str) -> float:
+def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name: str) -> Answer:
     """Remark 2: the least gamma, as far as the solver's word goes."""
     answer = problem.least_gamma(p, gain)
     if isinstance(answer, Answer):
-        return answer.value
+        return answer
     raise NotAchievableError(
         "the LMI has no solution for any gamma",
         where=name or None,
         expected=f"a feasible LMI at k1 = {list(p.k1)}, k2 = {list(p.k2)}",
-        got=f"the solver says {answer.status}",
+        got=said(answer),
         hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
     )
 
 
 def _central(
-    problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
-) -> tuple[NDArray[np.float64], Variables] | None:
-    """A gain and variables with a margin at `gamma`; None if the solver finds none."""
-    if gain is None:
-        first = _with_margin(problem, p, gamma, None)
-        if first is None:
-            return None
-        gain = _rounded(np.asarray(np.linalg.solve(first.X, first.Y.T).T, dtype=np.float64))
-    point = _with_margin(problem, p, gamma, gain)
-    if point is None:
-        return None
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None,
+    near: Answer | None,
+) -> tuple[NDArray[np.float64], Variables] | str:
+    """A gain and variables with a margin at `gamma`; else why there are none.
+
+    The margin is counted against the rows' own scale: that of a solution nearby, or of a first
+    round.
+    """
+    scale = None if near is None else near.scale
+    for wanted in (gain is None, near is None and gain is not None):
+        if not wanted:
+            continue
+        first = problem.margin(p, gamma, gain, scale)
+        if not isinstance(first, Answer):
+            return said(first)
+        if first.value <= 0:
+            return _NO_POINT
+        scale = first.scale
+        if gain is None:
+            X, Y = first.point.X, first.point.Y
+            gain = _rounded(np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64))
+    last = problem.margin(p, gamma, gain, scale)
+    if not isinstance(last, Answer):
+        return said(last)
+    if gain is None or last.value <= 0:
+        return _NO_POINT
+    point = last.point
     return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
 
 
-def _with_margin(
-    problem: Problem, p: Scalars, gamma: float | None, gain: NDArray[np.float64] | None
-) -> Point | None:
-    """The widest margin; two rounds, the second on the first one's scale."""
-    first = problem.margin(p, gamma, gain)
-    if first is None or first.value <= 0:
-        return None
-    second = problem.margin(p, gamma, gain, problem.size_of(p, first.point))
-    return first.point if second is None or second.value <= 0 else second.point
+def said(solution: Solution) -> str:
+    """What a solver's ending means, in words that part `cannot be` from `could not tell`."""
+    words = {
+        "infeasible": "the solver finds multipliers against any solution",
+        "unbounded": "the solver finds no bound, and so no solution",
+    }
+    return words.get(
+        solution.status, f"the solver failed ({solution.said}), which says nothing of the problem"
+    )
 
 
 def _rounded(K: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -297,11 +329,19 @@ def check_reachable(gamma: float, system: DelaySystem) -> None:
             where="gamma",
             expected="a system with C and with D, D1 or D2",
         )
-    if gamma <= floor:
+    proof = gamma_floor(system, gamma)
+    if proof is not None or gamma <= floor:
         raise NotAchievableError(
             f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
             "that of D1, whatever the controller does",
             where=system.name or None,
             expected=f"gamma > {floor:g}",
-            got=f"{gamma:g}",
+            got=f"{gamma:g}"
+            + (
+                ", which is ||D1|| to the last digits"
+                if proof is None
+                else f"; proved in rational arithmetic: |D1 w| >= {gamma:g} |w|"
+            ),
+            hint="another D1, or a larger gamma; no delay, k1, k2 or gain helps",
+            certificate=proof,
         )

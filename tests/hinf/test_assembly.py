@@ -10,13 +10,13 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import sparse
 from solved import random_system
 
-from cosim.hinf.assembly import Scalars, Structure, smat, svec
-from cosim.hinf.conic import Cone, solve
+from cosim.hinf.assembly import Scalars, Structure
+from cosim.hinf.conic import Constraint, solve
 from cosim.hinf.lmi import Unknowns, omega, unknowns
 from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.svec import smat, svec
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
 
@@ -52,8 +52,7 @@ def test_it_is_the_reference_with_rows_m_taken_out(case: int) -> None:
     s, n = Structure(system), 2
     k1, k2 = (tuple(float(x) for x in rng.standard_normal(2)) for _ in range(2))
     y = rng.standard_normal(s.size)
-    lmi = s.at(Scalars(k1, k2, _delays(system)))
-    ours = smat(lmi.A @ y - lmi.b, s.rows)
+    ours = -s.at(Scalars(k1, k2, _delays(system))).at(y)
     v = Unknowns(
         X=s.X.of(y),
         Y=s.Y.of(y),
@@ -72,7 +71,14 @@ def test_it_is_the_reference_with_rows_m_taken_out(case: int) -> None:
     scale = np.ones(len(kept))
     for j, value in enumerate(k2, 1):
         scale[j * n : (j + 1) * n] = value / abs(value) ** 0.5
-    np.testing.assert_allclose(ours, scale[:, None] * schur * scale, atol=1e-12)
+    whole_scale = np.diag(scale)
+    # rows r: those of the longest delay stay, and are taken off the others
+    base, other = (0, 1) if s.base == 1 else (1, 0)
+    ratio = system.delays[other].d / system.delays[base].d
+    r = [slice(start, start + n) for start in (3 * n + 4, 4 * n + 4)]
+    whole_scale[r[other], r[base]] = -np.sqrt(ratio / (1 + ratio)) * np.eye(n)
+    whole_scale[r[other], r[other]] = np.eye(n) / np.sqrt(1 + ratio)
+    np.testing.assert_allclose(ours, whole_scale @ schur @ whole_scale.T, atol=1e-12)
 
 
 def test_least_gamma_of_the_paper_is_the_published_correction() -> None:
@@ -121,16 +127,16 @@ def test_slopes_are_the_difference_quotients() -> None:
         assert at.slopes[i] == pytest.approx((values[0] - values[1]) / 2e-3, rel=1e-3)
 
 
-def _cone(C: Array, *matrices: Array) -> Cone:
-    stacked = sparse.csr_array(np.vstack(matrices))
-    return Cone(C, np.arange(len(matrices)), stacked)
+def _constraint(C: Array, *matrices: Array) -> Constraint:
+    """C - sum_i y_i A_i >= 0."""
+    return Constraint(len(C), svec(C), np.column_stack([-svec(A) for A in matrices]))
 
 
 def test_the_solver_finds_a_largest_eigenvalue() -> None:
     """min t with t I - M >= 0 is the largest eigenvalue of M (numpy's)."""
     M = np.random.default_rng(5).standard_normal((7, 7))
     M = M + M.T
-    solution = solve([_cone(-M, -np.eye(7))], np.array([1.0]))
+    solution = solve([_constraint(-M, -np.eye(7))], np.array([1.0]))
     assert solution.status == "solved"
     assert solution.value == pytest.approx(np.linalg.eigvalsh(M)[-1], abs=1e-8)
     # and the multiplier is the projector on its eigenvector
@@ -141,7 +147,7 @@ def test_the_solver_finds_a_largest_eigenvalue() -> None:
 def test_the_solver_shows_why_nothing_is_feasible() -> None:
     """y >= 1 and y <= 0: the multipliers (1, 1) say so, and so do those returned."""
     one = np.ones((1, 1))
-    solution = solve([_cone(-one, -one), _cone(0 * one, one)], np.array([1.0]))
+    solution = solve([_constraint(-one, -one), _constraint(0 * one, one)], np.array([1.0]))
     assert solution.status == "infeasible"
     lower, upper = (Z[0, 0] for Z in solution.Z)
     assert lower == pytest.approx(1.0)

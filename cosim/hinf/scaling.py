@@ -1,0 +1,115 @@
+"""Units in which a system's numbers are near one, all of them powers of two: exact both ways.
+
+A state in millimetres beside one in kilometres, or a rate of 1e6 1/s, leaves a solver without
+digits. With x = S x~, u = U u~, t = T t~, w = w~ a, z = z~ / a, and p = p~ c for the channel of
+the uncertainty,
+
+    A~ = T S^-1 A S,  B~ = T S^-1 B U,  C~ = a T S^-1 C,  E~ = c T S^-1 E,  H~ = H S / c,
+    D~ = a D S,  D1~ = a^2 D1,  D2~ = a D2 U,  d~ = d/T,  k1~ = T k1,  k2~ = T k2,
+
+and a solution of the LMI of Theorem 2 goes back by a congruence of its rows:
+
+    X = S X~ S / T,  Q = S Q~ S / T^2,  R = S R~ S / T,  Y = U Y~ S / T,  eps = c^2 eps~,
+    gamma = gamma~ / a^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matrix_balance
+
+from cosim.hinf.svec import Array
+from cosim.models.delay_system import Delay, DelaySystem
+
+_EXPONENT = 200
+"""Powers of two stay within this: their products must not overflow."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """The units: `state` (n,), `input` (m,), and T, a, c of the module's text."""
+
+    state: Array
+    input: Array
+    T: float
+    a: float
+    c: float
+
+    def system(self, system: DelaySystem) -> DelaySystem:
+        """The system in these units."""
+        S, U, T, a, c = self.state, self.input, self.T, self.a, self.c
+        rows = T / S[:, None]
+        delays = [
+            Delay(x.d / T, rows * x.A * S, x.H * S / c, x.feedback, x.any_age)
+            for x in system.delays
+        ]
+        return DelaySystem(
+            rows * system.A * S,
+            rows * system.B * U,
+            a * rows * system.C,
+            a * system.D * S,
+            a**2 * system.D1,
+            a * system.D2 * U,
+            c * rows * system.E,
+            system.H * S / c,
+            delays,
+            system.name,
+        )
+
+    def gain(self, K: Array) -> Array:
+        """K~ of K."""
+        return np.asarray(K / self.input[:, None] * self.state)
+
+    def back(self, matrix: Array, power: int = 1) -> Array:
+        """S M~ S / T^power."""
+        return np.asarray(self.state[:, None] * matrix * self.state / self.T**power)
+
+    def back_Y(self, Y: Array) -> Array:
+        """U Y~ S / T."""
+        return np.asarray(self.input[:, None] * Y * self.state / self.T)
+
+
+def scaling_of(system: DelaySystem) -> Scaling:
+    """Units for this system, by balancing the graph of what acts on what.
+
+    Its nodes: each state, each input, the channel of the uncertainty, that of w and z. What an
+    input does to a state, a feedback will do to the input in turn, at the system's own rate.
+    """
+    n, m = system.B.shape
+    flow = _total(system.A, *(x.A for x in system.delays))
+    H = _total(system.H, *(x.H for x in system.delays))
+    # the spectral radius of a matrix without signs does not depend on units
+    rate = float(np.abs(np.linalg.eigvals(flow)).max())
+    longest = max((x.d for x in system.delays), default=0.0)
+    if rate <= 1e-9 * float(flow.max()):  # a chain of integrators has none of its own
+        rate = 1.0 / longest if longest > 0 else 1.0
+    B = np.abs(system.B)
+    x, u, p, z = slice(0, n), slice(n, n + m), n + m, n + m + 1
+    acts = np.zeros((n + m + 2, n + m + 2))
+    acts[x, x], acts[x, u] = flow / rate, B / rate
+    acts[u, x] = np.divide(rate, B, out=np.zeros((n, m)), where=B > 0).T
+    acts[x, p], acts[p, x] = _largest(system.E, 1) / rate, _largest(H, 0)
+    acts[x, z], acts[z, x] = _largest(system.C, 1) / rate, _largest(system.D, 0)
+    acts[z, u] = _largest(system.D2, 0)
+    _, (units, _) = matrix_balance(acts, permute=False, separate=True)
+    units = _power(np.asarray(units, dtype=np.float64) / units[z])
+    state, inputs, c = units[x], units[u], float(units[p])
+    through = float((_largest(system.C, 1) / state).max() * (_largest(system.D, 0) * state).max())
+    gain = max(float(_largest(system.D1, 1).max(initial=0.0)), through / rate)
+    a = float(_power(np.array(gain**-0.5))) if gain > 0 else 1.0
+    return Scaling(state, inputs, float(_power(np.array(1.0 / rate))), a, c)
+
+
+def _total(*matrices: Array) -> Array:
+    return np.asarray(sum(np.abs(M) for M in matrices))
+
+
+def _largest(matrix: Array, axis: int) -> Array:
+    return np.asarray(np.abs(matrix).max(axis=axis, initial=0.0))
+
+
+def _power(values: Array) -> Array:
+    """The nearest powers of two."""
+    return np.asarray(np.exp2(np.clip(np.round(np.log2(values)), -_EXPONENT, _EXPONENT)))

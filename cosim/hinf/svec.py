@@ -1,0 +1,63 @@
+"""Symmetric matrices as vectors: the upper triangle by columns, off-diagonal entries times sqrt 2.
+
+Inner products stay what they are, <M, N> = svec(M)'svec(N), and the order is the one in which
+the solver takes the entries of a semidefinite cone.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@cache
+def places(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Rows, columns and factors of the entries of an svec."""
+    columns, rows = np.tril_indices(size)  # row by row below is column by column above
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
+def svec(matrix: Array) -> Array:
+    """The svec of the last two axes."""
+    rows, columns, factors = places(matrix.shape[-1])
+    return np.asarray(matrix[..., rows, columns] * factors)
+
+
+def smat(vector: Array, size: int) -> Array:
+    """The symmetric matrix of an svec."""
+    rows, columns, factors = places(size)
+    matrix = np.zeros((size, size))
+    matrix[rows, columns] = matrix[columns, rows] = vector / factors
+    return matrix
+
+
+def product(left: Array, right: Array, *, weight: float = 1.0) -> Array:
+    """Columns of `weight` (left'V right + right'V left) over the entries V_ab, a <= b.
+
+    Parameters
+    ----------
+    left, right : (m, s), for a symmetric V of size m.
+
+    Returns
+    -------
+    (s (s+1)/2, m (m+1)/2), in the order of `symmetric`.
+    """
+    m = left.shape[0]
+    parts = []
+    for a in range(m):
+        outer = left[a][None, :, None] * right[a:, None, :]
+        outer = outer + right[a][None, :, None] * left[a:, None, :]
+        outer[0] /= 2.0  # V_aa stands once, V_ab twice
+        parts.append(svec(outer + np.swapaxes(outer, 1, 2)))
+    return weight * np.concatenate(parts).T
+
+
+def symmetric(values: Array, size: int) -> Array:
+    """The matrix V whose entries V_ab, a <= b, are `values`."""
+    matrix = np.zeros((size, size))
+    matrix[np.triu_indices(size)] = values
+    return matrix + np.triu(matrix, 1).T
