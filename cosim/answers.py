@@ -9,9 +9,16 @@ from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay
 
 
 def design_json(
-    name: str, found: Design, reach: GreatestDelay | None, save: Path | None
+    name: str,
+    found: Design,
+    reach: GreatestDelay | None,
+    save: Path | None,
+    refutation: Path | None,
 ) -> dict[str, Any]:
-    """What `cosim design --json` prints; `save`: where the certificate is."""
+    """What `cosim design --json` prints.
+
+    save, refutation : where the certificate is, and that of what cannot be had.
+    """
     return {
         "system": name,
         "gamma": found.gamma,
@@ -23,6 +30,7 @@ def design_json(
         "certificate": None if save is None else str(save),
         "limit_reached": None if reach is None else reach.limit_reached,
         "refuted_at": None if reach is None else reach.refuted_at,
+        "refutation": None if refutation is None else str(refutation),
         "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
         "least_gamma": found.least_gamma,
         "exact_norm": found.exact_norm,

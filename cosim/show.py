@@ -112,7 +112,7 @@ def _end(reach: GreatestDelay) -> str:
     if reach.limit_reached:
         return "certified; the search ended here, the loop may bear more"
     if reach.refuted_at is not None:
-        return f"certified; at {reach.refuted_at:.6g} s multipliers refute the LMI at these k1, k2"
+        return f"certified; from {reach.refuted_at:.6g} s on proved to be none at these k1, k2"
     return "certified; nothing is certified beyond"
 
 
@@ -129,6 +129,8 @@ def certificate_view(file: str, certificate: Certificate) -> RenderableType:
     facts.add_row("condition", _condition(claim["order"]) if "order" in claim else "Theorem 2", "")
     if claim["gamma"] is not None:
         facts.add_row("gamma", f"{float(Fraction(claim['gamma'])):.7g}", "the file has it exactly")
+    for name in (name for name in ("k1", "k2") if name in claim):
+        facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
     for i, delay in enumerate(claim["delays"], 1):
         acts = ", the control acts through it" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")

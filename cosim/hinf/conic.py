@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import clarabel
 import numpy as np
@@ -92,19 +92,32 @@ class Solution:
         return self.status in {"solved", "inaccurate"}
 
 
-def solve(constraints: Sequence[Constraint], q: Array, *, tolerance: float = TOLERANCE) -> Solution:
-    """Minimise q'y over the constraints."""
+def solve(
+    constraints: Sequence[Constraint],
+    q: Array,
+    *,
+    equal: tuple[Array, float] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Solution:
+    """Minimise q'y over the constraints, and over a'y = r for `equal` = (a, r)."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     settings.max_threads = 1  # the last digits must not depend on how many there are
-    b = np.concatenate([c.constant for c in constraints])
+    rows = [sparse.csc_array(-c.columns) for c in constraints]
+    right = [c.constant for c in constraints]
+    cones: list[Any] = [clarabel.PSDTriangleConeT(c.size) for c in constraints]
+    if equal is not None:
+        rows.append(sparse.csc_array(equal[0][None, :]))
+        right.append(np.array([equal[1]]))
+        cones.append(clarabel.ZeroConeT(1))
+    b = np.concatenate(right)
     found = clarabel.DefaultSolver(
         sparse.csc_matrix((len(q), len(q))),
         q,
-        sparse.csc_matrix(sparse.vstack([sparse.csc_array(-c.columns) for c in constraints])),
+        sparse.csc_matrix(sparse.vstack(rows)),
         b,
-        [clarabel.PSDTriangleConeT(c.size) for c in constraints],
+        cones,
         settings,
     ).solve()
     y, z = np.array(found.x), np.array(found.z)
@@ -113,6 +126,6 @@ def solve(constraints: Sequence[Constraint], q: Array, *, tolerance: float = TOL
         status = "failed"
     if status == "infeasible":
         z = z / max(-float(b @ z), 1e-300)
-    ends = np.cumsum([len(c.constant) for c in constraints])[:-1]
-    Z = tuple(smat(part, c.size) for part, c in zip(np.split(z, ends), constraints, strict=True))
+    ends = np.cumsum([len(c.constant) for c in constraints])
+    Z = tuple(smat(part, c.size) for part, c in zip(np.split(z, ends), constraints, strict=False))
     return Solution(status, y, float(q @ y), Z, str(found.status))

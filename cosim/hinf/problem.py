@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _LARGEST_X = 1e3
 """What a margin needs to be bounded: X <= this."""
-_Q_SHARE = 1e-3
+_SHARE = 1e-3
 """The proof needs Q > 0, and nothing else keeps it off its boundary: Q >= this times t."""
 _MARGIN_TOLERANCE = 1e-7
 """A margin is asked for its sign, and for a point in the middle: neither needs more digits."""
@@ -75,15 +75,21 @@ class Problem:
         self._n = system.A.shape[0]
         self._t = self.structure.size
         s, zeros = self.structure, np.zeros((self._n, self._n))
-        limit = _LARGEST_X * np.eye(self._n)
-        # without w and z the LMI is homogeneous: X >= I says how large its solution is to be
-        least = zeros if self.has_gamma else -np.eye(self._n)
         free = [Q for Q in s.Q if Q is not None]
         self._signs = [self._bound(V, zeros) for V in (s.X, *free)]
-        self._bounds = [self._bound(s.X, limit, sign=-1.0, t=0.0), self._bound(s.X, least, t=0.0)]
-        self._bounds += [self._bound(Q, zeros, t=_Q_SHARE) for Q in free]
-        last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
-        self._bounds.append(Constraint(1, np.ones(1), last))  # t <= 1
+        self._bounds = [self._bound(Q, zeros, t=_SHARE) for Q in free]
+        self._trace: tuple[Array, float] | None = None
+        if self.has_gamma:
+            limit = _LARGEST_X * np.eye(self._n)
+            last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
+            self._bounds += [self._bound(s.X, limit, sign=-1.0, t=0.0)]
+            self._bounds += [self._bound(s.X, zeros, t=0.0), Constraint(1, np.ones(1), last)]
+        else:
+            # the LMI is homogeneous: how large its solution is to be must be said
+            trace = np.zeros(self._t + 1)
+            trace[np.diag(s.X.place)] = 1.0
+            self._trace = (trace, float(self._n))
+            self._bounds += [self._bound(s.X, zeros, t=_SHARE)]
 
     def least_gamma(self, p: Scalars, gain: Matrix | None = None) -> Answer | Solution:
         """Remark 2: the least gamma, or what the solver says instead of one."""
@@ -105,17 +111,18 @@ class Problem:
         gain: Matrix | None = None,
         weights: Array | None = None,
     ) -> Answer | Solution:
-        """The largest t with Omega <= -t diag(weights), X <= 1000, t <= 1.
+        """The largest t with Omega <= -t diag(weights), X <= 1000, t <= 1; or with tr X = n.
 
         t > 0 says that the LMI can be met at this gamma (within the bound on X), t < 0 that
-        it cannot. Omega and X in the problem's own units. Else what the solver says instead.
+        it cannot; tr X = n where there is no gamma. Omega and X in the problem's own units.
+        Else what the solver says instead.
         """
         q = np.zeros(self._t + 1)
         q[self._t] = -1.0
         inner = self._inner(p)
         own = np.ones(self.structure.rows) if weights is None else weights
         whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
-        solution = self._solve([whole, *self._bounds], q, _MARGIN_TOLERANCE)
+        solution = self._solve([whole, *self._bounds], q, _MARGIN_TOLERANCE, self._trace)
         if not solution.usable:
             return solution
         answer = self._answer(solution, inner, gain, -1.0)
@@ -130,9 +137,15 @@ class Problem:
         k1, k2 = (tuple(T * value for value in values) for values in (p.k1, p.k2))
         return Scalars(k1, k2, tuple(d / T for d in p.d))
 
-    def _solve(self, constraints: list[Constraint], q: Array, tolerance: float) -> Solution:
+    def _solve(
+        self,
+        constraints: list[Constraint],
+        q: Array,
+        tolerance: float,
+        equal: tuple[Array, float] | None = None,
+    ) -> Solution:
         self.solves += 1
-        return solve(constraints, q, tolerance=tolerance)
+        return solve(constraints, q, equal=equal, tolerance=tolerance)
 
     def _omega(
         self, p: Scalars, gain: Matrix | None = None, gamma: float | None = None

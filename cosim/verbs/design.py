@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +13,7 @@ import typer
 from cosim import show
 from cosim.answers import analysis_json, design_json
 from cosim.arguments import gain_from, named_problem, numbers, write
-from cosim.errors import InputError
+from cosim.errors import InputError, NotAchievableError
 from cosim.hinf import (
     DELAY_LIMIT,
     CertifiedDelay,
@@ -56,13 +58,18 @@ def design(
     save: Annotated[
         Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
     ] = None,
+    save_refutation: Annotated[
+        Path | None,
+        typer.Option(help="Write the exact proof of what cannot be had here (JSON), if one is."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Design the H-infinity gain of a system with delays, and prove it exactly.
 
     gamma bounds the gain from w to z for every admissible uncertainty and is certified in
     rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
-    nominal loop stand beside it. k1 and k2 are free, and worth a search.
+    nominal loop stand beside it. k1 and k2 are free, and worth a search. What cannot be had
+    ends with exit code 5, and where that is proved exactly, with a proof to save.
     """
     named, gain = named_problem(name)
     system = named.system
@@ -74,7 +81,7 @@ def design(
     )
     goal = named.gamma if gamma is None else gamma
     reach: GreatestDelay | None = None
-    with progress() as tell:
+    with progress() as tell, _proof_kept(save_refutation):
         tell(f"design of {name}", 0.0)
         if max_delay:
             if gain is not None:
@@ -91,11 +98,30 @@ def design(
             found = make_design(system, *scalars, gamma=goal, gain=gain, search=search)
     if save is not None:
         write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
+    refutation = None if reach is None else reach.refutation
+    kept = None if refutation is None else save_refutation
+    if kept is not None:
+        write(kept, json.dumps(refutation, indent=1, allow_nan=False) + "\n")
     answer(
         as_json,
-        lambda: design_json(name, found, reach, save),
+        lambda: design_json(name, found, reach, save, kept),
         lambda: show.design_view(name, found, reach),
     )
+
+
+@contextmanager
+def _proof_kept(path: Path | None) -> Iterator[None]:
+    """Where something cannot be had, and that is proved: keep the proof, and say so."""
+    try:
+        yield
+    except NotAchievableError as error:
+        if error.certificate is not None:
+            told = "--save-refutation FILE keeps the proof"
+            if path is not None:
+                write(path, json.dumps(error.certificate, indent=1, allow_nan=False) + "\n")
+                told = f"cosim certificate check {path}, the proof"
+            error.hint = told if error.hint is None else f"{error.hint}; {told}"
+        raise
 
 
 def analyse(
