@@ -41,7 +41,9 @@ def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -
         ),
     )
     facts.add_row(
-        "abscissa", f"{design.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop"
+        "abscissa",
+        _number(design.abscissa, 6, "1/s"),
+        "computed: rightmost root, nominal loop",
     )
     for i, delay in enumerate(design.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, up to it"

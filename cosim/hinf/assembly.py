@@ -7,6 +7,7 @@ Same inequality as `cosim.hinf.lmi`, smaller and in a scaling that suits a solve
   follows from row rj;
 * rows xj are multiplied by sqrt|k2j|, so that -2 X / k2j becomes -2 sign(k2j) X.
 
+* Rbar_j counts in multiples of max(1, dj), and rows rj are divided by the root of that;
 * rows rj of all delays but one, b, are replaced by
   (rj - sqrt(dj/db) rb) / sqrt(1 + dj/db): what they had in common with x, xi and w cancels,
   and what is left couples them with rb alone. A sparse matrix is what the solver is fast at.
@@ -17,7 +18,8 @@ fixed matrix times a product of powers of k1, k2, d:
     Omega = sum_c factor_c(k1, k2, d) (T_c0 + sum_i y_i T_ci)
 
 All T_c are built once; for another k1, k2, d their entries are summed with other weights.
-Unknowns y: upper triangles of X, of Qbar_j where it is free, of Rbar_j where dj > 0; Y by
+Unknowns y: upper triangles of X, of Qbar_j where it is free, of Rbar_j / max(1, dj) where
+dj > 0; Y by
 rows; eps; gamma.
 """
 
@@ -51,6 +53,11 @@ class Scalars:
 
 
 _Factor = Callable[[Scalars], float]
+
+
+def unit_of_R(d: float) -> float:
+    """Rbar_j in multiples of this: it grows with a long delay."""
+    return max(1.0, d)
 
 
 @dataclass(frozen=True)
@@ -164,7 +171,7 @@ class Structure:
             return (lambda _: 1.0) if i == 0 else (lambda p: abs(p.k2[i - 1]) ** -0.5)
 
         def root(j: int) -> _Factor:
-            return lambda p: math.sqrt(p.d[j - 1])
+            return lambda p: math.sqrt(p.d[j - 1] / unit_of_R(p.d[j - 1]))
 
         def G(row: str, column: str, i: int, factor: _Factor, *, flipped: bool = False) -> None:
             """factor times G_i = A_i X + phi_i B Y, or its transpose."""
@@ -220,7 +227,7 @@ class Structure:
             return p.k2[j - 1]
 
         def d(p: Scalars) -> float:
-            return p.d[j - 1]
+            return p.d[j - 1] * unit_of_R(p.d[j - 1])
 
         self._put("x0", "x0", lambda p: 2.0 * k1(p), one, X, one)
         self._put("x0", x, lambda p: (k2(p) - k1(p)) * abs(k2(p)) ** -0.5, one, X, one)
@@ -238,8 +245,14 @@ class Structure:
         one = np.eye(self.system.A.shape[0])
 
         def share(j: int) -> _Factor:
-            """The square root of dj / (db + dj)."""
-            return lambda p: math.sqrt(p.d[j - 1] / (p.d[base - 1] + p.d[j - 1]))
+            """The square root of dj / (db + dj), in the units of both rows."""
+
+            def value(p: Scalars) -> float:
+                own, longest = p.d[j - 1], p.d[base - 1]
+                units = unit_of_R(longest) / unit_of_R(own)
+                return math.sqrt(own / (longest + own) * units)
+
+            return value
 
         def own(j: int) -> _Factor:
             return lambda p: -p.d[base - 1] / (p.d[base - 1] + p.d[j - 1])

@@ -21,7 +21,8 @@ from scipy import optimize
 
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
-from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.modes import unstabilisable
+from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.reach import furthest
 from cosim.hinf.refutation import refute
 from cosim.hinf.synthesis import (
@@ -121,6 +122,9 @@ def greatest_delay(
     if end is None:
         end = _end(problem, p, gamma, which)
     if end is None:
+        cause = unstabilisable(system)
+        if cause is not None:
+            raise cause
         least = _replaced(p, which, _SMALLEST * limit)
         there = _with_delay(system, which, least.d[which])
         proof = None if search else refute(there, problem, least, gamma)
@@ -186,7 +190,7 @@ def _margin_by(
 
     @cache
     def margin(d: float) -> float:
-        answer = problem.margin(_replaced(p, which, d), gamma)
+        answer = problem.margin(_replaced(p, which, d), gamma, tolerance=ROUGH)
         return answer.value if isinstance(answer, Answer) else -1.0
 
     return margin

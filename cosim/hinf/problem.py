@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from cosim.hinf.assembly import Scalars, Structure, Unknown
+from cosim.hinf.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.scaling import Scaling, scaling_of
 from cosim.hinf.svec import Array, svec
@@ -25,8 +25,8 @@ _LARGEST_X = 1e3
 """What a margin needs to be bounded: X <= this."""
 _SHARE = 1e-3
 """The proof needs Q > 0, and nothing else keeps it off its boundary: Q >= this times t."""
-_MARGIN_TOLERANCE = 1e-7
-"""A margin is asked for its sign, and for a point in the middle: neither needs more digits."""
+ROUGH = 1e-7
+"""A tolerance for a margin that is asked for its sign alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +48,14 @@ class Answer:
     value : the least gamma, or the widest margin t.
     point : where it is attained.
     scale : |diagonal of Omega| there, the scale of each row.
+    accurate : whether the solver calls it solved.
     slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N, d_1, ..., d_N), by the multipliers.
     """
 
     value: float
     point: Point
     scale: Array
+    accurate: bool
     slopes: Array
 
 
@@ -110,6 +112,7 @@ class Problem:
         gamma: float | None,
         gain: Matrix | None = None,
         weights: Array | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Answer | Solution:
         """The largest t with Omega <= -t diag(weights), X <= 1000, t <= 1; or with tr X = n.
 
@@ -122,7 +125,7 @@ class Problem:
         inner = self._inner(p)
         own = np.ones(self.structure.rows) if weights is None else weights
         whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
-        solution = self._solve([whole, *self._bounds], q, _MARGIN_TOLERANCE, self._trace)
+        solution = self._solve([whole, *self._bounds], q, tolerance, self._trace)
         if not solution.usable:
             return solution
         answer = self._answer(solution, inner, gain, -1.0)
@@ -191,7 +194,7 @@ class Problem:
             X=of(s.X, 1, 0.0),
             Y=units.back_Y(s.Y.of(y)),
             Q=tuple(of(Q, 2, 0.0) for Q in s.Q),
-            R=tuple(of(R, 1, 1.0) for R in s.R),
+            R=tuple(unit_of_R(d) * of(R, 1, 1.0) for R, d in zip(s.R, p.d, strict=True)),
             eps=None if s.eps is None else units.c**2 * float(s.eps.of(y)[0, 0]),
             gamma=None if s.gamma is None else float(s.gamma.of(y)[0, 0]) / units.a**2,
         )
@@ -199,7 +202,8 @@ class Problem:
         scale = np.maximum(diagonal, 1e-9 * diagonal.max())
         per_unit = np.repeat([units.T, units.T, 1.0 / units.T], len(p.d))
         slopes = factor * per_unit * self._slopes(p, y, solution.Z[0])
-        return Answer(factor * solution.value, point, scale, slopes)
+        accurate = solution.status == "solved"
+        return Answer(factor * solution.value, point, scale, accurate, slopes)
 
     def _slopes(self, p: Scalars, y: Array, Z: Array) -> Array:
         """d <Z, Omega(y; k1, k2, d)> for each of them: how the optimum moves with them."""

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import optimize
 
 from cosim.hinf.assembly import Scalars
-from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.search import MULTIPLES, RATIO_LIMIT, EnoughError, scaled, starts
 from cosim.hinf.svec import Array
 
@@ -121,7 +121,7 @@ def _first_borne(problem: Problem, p: Scalars, gamma: float | None, which: int) 
 def _room(problem: Problem, p: Scalars, gamma: float | None) -> tuple[float, Array] | None:
     """log(gamma / least gamma), or the margin; its slopes by k1, k2, d; None where no answer."""
     if gamma is None:
-        answer = problem.margin(p, None)
+        answer = problem.margin(p, None, tolerance=ROUGH)
         return (answer.value, answer.slopes) if isinstance(answer, Answer) else None
     answer = problem.least_gamma(p)
     if not isinstance(answer, Answer) or not answer.value > 0:

@@ -17,7 +17,7 @@ import flint
 import numpy as np
 from scipy import sparse
 
-from cosim.hinf.assembly import Scalars
+from cosim.hinf.assembly import Scalars, unit_of_R
 from cosim.hinf.conic import Constraint, solve
 from cosim.hinf.problem import Problem
 from cosim.hinf.rational import exact, exact_matrix
@@ -28,7 +28,9 @@ from cosim.hinf.svec import Array, svec
 if TYPE_CHECKING:
     from cosim.models.delay_system import DelaySystem
 
-_BELOW_ZERO = 1e-3
+_TIGHT = 1e-12
+"""What is left of the equalities is mended exactly, and must be small against the multipliers."""
+_BELOW_ZERO = 1.0
 """c <= -this times the least eigenvalue: what rounding may add to c."""
 
 
@@ -78,7 +80,7 @@ def _central(problem: Problem, p: Scalars, gamma: float | None) -> Array | None:
         tau = np.eye(1, unknowns + 2, unknowns)
         constraints.append(Constraint(1, np.zeros(1), sparse.csc_array(tau)))
     constraints.append(Constraint(1, -np.ones(1), sparse.csc_array(traces[None, :])))
-    solution = solve(constraints, np.eye(1, unknowns + 2, unknowns + 1).ravel())
+    solution = solve(constraints, np.eye(1, unknowns + 2, unknowns + 1).ravel(), tolerance=_TIGHT)
     if not solution.usable or not solution.value > 0:
         return None
     return np.asarray(solution.Z[0] + solution.Z[-1][0, 0] * np.eye(lmi[0].size))
@@ -111,10 +113,11 @@ def _rows(problem: Problem, p: Scalars) -> Array:
     for j in (j for j in range(1, len(lengths) + 1) if f"r{j}" in structure.offset):
         d, longest = lengths[j - 1], lengths[(base or 1) - 1]
         if j == base:
-            put(f"r{j}", f"r{j}", r / np.sqrt(d))
+            put(f"r{j}", f"r{j}", r / np.sqrt(d * unit_of_R(d)))
         else:
-            put(f"r{j}", f"r{j}", r / np.sqrt(d * (1 + d / longest)))
-            put(f"r{j}", f"r{base}", -r * np.sqrt(d / longest / (longest * (1 + d / longest))))
+            share = np.sqrt(unit_of_R(d) * (1 + d / longest))
+            put(f"r{j}", f"r{j}", r / np.sqrt(d) / share)
+            put(f"r{j}", f"r{base}", -r * np.sqrt(d) / longest / share)
     return F
 
 

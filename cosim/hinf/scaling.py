@@ -18,13 +18,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance
 
+from cosim.errors import InputError
 from cosim.hinf.svec import Array
 from cosim.models.delay_system import Delay, DelaySystem
 
 _EXPONENT = 200
 """Powers of two stay within this: their products must not overflow."""
+_LARGEST = 1e30
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,12 @@ def scaling_of(system: DelaySystem) -> Scaling:
 
     Its nodes: each state, each input, the channel of the uncertainty, that of w and z. What an
     input does to a state, a feedback will do to the input in turn, at the system's own rate.
+
+    Raises
+    ------
+    InputError : a number that is not zero, and further from one than any unit can mend.
     """
+    _check(system)
     n, m = system.B.shape
     flow = _total(system.A, *(x.A for x in system.delays))
     H = _total(system.H, *(x.H for x in system.delays))
@@ -86,20 +94,57 @@ def scaling_of(system: DelaySystem) -> Scaling:
     if rate <= 1e-9 * float(flow.max()):  # a chain of integrators has none of its own
         rate = 1.0 / longest if longest > 0 else 1.0
     B = np.abs(system.B)
+    back = np.divide(rate, B, out=np.zeros((n, m)), where=B > 0).T
+    gain = _rough_gain(system, flow, rate, back)
+    a = float(_power(np.array(gain**-0.5)))
     x, u, p, z = slice(0, n), slice(n, n + m), n + m, n + m + 1
     acts = np.zeros((n + m + 2, n + m + 2))
-    acts[x, x], acts[x, u] = flow / rate, B / rate
-    acts[u, x] = np.divide(rate, B, out=np.zeros((n, m)), where=B > 0).T
+    acts[x, x], acts[x, u], acts[u, x] = flow / rate, B / rate, back
     acts[x, p], acts[p, x] = _largest(system.E, 1) / rate, _largest(H, 0)
-    acts[x, z], acts[z, x] = _largest(system.C, 1) / rate, _largest(system.D, 0)
-    acts[z, u] = _largest(system.D2, 0)
+    acts[x, z], acts[z, x] = a * _largest(system.C, 1) / rate, a * _largest(system.D, 0)
+    acts[z, u] = a * _largest(system.D2, 0)
     _, (units, _) = matrix_balance(acts, permute=False, separate=True)
     units = _power(np.asarray(units, dtype=np.float64) / units[z])
-    state, inputs, c = units[x], units[u], float(units[p])
-    through = float((_largest(system.C, 1) / state).max() * (_largest(system.D, 0) * state).max())
-    gain = max(float(_largest(system.D1, 1).max(initial=0.0)), through / rate)
-    a = float(_power(np.array(gain**-0.5))) if gain > 0 else 1.0
-    return Scaling(state, inputs, float(_power(np.array(1.0 / rate))), a, c)
+    return Scaling(units[x], units[u], float(_power(np.array(1.0 / rate))), a, float(units[p]))
+
+
+def _rough_gain(system: DelaySystem, flow: Array, rate: float, back: Array) -> float:
+    """A size for gamma that does not depend on units: all paths from w to z, without signs."""
+    out = np.abs(system.D)
+    if not out.any():
+        out = np.abs(system.D2) @ back
+    resolvent = np.linalg.inv(2.0 * rate * np.eye(len(flow)) - flow)
+    paths = np.abs(out @ resolvent @ np.abs(system.C))
+    gain = max(float(paths.max(initial=0.0)), float(_largest(system.D1, 1).max(initial=0.0)))
+    return gain if gain > 0 else 1.0
+
+
+def _check(system: DelaySystem) -> None:
+    named = {name: getattr(system, name) for name in ("A", "B", "C", "D", "D1", "D2", "E", "H")}
+    for j, delay in enumerate(system.delays):
+        named |= {f"delays[{j}].{name}": getattr(delay, name) for name in ("A", "H")}
+        named[f"delays[{j}].d"] = np.array([[delay.d]])
+    for name, matrix in named.items():
+        check_size(name, matrix)
+
+
+def check_size(name: str, values: ArrayLike) -> None:
+    """Refuse what is not zero, and not near enough to one to be reckoned with.
+
+    Raises
+    ------
+    InputError : naming it.
+    """
+    size = np.abs(np.asarray(values, dtype=np.float64))
+    odd = size[(size > 0) & ~((size > 1.0 / _LARGEST) & (size < _LARGEST))]
+    if odd.size:
+        raise InputError(
+            "a number is too far from one",
+            where=name,
+            expected=f"zero, or between {1 / _LARGEST:g} and {_LARGEST:g}",
+            got=f"{odd[0]:g}",
+            hint="other units for it",
+        )
 
 
 def _total(*matrices: Array) -> Array:

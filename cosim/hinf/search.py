@@ -19,7 +19,7 @@ from scipy import optimize
 
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.conic import Solution
-from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def widest_margin(
     """k1, k2 with a margin at the delays of `p`, and the margin; negative: none was found."""
 
     def ask(at: Scalars) -> Answer | None:
-        return _answer(problem.margin(at, gamma, gain))
+        return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH))
 
     tried = [(at, ask(at)) for at in starts(p)]
     found = [(at, answer.value) for at, answer in tried if answer is not None]

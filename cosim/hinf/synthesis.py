@@ -16,6 +16,7 @@ The gamma of a design is the gamma of its proof.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,12 +27,19 @@ from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.closed_loop import close
-from cosim.hinf.conic import Solution
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.refutation import refute
+from cosim.hinf.refusals import (
+    below_least,
+    is_nothing,
+    no_gamma_at_all,
+    no_least_gamma,
+    not_certified,
+    said,
+)
 from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.roots import spectral_abscissa
+from cosim.hinf.scaling import Scaling, check_size
 from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.threads import one_thread
 from cosim.models.delay_system import DelaySystem
@@ -39,9 +47,12 @@ from cosim.models.delay_system import DelaySystem
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
+_NEAR = 1.2
+"""Up to this multiple of the least gamma, the scale of its solution serves."""
+
 _NO_POINT = "the solver finds no feasible point"
 
-_ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
+_ABOVE_LEAST = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +67,9 @@ class Design:
         system has no w or no z, and stability alone is certified.
     k1, k2 : one per delay.
     least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
-    abscissa : spectral abscissa of the nominal loop [1/s], computed.
-    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, or
-        where there is no w or no z.
+    abscissa : spectral abscissa of the nominal loop [1/s], computed; None if it could not be.
+    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, could
+        not be computed, or where there is no w or no z.
     norm_frequency : where it is attained [rad/s]; None at infinite frequency.
     certificate : the proof as JSON values, for `check_certificate`.
     """
@@ -69,7 +80,7 @@ class Design:
     k1: tuple[float, ...]
     k2: tuple[float, ...]
     least_gamma: float | None
-    abscissa: float
+    abscissa: float | None
     exact_norm: float | None
     norm_frequency: float | None
     certificate: dict[str, Any]
@@ -112,47 +123,39 @@ def design(
     problem = Problem(system)
     if search:
         scalars = _searched(problem, scalars, fixed)
-    one, two = scalars.k1, scalars.k2
-    at_least = _least(problem, scalars, fixed, system.name) if system.has_performance else None
-    least = None if at_least is None else at_least.value
-    if gamma is not None:
-        levels: list[float | None] = [gamma]
-        if least is not None and gamma < least * (1 - 1e-7):
-            proof = None if fixed is not None else refute(system, problem, scalars, gamma)
-            raise NotAchievableError(
-                f"gamma = {gamma:g} cannot be reached with these k1, k2",
-                where=system.name or None,
-                expected=f"gamma >= {least:.6g}, the least of the LMI at k1 = {list(one)}, "
-                f"k2 = {list(two)}",
-                got=f"{gamma:g}"
-                + ("" if proof is None else "; proved: the LMI has no solution there"),
-                hint="another k1, k2: the least gamma depends on them strongly",
-                certificate=proof,
-            )
-        if least is not None:
-            # what is proved for less is proved for gamma, and far above the least level the
-            # numbers of the LMI lie far apart
-            levels += [level for level in _levels(least) if level < gamma]
-    else:
-        levels = [None] if least is None else [*_levels(least)]
+    least = None
+    if system.has_performance:
+        answer = problem.least_gamma(scalars, fixed)
+        if not isinstance(answer, Answer):
+            raise no_gamma_at_all(system, scalars, answer, given=fixed is not None)
+        least = answer
+    levels = _levels(problem, least, gamma)
+    if gamma is not None and least is not None:
+        refusal = below_least(system, problem, scalars, gamma, least, given=fixed is not None)
+        if refusal is not None:
+            raise refusal
+    elif least is not None and not levels:
+        raise no_least_gamma(system)
     reason = ""
     for level in levels:
-        found, reason = proved_at(system, problem, scalars, level, fixed, at_least)
+        found, reason = proved_at(system, problem, scalars, level, fixed, least)
         if found is not None:
-            return finished(system, *found, least)
-    bounds = [level for level in levels if level is not None]
-    goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
-    raise NotAchievableError(
-        "no solution of the LMI could be certified",
-        where=system.name or None,
-        expected=f"an exact proof of {goal} at k1 = {list(one)}, k2 = {list(two)}",
-        got=reason,
-        hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
-    )
+            return finished(system, *found, None if least is None else least.value)
+    raise not_certified(system, scalars, levels, reason, given=fixed is not None)
 
 
-def _levels(least: float) -> list[float]:
-    return [_rounded_up(least * (1 + share)) for share in _ABOVE_LEAST]
+def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list[float | None]:
+    """Gammas to be proved, one after the other until one is; None stands for stability."""
+    if least is None:
+        return [None]
+    above: list[float | None] = []
+    if not is_nothing(problem, least):
+        above += [_rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
+    if gamma is None:
+        return above
+    # what is proved for less is proved for gamma, and far above the least level the numbers of
+    # the LMI lie far apart
+    return [gamma, *(level for level in above if level is not None and level < gamma)]
 
 
 def proved_at(
@@ -179,8 +182,11 @@ def finished(
 ) -> Design:
     """A proved gain with what is computed of its loop."""
     loop = close(system, K)
-    peak = hinf_norm(loop) if system.has_performance else None
-    abscissa = float(spectral_abscissa(loop))
+    peak, abscissa = None, None
+    # a proof does not depend on them: a delay too long for its roots to be counted has none
+    with suppress(NotAchievableError), np.errstate(all="ignore"):
+        abscissa = float(spectral_abscissa(loop))
+        peak = hinf_norm(loop) if system.has_performance else None
     frequency = None if peak is None else float(peak.frequency)
     return Design(
         system=system,
@@ -205,20 +211,6 @@ def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) ->
     return p if found is None else found[0]
 
 
-def _least(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None, name: str) -> Answer:
-    """Remark 2: the least gamma, as far as the solver's word goes."""
-    answer = problem.least_gamma(p, gain)
-    if isinstance(answer, Answer):
-        return answer
-    raise NotAchievableError(
-        "the LMI has no solution for any gamma",
-        where=name or None,
-        expected=f"a feasible LMI at k1 = {list(p.k1)}, k2 = {list(p.k2)}",
-        got=said(answer),
-        hint="another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope",
-    )
-
-
 def _central(
     problem: Problem,
     p: Scalars,
@@ -231,6 +223,8 @@ def _central(
     The margin is counted against the rows' own scale: that of a solution nearby, or of a first
     round.
     """
+    if near is not None and gamma is not None and gamma > _NEAR * near.value:
+        near = None
     scale = None if near is None else near.scale
     for wanted in (gain is None, near is None and gain is not None):
         if not wanted:
@@ -243,7 +237,8 @@ def _central(
         scale = first.scale
         if gain is None:
             X, Y = first.point.X, first.point.Y
-            gain = _rounded(np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64))
+            K = np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64)
+            gain = _rounded(K, problem.scaling)
     last = problem.margin(p, gamma, gain, scale)
     if not isinstance(last, Answer):
         return said(last)
@@ -253,24 +248,19 @@ def _central(
     return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
 
 
-def said(solution: Solution) -> str:
-    """What a solver's ending means, in words that part `cannot be` from `could not tell`."""
-    words = {
-        "infeasible": "the solver finds multipliers against any solution",
-        "unbounded": "the solver finds no bound, and so no solution",
-    }
-    return words.get(
-        solution.status, f"the solver failed ({solution.said}), which says nothing of the problem"
-    )
+def _rounded(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
+    """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise.
 
-
-def _rounded(K: NDArray[np.float64]) -> NDArray[np.float64]:
-    """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise."""
+    Largest in units in which states and inputs compare; each entry to decimals of its own.
+    """
     if not K.any():
         return K  # no inputs, or nothing that acts
-    decimals = GAIN_DIGITS - 1 - int(np.floor(np.log10(np.abs(K).max())))
-    rounded: NDArray[np.float64] = np.round(K, decimals) + 0.0  # no negative zero
-    return rounded
+    largest = np.abs(units.gain(K)).max() * units.input[:, None] / units.state
+    decimals = GAIN_DIGITS - 1 - np.floor(np.log10(largest)).astype(int)
+    rounded = [
+        [round(k, int(d)) for k, d in zip(*x, strict=True)] for x in zip(K, decimals, strict=True)
+    ]
+    return np.array(rounded, dtype=np.float64) + 0.0  # no negative zero
 
 
 def _rounded_up(gamma: float) -> float:
@@ -282,6 +272,8 @@ def _rounded_up(gamma: float) -> float:
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
     """k1, k2 and the system's delays; an `InputError` where they do not fit it."""
     one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
+    check_size("k1", one)
+    check_size("k2", two)
     if any(value == 0 for value in two):
         raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
     return Scalars(one, two, tuple(delay.d for delay in system.delays))

@@ -65,5 +65,5 @@ def test_what_cannot_be_had_is_refused_by_name() -> None:
     unreachable = DelaySystem(
         [[1.0, 0.0], [0.0, -1.0]], [[0.0], [1.0]], np.eye(2), np.eye(2), delays=[]
     )
-    with pytest.raises(NotAchievableError, match="no solution"):
+    with pytest.raises(NotAchievableError, match="no input reaches"):
         design(unreachable, (), ())

@@ -1,0 +1,144 @@
+"""Why a design cannot be had: the error that says which of the causes it is, and what to try.
+
+What can be proved is (`cosim.hinf.refutation`), and the proof travels with the error; what a
+solver could not tell is called so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from cosim.errors import NotAchievableError
+from cosim.hinf.assembly import Scalars
+from cosim.hinf.conic import Solution
+from cosim.hinf.modes import unstabilisable
+from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.refutation import refute
+from cosim.models.delay_system import DelaySystem
+
+_OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
+_NOTHING = 1e-6
+"""A least gamma below this, in units in which the system's numbers are near one, is zero."""
+
+
+def said(solution: Solution) -> str:
+    """What a solver's ending means, in words that part `cannot be` from `could not tell`."""
+    words = {
+        "infeasible": "the solver finds multipliers against any solution",
+        "unbounded": "the solver finds no bound, and so no solution",
+    }
+    return words.get(
+        solution.status, f"the solver failed ({solution.said}), which says nothing of the problem"
+    )
+
+
+def no_gamma_at_all(
+    system: DelaySystem, p: Scalars, solution: Solution, *, given: bool
+) -> NotAchievableError:
+    """The LMI has no solution for any gamma, with the proof where there is one.
+
+    given : the gain is given, and may be the reason.
+    """
+    cause = None if given else unstabilisable(system)
+    if cause is not None:
+        return cause
+    bare = stability_alone(system)
+    proof = None if given else refute(bare, Problem(bare), p, None)
+    return NotAchievableError(
+        "the LMI has no solution for any gamma",
+        where=system.name or None,
+        expected=f"a feasible LMI at {_at(p)}",
+        got=said(solution)
+        if proof is None
+        else "proved: not even that of stability alone has a solution at these k1, k2 and delays",
+        hint=_OTHER_SCALARS,
+        certificate=proof,
+    )
+
+
+def below_least(
+    system: DelaySystem, problem: Problem, p: Scalars, gamma: float, least: Answer, *, given: bool
+) -> NotAchievableError | None:
+    """Gamma is below what the LMI reaches at these k1, k2; None if nothing reliable says so."""
+    if gamma >= least.value * (1 - 1e-7):
+        return None
+    proof = None if given else refute(system, problem, p, gamma)
+    if proof is None and not least.accurate:
+        return None
+    return NotAchievableError(
+        f"gamma = {gamma:g} cannot be reached with these k1, k2",
+        where=system.name or None,
+        expected=f"gamma >= {least.value:.6g}, the least of the LMI at {_at(p)}",
+        got=f"{gamma:g}" + ("" if proof is None else "; proved: the LMI has no solution there"),
+        hint="another k1, k2: the least gamma depends on them strongly",
+        certificate=proof,
+    )
+
+
+def is_nothing(problem: Problem, least: Answer) -> bool:
+    """Whether a least gamma is zero, as far as a solver can tell."""
+    return least.value * problem.scaling.a**2 < _NOTHING
+
+
+def no_least_gamma(system: DelaySystem) -> NotAchievableError:
+    """The gain can be made as small as one likes: there is no least one to design for."""
+    idle = not (system.C.any() or system.D1.any())
+    idle = idle or not (system.D.any() or system.D1.any() or system.D2.any())
+    return NotAchievableError(
+        "there is no gain from w to z to be made small: a matrix of it is zero"
+        if idle
+        else "there is no least gamma: the greater the gain K, the smaller the gain from w to z",
+        where=system.name or None,
+        expected="an output z that is moved by w"
+        if idle
+        else "an output z that weighs the control as well, by D2",
+        got="a gamma that tends to zero",
+        hint="leave C and D out for stability alone"
+        if idle
+        else "a gamma that is small enough, or a weight on u in D2",
+    )
+
+
+def not_certified(
+    system: DelaySystem,
+    p: Scalars,
+    levels: Sequence[float | None],
+    reason: str,
+    *,
+    given: bool,
+) -> NotAchievableError:
+    """No proof at any of the levels of gamma that were tried."""
+    cause = None if given else unstabilisable(system)
+    if cause is not None:
+        return cause
+    proof: dict[str, Any] | None = None
+    if not given and not system.has_performance:
+        proof = refute(system, Problem(system), p, None)
+    bounds = [level for level in levels if level is not None]
+    goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
+    return NotAchievableError(
+        "no solution of the LMI could be certified",
+        where=system.name or None,
+        expected=f"an exact proof of {goal} at {_at(p)}",
+        got=reason if proof is None else "proved: the LMI has no solution there",
+        hint=_OTHER_SCALARS,
+        certificate=proof,
+    )
+
+
+def stability_alone(system: DelaySystem) -> DelaySystem:
+    """The system without w and z."""
+    uncertain = bool(system.E.size)
+    return DelaySystem(
+        system.A,
+        system.B,
+        E=system.E if uncertain else None,
+        H=system.H if uncertain else None,
+        delays=system.delays,
+        name=system.name,
+    )
+
+
+def _at(p: Scalars) -> str:
+    return f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
