@@ -184,7 +184,7 @@ def finished(
     loop = close(system, K)
     peak, abscissa = None, None
     # a proof does not depend on them: a delay too long for its roots to be counted has none
-    with suppress(NotAchievableError), np.errstate(all="ignore"):
+    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
         abscissa = float(spectral_abscissa(loop))
         peak = hinf_norm(loop) if system.has_performance else None
     frequency = None if peak is None else float(peak.frequency)

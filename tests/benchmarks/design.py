@@ -5,6 +5,8 @@ search asks for them:
 
 * ours: the LMI assembled once, handed to Clarabel directly;
 * cvxpy and Clarabel: the LMI written down and handed over anew for every k1, k2;
+* cvxpy and CVXOPT: the same with an interior-point solver of the other kind, one dense system
+  in the unknowns a step (python -m pip install "auv-cosim[bench]");
 * cvxpy and SCS: the same with a first-order solver, at its default accuracy and for at most
   five seconds a solve.
 
@@ -86,6 +88,7 @@ def rows_of(name: str, repeats: int) -> list[dict[str, Any]]:
     ways: dict[str, Callable[[], list[float]]] = {
         "ours": lambda: ours(system, points),
         "cvxpy, Clarabel": lambda: loop(system, points, "CLARABEL"),
+        "cvxpy, CVXOPT": lambda: loop(system, points, "CVXOPT"),
         "cvxpy, SCS": lambda: loop(system, points, "SCS"),
     }
     seconds: dict[str, list[float]] = {way: [] for way in ways}
@@ -115,6 +118,8 @@ def _finite(value: float) -> float | None:
 
 def main() -> None:
     """Measure, print."""
+    if "CVXOPT" not in cp.installed_solvers():
+        sys.exit('CVXOPT is not installed: python -m pip install "auv-cosim[bench]"')
     rows = [row for name, repeats in (("paper", 5), ("auv", 1)) for row in rows_of(name, repeats)]
     if "--json" in sys.argv:
         print(json.dumps({"benchmark": "design", "rows": rows}, indent=1, allow_nan=False))
