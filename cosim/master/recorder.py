@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.fmu import Port
 from cosim.master.system import System
-from cosim.master.wiring import Station
+from cosim.master.wiring import Rows, Station
 from cosim.network import DELIVERED, LOST, OVERTAKEN, REASONS, PacketSchedule
 from cosim.trace import Signal, TraceWriter, input_topic, link_topic, output_topic
 
@@ -58,8 +58,13 @@ class TraceRecorder:
             f"t = {self._points[-1] / 1e9:g} s",
         )
 
-    def point(self, k: int) -> None:
-        """Write what reached its receiver since the last point, then row k."""
+    def span(self, first: int, last: int) -> None:
+        """Write the rows, each after what reached its receiver since the one before."""
+        inputs = [station.inputs(last) for station, _, _ in self._receive]
+        for k in range(first, last):
+            self._point(k, inputs)
+
+    def _point(self, k: int, inputs: Sequence[Rows]) -> None:
         now = self._points[k]
         for traffic in self._traffic:
             traffic.flush(now - 1)
@@ -69,8 +74,8 @@ class TraceRecorder:
             self._writer.pose(now, *(float(station.outputs[k, i]) for i in places))
         for traffic in self._traffic:
             traffic.flush(now)
-        for station, topic_id, cast in self._receive:
-            self._writer.write(topic_id, now, cast(station.inputs[k]))
+        for (_, topic_id, cast), rows in zip(self._receive, inputs, strict=True):
+            self._writer.write(topic_id, now, cast(rows[k]))
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write a line to /log."""

@@ -20,7 +20,15 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_to_json
-from cosim.master import Observer, Run, System, TraceRecorder, make_timetable, simulate
+from cosim.master import (
+    EngineName,
+    Observer,
+    Run,
+    System,
+    TraceRecorder,
+    make_timetable,
+    simulate,
+)
 from cosim.network import PacketSchedule
 from cosim.scenario.assemble import Hangar, assemble, find_fmus
 from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
@@ -78,9 +86,15 @@ def prepare(
 
 
 def fly(
-    prepared: Prepared, trace: Path | None = None, *, progress: Progress | None = None
+    prepared: Prepared,
+    trace: Path | None = None,
+    *,
+    progress: Progress | None = None,
+    engine: EngineName = "auto",
 ) -> Outcome:
     """Run the scenario and its companion from rest; write the trace.
+
+    `engine` is a matter of speed alone: "python", "compiled", or "auto".
 
     Raises
     ------
@@ -95,7 +109,7 @@ def fly(
         parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
     system = assemble(scenario, prepared.fmus, parameters=parameters)
     if trace is None:
-        run = _simulate(system, "flight", tell)
+        run = _simulate(system, "flight", tell, engine)
         return _outcome(prepared, system, run, parameters, None, began, tell)[0]
     check_room(trace)
     try:
@@ -106,7 +120,7 @@ def fly(
         ) from error
     entries, attachments = _identity(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments) as writer:
-        run = _simulate(system, "flight", tell, TraceRecorder(writer, system))
+        run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
         outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
@@ -145,7 +159,7 @@ def _outcome(
     companion = None
     if prepared.design is not None and run.ending != "failed":
         at_rest = assemble(scenario, prepared.fmus, parameters=parameters, at_rest=True)
-        companion = _simulate(at_rest, "companion", tell)
+        companion = _simulate(at_rest, "companion", tell, "auto")
     schedules = _schedules_reached(system, run, scenario.run.events)
     flight = Flight(scenario, prepared.problem, prepared.design, run, companion, schedules)
     outcome = Outcome(
@@ -161,6 +175,7 @@ def _outcome(
         final=final_values(run),
         metrics=metrics_of(flight),
         links={name: s.statistics() for name, s in schedules.items()},
+        engine=run.engine,
     )
     return outcome, schedules
 
@@ -209,11 +224,13 @@ def _identity(prepared: Prepared, system: System) -> tuple[dict[str, str], Seque
     return entries, attachments
 
 
-def _simulate(system: System, what: str, tell: Progress, *observers: Observer) -> Run:
+def _simulate(
+    system: System, what: str, tell: Progress, engine: EngineName, *observers: Observer
+) -> Run:
     """A run that says how far it is and can be interrupted between two steps."""
     with Interruptible() as wish:
         watcher = _Watcher(system, lambda share: tell(what, share), wish)
-        return simulate(system, [*observers, watcher])
+        return simulate(system, [*observers, watcher], engine=engine)
 
 
 def _silent(_what: str, _share: float) -> None:
@@ -221,22 +238,21 @@ def _silent(_what: str, _share: float) -> None:
 
 
 class _Watcher(Observer):
-    """Reports how far a run has come, about a hundred times, and ends it on request."""
+    """Reports how far a run has come, and ends it on request."""
 
     def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
         self._wish = wish
-        self._last = max(int(system.timetable.points_ns.size) - 1, 1)
-        self._every = max(self._last // 100, 1)
+        self._points = system.timetable.points_ns.size
         self._tell = tell
 
     def begin(self, stations: Sequence[Any]) -> None:
         del stations
         self._tell(0.0)
 
-    def point(self, k: int) -> None:
+    def span(self, first: int, last: int) -> None:
+        del first
         self._wish.obey()
-        if k % self._every == 0 or k == self._last:
-            self._tell(k / self._last)
+        self._tell(last / self._points)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Log lines go to the trace; nothing to do here."""
