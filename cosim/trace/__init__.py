@@ -13,11 +13,14 @@ from cosim.trace.layout import (
     result_of_link,
 )
 from cosim.trace.reader import Table, TopicInfo, Trace
+from cosim.trace.rows import Poses, Rows
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
     "DROPPED_SIGNALS",
     "Attachment",
+    "Poses",
+    "Rows",
     "Signal",
     "Table",
     "TopicInfo",
