@@ -8,6 +8,9 @@ from types import MappingProxyType
 from typing import Any
 
 from macholib.mach_o import (
+    LC_DYLD_EXPORTS_TRIE,
+    LC_DYLD_INFO,
+    LC_DYLD_INFO_ONLY,
     LC_LOAD_DYLIB,
     LC_LOAD_WEAK_DYLIB,
     LC_REEXPORT_DYLIB,
@@ -20,6 +23,7 @@ from macholib.mach_o import (
 )
 from macholib.MachO import MachO
 
+from cosim.fmu.inspect.export_trie import exported_names
 from cosim.fmu.inspect.image import MOST_SYMBOLS, Image, NotALibraryError
 from cosim.fmu.inspect.platforms import Platform
 
@@ -53,13 +57,21 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
     if header.header.filetype not in (MH_DYLIB, MH_BUNDLE):
         raise NotALibraryError(f"a Mach-O file of type {int(header.header.filetype)}, no library")
     libraries, search = [], []
+    trie: tuple[int, int] | None = None
     for load, command, data in header.commands:
         if load.cmd in (LC_LOAD_DYLIB, LC_LOAD_WEAK_DYLIB, LC_REEXPORT_DYLIB):
             libraries.append(_path(data))
         elif load.cmd == LC_RPATH:
             # the path starts `path` bytes from the command, of which macholib cut the headers
             search.append(_path(data[max(0, int(command.path) - 12) :]))
+        elif load.cmd in (LC_DYLD_INFO, LC_DYLD_INFO_ONLY):
+            trie = int(command.export_off), int(command.export_size)
+        elif load.cmd == LC_DYLD_EXPORTS_TRIE:
+            trie = int(command.dataoff), int(command.datassize)
     exports, imports = _symbols(header, stream)
+    if trie is not None:
+        stream.seek(header.offset + trie[0])
+        exports |= {name.removeprefix("_") for name in exported_names(stream.read(trie[1]))}
     machine = int(header.header.cputype)
     return Image(
         format="Mach-O",
@@ -72,7 +84,10 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
 
 
 def _symbols(header: Any, stream: io.BytesIO) -> tuple[frozenset[str], frozenset[str]]:
-    """External symbols, defined and undefined, without the underscore that C puts before."""
+    """External symbols, defined and undefined, without the underscore that C puts before.
+
+    A stripped library keeps only the undefined ones: its exports stand in the trie alone.
+    """
     table = header.getSymbolTableCommand()
     if table is None:
         return frozenset(), frozenset()

@@ -64,6 +64,7 @@ _MODEL = {
     "identifier": _error(
         "modelIdentifier names the binary and must be a C identifier (FMI 2.0.4, 2.2.1)"
     ),
+    "kind-none": _error("it offers neither co-simulation nor another use: declare one"),
     "token-empty": _error(
         "the binary compares guid/instantiationToken with its own to refuse a foreign "
         "description: give one"

@@ -26,6 +26,8 @@ def model_findings(model: Declared) -> Iterator[Finding]:
         if not _C_NAME.fullmatch(interface.identifier):
             what = f"modelIdentifier is {interface.identifier!r}"
             yield finding("identifier", f"{XML} {interface.kind}", what)
+    if not model.interfaces:
+        yield finding("kind-none", XML, "there is no CoSimulation, no ModelExchange")
     if not (model.token or "").strip():
         yield finding("token-empty", XML, "guid or instantiationToken is empty or missing")
     yield from _names(model)
