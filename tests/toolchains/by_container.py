@@ -1,4 +1,4 @@
-"""FMUContainer of Stellantis' FMU Manipulation Toolbox: the parts in one FMU, coupled in C.
+"""FMUContainer of the FMU Manipulation Toolbox: the parts in one FMU, coupled in C.
 
 The container's own runtime loads and steps the parts; FMPy, from outside, sees one FMU and
 steps that.
@@ -11,17 +11,13 @@ import logging
 import shutil
 from pathlib import Path
 
+from fmu_manipulation_toolbox.assembly import Assembly
 from toolchains import by_fmpy
 from toolchains.flight import Flight, Part, Rows, label, serve
-
-MODULES = ("fmu_manipulation_toolbox", "fmpy")
-VERSIONS = ("2", "3")
 
 
 def fly(flight: Flight) -> Rows:
     """Pack, then let FMPy step the container."""
-    from fmu_manipulation_toolbox.assembly import Assembly
-
     logging.disable(logging.WARNING)
     folder = Path("parts")
     folder.mkdir()

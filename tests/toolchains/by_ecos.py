@@ -11,15 +11,15 @@ import importlib.metadata
 
 from toolchains.flight import Flight, Rows, label, serve
 
-MODULES = ("ecospy", "tbb")
-VERSIONS = ("2", "3")
+for _file in importlib.metadata.files("tbb") or ():
+    if _file.name == "libtbb.so.12":
+        ctypes.CDLL(str(_file.locate()), mode=ctypes.RTLD_GLOBAL)
+
+from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure  # noqa: E402 - needs tbb
 
 
 def fly(flight: Flight) -> Rows:
     """Its fixed-step algorithm."""
-    _load_tbb()
-    from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
-
     EcosLib.set_log_level("warn")
     parameters = {
         f"{name}::{variable}": value
@@ -42,14 +42,6 @@ def fly(flight: Flight) -> Rows:
                     rows[label(part, variable)].append(value)
             simulation.terminate()
     return rows
-
-
-def _load_tbb() -> None:
-    for file in importlib.metadata.files("tbb") or ():
-        if file.name == "libtbb.so.12":
-            ctypes.CDLL(str(file.locate()), mode=ctypes.RTLD_GLOBAL)
-            return
-    raise ImportError("the package tbb has no libtbb.so.12")
 
 
 if __name__ == "__main__":

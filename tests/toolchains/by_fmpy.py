@@ -5,10 +5,10 @@ from __future__ import annotations
 import shutil
 from typing import Any
 
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 from toolchains.flight import Flight, Part, Rows, label, serve
-
-MODULES = ("fmpy",)
-VERSIONS = ("2", "3")
 
 
 def fly(flight: Flight) -> Rows:
@@ -32,8 +32,6 @@ def fly(flight: Flight) -> Rows:
 
 def _simulated(flight: Flight) -> Rows:
     """FMPy's own loop over one FMU."""
-    from fmpy import simulate_fmu
-
     ((name, part),) = flight.parts.items()
     outputs = [variable for _, variable in flight.watch]
     result: Any = simulate_fmu(
@@ -51,10 +49,6 @@ class _Member:
     """One FMU of FMI 2 or 3 through FMPy."""
 
     def __init__(self, name: str, part: Part, flight: Flight) -> None:
-        from fmpy import extract, read_model_description
-        from fmpy.fmi2 import FMU2Slave
-        from fmpy.fmi3 import FMU3Slave
-
         model: Any = read_model_description(part.fmu)
         self.references = flight.references(name)
         self.folder = extract(part.fmu)

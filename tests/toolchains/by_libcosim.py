@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from libcosimpy.CosimConstants import success
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimSlave import CosimLocalSlave
 from toolchains.flight import Flight, Rows, label, serve
-
-MODULES = ("libcosimpy",)
-VERSIONS = ("2",)  # version 0.0.6 takes FMI 1 and 2
 
 
 def fly(flight: Flight) -> Rows:
     """Its fixed-step algorithm: all step, then all variables are handed over."""
-    from libcosimpy.CosimConstants import success
-    from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
-    from libcosimpy.CosimObserver import CosimObserver
-    from libcosimpy.CosimSlave import CosimLocalSlave
-
     log_output_level(CosimLogLevel.WARNING)
     execution = CosimExecution.from_step_size(flight.step_ns)
     slaves, index, references = [], {}, {}

@@ -1,13 +1,9 @@
 """One coupled flight as plain data, flown by a foreign tool in a process of its own.
 
-Every tool has a file `by_NAME.py` beside this one with
-
-    MODULES : what must be installed to use it
-    VERSIONS : the versions of FMI that it takes, as "2" and "3"
-    fly(flight) : the rows of every watched variable
-
-and a last line `serve(fly)`. A tool runs in its own process because each loads native code,
-prints what it likes, and must not end the tests when it falls.
+Every tool stands in `TOOLS` and has a file `by_NAME.py` beside this one: a function from a
+`Flight` to the rows of every watched variable, and a last line `serve(fly)`. A tool runs in its
+own process because each loads native code, prints what it likes, and must not end the tests when
+it falls.
 
 The coupling is the same in all: at each point the outputs are read, then handed to the inputs,
 then every FMU steps (Jacobi), the first hand-over being of the outputs after initialisation.
@@ -24,15 +20,35 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 from numpy.typing import NDArray
 
 Rows = Mapping[str, list[float]]
 HERE = Path(__file__).parent
 EXTRA = "toolchains"
+
+
+class Tool(NamedTuple):
+    """A foreign tool: the modules it needs, the versions of FMI that it takes."""
+
+    file: str
+    modules: tuple[str, ...]
+    versions: tuple[str, ...]
+
+
+TOOLS = MappingProxyType(
+    {
+        "fmpy": Tool("by_fmpy", ("fmpy",), ("2", "3")),
+        "libcosim": Tool("by_libcosim", ("libcosimpy",), ("2",)),
+        "ecos": Tool("by_ecos", ("ecospy", "tbb"), ("2", "3")),
+        "container": Tool("by_container", ("fmu_manipulation_toolbox",), ("2", "3")),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -68,8 +84,6 @@ class Flight:
 
     def references(self, part: str) -> Mapping[str, int]:
         """Value references of a part by name."""
-        from fmpy import read_model_description  # noqa: PLC0415 - not every tool needs it
-
         model = read_model_description(self.parts[part].fmu, validate=False)
         return {v.name: v.valueReference for v in model.modelVariables}
 
@@ -79,21 +93,21 @@ def label(part: str, variable: str) -> str:
     return f"{part}.{variable}"
 
 
-def flown(tool: ModuleType, flight: Flight, folder: Path) -> dict[str, NDArray[np.float64]]:
+def flown(tool: Tool, flight: Flight, folder: Path) -> dict[str, NDArray[np.float64]]:
     """Fly with a tool; the test is skipped if the tool is not installed.
 
     Returns
     -------
     Label -> value at the end of each step, shape (steps,).
     """
-    missing = [name for name in tool.MODULES if not installed(name)]
+    missing = [name for name in tool.modules if not installed(name)]
     if missing:
         pytest.skip(f"needs {', '.join(missing)}: pip install auv-cosim[{EXTRA}]")
     question, answer = folder / "question.json", folder / "answer.json"
     question.write_text(json.dumps(asdict(flight)), "utf-8")
     path = os.pathsep.join([str(HERE.parent), *sys.path])
     done = subprocess.run(  # noqa: S603 - a file of this folder
-        [sys.executable, "-m", tool.__name__, str(question), str(answer)],
+        [sys.executable, "-m", f"toolchains.{tool.file}", str(question), str(answer)],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
@@ -101,7 +115,7 @@ def flown(tool: ModuleType, flight: Flight, folder: Path) -> dict[str, NDArray[n
         check=False,
         timeout=120,
     )
-    assert done.returncode == 0, f"{tool.__name__} ended with {done.returncode}:\n{done.stderr}"
+    assert done.returncode == 0, f"{tool.file} ended with {done.returncode}:\n{done.stderr}"
     rows = {name: np.array(row) for name, row in json.loads(answer.read_text("utf-8")).items()}
     assert {row.shape for row in rows.values()} == {(flight.steps,)}
     return rows
