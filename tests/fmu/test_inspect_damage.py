@@ -411,6 +411,14 @@ def test_links_and_other_packings(fmus: Path, tmp_path: Path) -> None:
     assert (levels["entry-link"], levels["entry-method"]) == ("error", "error")
 
 
+def test_entry_without_a_name(fmus: Path, tmp_path: Path) -> None:
+    """A name that begins with NUL is empty for a ZIP reader."""
+    content = pack(files_of(fmus / "WaveField.fmu"), tmp_path / "a.fmu").read_bytes()
+    path = tmp_path / "nameless.fmu"
+    path.write_bytes(content.replace(b"documentation/index", b"\0ocumentation/index"))
+    assert found(path)["path-control"] == "error"
+
+
 def test_encrypted_entry(fmus: Path, tmp_path: Path) -> None:
     """The flag alone is enough to refuse; nobody is asked for a password."""
     content = bytearray(pack(files_of(fmus / "WaveField.fmu"), tmp_path / "a.fmu").read_bytes())

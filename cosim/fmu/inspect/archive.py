@@ -60,7 +60,7 @@ class Archive:
             name = info.orig_filename
             self.findings += _path_findings(name)
             self.findings += _entry_findings(info)
-            if info.is_dir():
+            if name.endswith("/"):
                 continue
             if name in entries:
                 self.findings.append(finding("entry-twice", name, "the entry is there twice"))
@@ -171,8 +171,8 @@ def _path_findings(name: str) -> Iterator[Finding]:
         yield finding("path-backslash", name, "the path has a backslash")
     if _LEADING.match(name) or ".." in parts:
         yield finding("path-escapes", name, "the path leaves the folder of the FMU")
-    if any(ord(c) < 32 or ord(c) == 127 for c in name):
-        yield finding("path-control", name, "the path has a control character")
+    if not name or any(ord(c) < 32 or ord(c) == 127 for c in name):
+        yield finding("path-control", name, "the path is empty or has a control character")
 
 
 def _entry_findings(info: zipfile.ZipInfo) -> Iterator[Finding]:

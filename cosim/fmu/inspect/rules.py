@@ -37,7 +37,7 @@ _ARCHIVE = {
         "an absolute path, a drive letter or '..' writes outside the folder it is unpacked to: "
         "do not unpack this file; pack again with relative paths"
     ),
-    "path-control": _error("control characters in a path cannot be unpacked everywhere: rename"),
+    "path-control": _error("such a path cannot be unpacked everywhere: rename it"),
     "entry-twice": _error(
         "tools take the first or the last of them, so two people load two models: keep one"
     ),

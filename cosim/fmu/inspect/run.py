@@ -18,7 +18,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from cosim.fmu.inspect import probe
 from cosim.fmu.inspect.archive import open_archive
 from cosim.fmu.inspect.binaries import ROOT, platform_of
 from cosim.fmu.inspect.declared import Declared, Interface, Variable, integer, number
@@ -27,6 +26,7 @@ from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.platforms import this_machine
 
 STEPS = 5
+_PROBE = Path(__file__).with_name("probe.py")
 _USUAL_STEP = 0.01
 _MOST_OUTPUTS = 1000
 _NUMERIC = frozenset(
@@ -158,7 +158,7 @@ def _run(asked: dict[str, Any], folder: Path, scratch: Path, seconds: float) -> 
     slug = kind.replace(" ", "-")
     question, events = scratch / f"{slug}.json", scratch / f"{slug}.events"
     question.write_text(json.dumps(asked), "utf-8")
-    command = [sys.executable, "-P", probe.__file__, str(folder), str(question), str(events)]
+    command = [sys.executable, "-P", str(_PROBE), str(folder), str(question), str(events)]
     ended = _wait(command, folder, seconds)
     happened = _events(events)
     return list(_judge(kind, happened, ended, seconds))
