@@ -13,7 +13,7 @@ from fmu.packed import FMI3, compiled, described, files_of, pack
 from cosim.fmu.inspect import inspect_fmu
 from cosim.fmu.inspect.functions import functions
 from cosim.fmu.inspect.library import Binary, read_binary
-from cosim.fmu.inspect.platforms import named_by_tuple
+from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
 from fmu_src.model_description import fmi2_xml
 from fmu_src.wave_field.variables import SPEC
 
@@ -169,6 +169,18 @@ def test_binary_in_the_folder_of_another_machine(
     report = inspect_fmu(pack(files, tmp_path / "New.fmu"))
     found = [f.what for f in report.findings if f.code == "binary-platform"]
     assert found == ([] if expected is None else [expected])
+
+
+def test_glibc_newer_than_this_machine(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PythonFMU's library on a machine of 2018; the real machine's own is read as it is."""
+    path = fmus / "WaveField.fmu"
+    assert this_machine().system != "linux" or this_libc() is None or this_libc() >= (2, 17)
+    monkeypatch.setattr("cosim.fmu.inspect.binaries.this_libc", lambda: (2, 27))
+    monkeypatch.setattr(
+        "cosim.fmu.inspect.binaries.this_machine", lambda: Platform("linux", "x86_64")
+    )
+    found = [f.what for f in inspect_fmu(path).findings if f.code == "libc-here"]
+    assert found == ["it needs glibc 2.32, this machine has 2.27"]
 
 
 def test_glibc_that_is_needed(fmus: Path) -> None:

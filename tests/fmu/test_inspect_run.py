@@ -100,11 +100,11 @@ FLAWS = {
 HERE = {platform: folder for folder, platform in FMI2.items()}.get(this_machine())
 
 
-def tiny(tmp_path: Path, flaw: str) -> Path:
-    """The FMU with one flaw, for this machine."""
+def tiny(tmp_path: Path, flaw: str, more: str = "") -> Path:
+    """The FMU with one flaw and more C, for this machine."""
     if HERE is None or not HERE.startswith("linux"):
         pytest.skip("needs Linux on a processor that FMI 2 names")
-    library = compiled(tmp_path, SOURCE + STUBS, "Tiny", f"-DFLAW={flaw}")
+    library = compiled(tmp_path, SOURCE + STUBS + more, "Tiny", f"-DFLAW={flaw}")
     binary = {f"binaries/{HERE}/Tiny.so": library.read_bytes()}
     return pack({"modelDescription.xml": XML.encode(), **binary}, tmp_path / "Tiny.fmu")
 
@@ -141,6 +141,21 @@ def test_each_flaw_has_its_finding(
     found = {f.code: f for f in run(path, seconds=3.0 if flaw == "HANG" else 30.0)}
     assert (found[code].level, words in found[code].what) == (level, True), found
     assert list(scratch.iterdir()) == []
+
+
+def test_only_a_run_loads_the_binary(tmp_path: Path) -> None:
+    """A library that leaves a mark when it is loaded leaves none for an inspection."""
+    mark = tmp_path / "loaded"
+    trap = f"""
+#include <stdio.h>
+__attribute__((constructor)) static void hello(void) {{ fclose(fopen("{mark}", "w")); }}
+"""
+    path = tiny(tmp_path, "NONE", trap)
+    report = inspect_fmu(path)
+    assert report.valid
+    assert not mark.exists()
+    run(path)
+    assert mark.exists()
 
 
 def test_messages_of_the_fmu_are_told_with_their_numbers(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from cosim.fmu.inspect.finding import Finding, finding
 from cosim.fmu.inspect.functions import functions
 from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary
-from cosim.fmu.inspect.platforms import FMI2, Platform, named_by_tuple, this_machine
+from cosim.fmu.inspect.platforms import FMI2, Platform, named_by_tuple, this_libc, this_machine
 
 ROOT = "binaries/"
 _SUFFIXES = (".so", ".dll", ".dylib")
@@ -152,6 +152,10 @@ def _needs(binary: Binary, image: Image, beside: set[str]) -> Iterator[Finding]:
     if image.libc is not None and image.libc > _OLD_LIBC:
         version = ".".join(map(str, image.libc))
         yield finding("libc-version", where, f"it needs glibc {version} or newer")
+        here = this_libc()
+        if here is not None and image.platform == this_machine() and image.libc > here:
+            have = ".".join(map(str, here))
+            yield finding("libc-here", where, f"it needs glibc {version}, this machine has {have}")
     if image.executable_stack:
         yield finding("stack-executable", where, "it asks for an executable stack")
 

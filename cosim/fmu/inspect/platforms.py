@@ -60,6 +60,13 @@ def named_by_tuple(folder: str) -> Platform | None:
     return Platform(found["sys"], found["arch"]) if found else None
 
 
+def this_libc() -> tuple[int, ...] | None:
+    """The GNU C library of this machine, as (2, 36); None where there is another."""
+    name, version = platform.libc_ver()
+    numbers = version.split(".")
+    return tuple(map(int, numbers)) if name == "glibc" and all(map(str.isdigit, numbers)) else None
+
+
 def this_machine() -> Platform:
     """The platform this interpreter runs on."""
     system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")

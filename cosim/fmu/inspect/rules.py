@@ -164,6 +164,7 @@ _CONTENT = {
     "library-path": _warning("an absolute path of the builder's machine is found nowhere else"),
     "library-debug": _warning("debug runtimes are not redistributable: build it as Release"),
     "libc-version": _note("older systems refuse it: build against an older C library"),
+    "libc-here": _warning("it does not load on this machine: build against an older C library"),
     "stack-executable": _warning(
         "new systems refuse to load a library with an executable stack: link with -z noexecstack"
     ),
