@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from toolchains import ecos_program
 from toolchains.flight import TOOLS, Flight, Part, Tool, flown, label
 
 from cosim.fmu import describe_fmu
+from cosim.fmu.inspect import inspect_fmu
 from cosim.master import Component, Connection, Endpoint, System, make_timetable, simulate
 
 TOLERANCE = 1e-9
@@ -176,3 +178,10 @@ def test_comparison_notices_a_millionth(fmus: Path) -> None:
     ):
         with pytest.raises(AssertionError):
             assert_equal(other, plain)
+
+
+def test_host_without_python_fails_where_the_check_says_so(fmus: Path, tmp_path: Path) -> None:
+    """An FMU that is said to need a Python host ends a program that has none."""
+    fmu = fmus / "WaveField.fmu"
+    assert "needs-python" in [each.code for each in inspect_fmu(fmu).findings]
+    assert ecos_program.simulate(fmu, 0.02, 1.0, tmp_path).code != 0
