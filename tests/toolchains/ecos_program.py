@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import importlib.metadata
 import os
 import shutil
@@ -58,7 +57,7 @@ def _table(path: Path) -> dict[str, NDArray[np.float64]]:
     """Columns are named like `instance::eta.x[REAL]`."""
     if not path.exists():
         return {}
-    with path.open(newline="", encoding="utf-8") as stream:
-        head, *rows = csv.reader(stream, skipinitialspace=True)
+    # a name such as K[1,3] has a comma too, but no space after it
+    head, *rows = (line.split(", ") for line in path.read_text("utf-8").splitlines())
     names = [name.partition("::")[2].rpartition("[")[0] or name for name in head]
     return dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))
