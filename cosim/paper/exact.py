@@ -54,10 +54,9 @@ def identity(n: int) -> Exact:
 
 def inverse(matrix: Exact) -> Exact:
     """Of a regular matrix."""
-    inverted = _flint(matrix).inv()
-    n = matrix.shape[0]
-    entries = [Fraction(int(e.p), int(e.q)) for e in inverted.entries()]
-    return np.array(entries, dtype=object).reshape(n, n)
+    inverted: Any = rational_matrix(matrix).inv()
+    entries = [fraction(e) for e in inverted.entries()]
+    return np.array(entries, dtype=object).reshape(matrix.shape)
 
 
 def schur(matrix: Exact, keep: int) -> Exact:
@@ -69,7 +68,7 @@ def schur(matrix: Exact, keep: int) -> Exact:
 
 def is_positive(matrix: Exact) -> bool:
     """Whether a symmetric matrix is proved positive definite."""
-    whole = _flint(matrix)
+    whole = rational_matrix(matrix)
     n = matrix.shape[0]
     return first_bad_pivot([[whole[i, j] for j in range(i + 1)] for i in range(n)]) is None
 
@@ -85,6 +84,18 @@ def mirrored(upper: list[list[Any]]) -> list[list[Any]]:
     return [[upper[i][j - i] if j >= i else upper[j][i - j].T for j in range(n)] for i in range(n)]
 
 
-def _flint(matrix: Exact) -> Any:
-    exact = [Fraction(x) for x in matrix.ravel()]
-    return flint.fmpq_mat(*matrix.shape, [flint.fmpq(x.numerator, x.denominator) for x in exact])
+def rational(value: Any) -> Any:
+    """A number as the `flint.fmpq` of the proofs."""
+    exact = Fraction(value)
+    return flint.fmpq(exact.numerator, exact.denominator)
+
+
+def rational_matrix(matrix: Exact) -> Any:
+    """A matrix as the `flint.fmpq_mat` of the proofs."""
+    rows, columns = matrix.shape
+    return flint.fmpq_mat(rows, columns, [rational(x) for x in matrix.ravel()])
+
+
+def fraction(value: Any) -> Fraction:
+    """A `flint.fmpq` as a `Fraction`."""
+    return Fraction(int(value.p), int(value.q))

@@ -12,7 +12,18 @@ from typing import Any
 import flint
 import numpy as np
 
-from cosim.paper.exact import Draw, Exact, fractions, identity, inverse, is_positive, is_zero, schur
+from cosim.paper.exact import (
+    Draw,
+    Exact,
+    fraction,
+    fractions,
+    identity,
+    inverse,
+    is_positive,
+    is_zero,
+    rational,
+    schur,
+)
 from cosim.paper.row import THEORY, How, Row, Verdict
 
 
@@ -53,17 +64,15 @@ def polynomials(draw: Draw, n: int, degree: int) -> list[Any]:
 
 def form(matrix: Exact, x: list[Any]) -> Any:
     """x'M x for polynomials x."""
-    total = flint.fmpq_poly([])
-    for i, j in np.ndindex(*matrix.shape):
-        entry = Fraction(matrix[i, j])
-        total += flint.fmpq(entry.numerator, entry.denominator) * x[i] * x[j]
+    total: Any = flint.fmpq_poly([])
+    for i, j in np.ndindex(matrix.shape[0], matrix.shape[1]):
+        total += rational(matrix[i, j]) * x[i] * x[j]
     return total
 
 
 def at(x: list[Any], t: Fraction) -> Exact:
     """Values of polynomials, as a column."""
-    values = [p(flint.fmpq(t.numerator, t.denominator)) for p in x]
-    return np.array([[Fraction(int(v.p), int(v.q))] for v in values], dtype=object)
+    return np.array([[fraction(p(rational(t)))] for p in x], dtype=object)
 
 
 def integral(p: Any, low: Fraction, high: Fraction) -> Fraction:
@@ -91,10 +100,7 @@ def _lemma_2() -> list[Row]:
     gap = lemma_2_gap(x, X, M1, M2, h)
     # int (x' + X^-1 M xi)' X (x' + X^-1 M xi) ds is what was completed
     shift = inverse(X) @ (M1 @ at(x, h) + M2 @ at(x, Fraction(0)))
-    moved = [
-        p.derivative() + flint.fmpq(c.numerator, c.denominator)
-        for p, c in zip(x, map(Fraction, shift.ravel()), strict=True)
-    ]
+    moved = [p.derivative() + rational(c) for p, c in zip(x, shift.ravel(), strict=True)]
     square = integral(form(X, moved), Fraction(0), h)
     straight = polynomials(draw, n, 1)
     tight = lemma_2_gap(straight, X, -X / h, X / h, h)

@@ -136,9 +136,7 @@ def _coefficients(p: Parameters) -> list[Row]:
         else:
             names = " and ".join(dict.fromkeys(s.name for s in needs))
             verdict = Verdict.CORRECTED
-            why = (
-                f"Needs the correction of {names}; without any it is {float(as_printed):.3f}."
-            )
+            why = f"Needs the correction of {names}; without any it is {float(as_printed):.3f}."
         rows.append(
             Row(
                 MODEL,

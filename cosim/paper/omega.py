@@ -5,6 +5,7 @@ One formula for fractions (proof) and for cvxpy (solver): nothing here says whic
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +39,11 @@ class Data:
         """Rows of each block of `NAMES`."""
         n, q = self.C.shape
         return (n, n, q, self.D.shape[0], n, n, self.H.shape[0])
+
+    def each(self, kind: Callable[[Any], Any]) -> Data:
+        """Every matrix and number as another kind."""
+        values = {name: kind(getattr(self, name)) for name in self.__dataclass_fields__}
+        return Data(**{name: v.item() if v.ndim == 0 else v for name, v in values.items()})
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,23 @@ from fractions import Fraction
 from itertools import accumulate
 from typing import Any
 
-import flint
 import numpy as np
 from scipy.linalg import block_diag
 
 from cosim.hinf.exact_lmi import ExactVariables, minus_omega
 from cosim.models.delay_system import Delay, DelaySystem
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, mirrored, schur
+from cosim.paper.exact import (
+    Draw,
+    Exact,
+    fraction,
+    identity,
+    inverse,
+    is_zero,
+    mirrored,
+    rational,
+    rational_matrix,
+    schur,
+)
 from cosim.paper.omega import CORRECTED, PRINTED, Data, Reading, Unknowns, omega
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
 from cosim.paper.theorem_1 import Loop, drawn_loop, theta
@@ -167,8 +177,7 @@ def theorem_2_rows() -> list[Row]:
             "d k2⁻¹ X A1ᵀ",
             How.CERTIFIED,
             _slip("Ω25", printed, corrected) if only_12 else Verdict.DOES_NOT,
-            "The transpose of Eq. (18)'s d A1ᵀ was lost. Eq. (14) is only an LMI of the loop with "
-            "it.",
+            "Row 2 of Eq. (18) holds d A1ᵀ there; the transpose was lost on the way.",
         ),
         _own_lmi(v),
     ]
@@ -236,29 +245,31 @@ def _own_lmi(v: Proof) -> Row:
     def doubles(matrix: Exact) -> Any:
         return matrix.astype(np.float64)
 
+    delay = Delay(float(s.d), doubles(s.A1), doubles(s.H1))
     system = DelaySystem(
-        *(doubles(M) for M in (s.A, s.B, s.C, s.D, s.D1, s.D2, s.E, s.H)),
-        delays=[Delay(float(s.d), doubles(s.A1), doubles(s.H1))],
+        A=doubles(s.A),
+        B=doubles(s.B),
+        C=doubles(s.C),
+        D=doubles(s.D),
+        D1=doubles(s.D1),
+        D2=doubles(s.D2),
+        E=doubles(s.E),
+        H=doubles(s.H),
+        delays=[delay],
     )
     variables = ExactVariables(
-        X=_flint(u.X),
-        Q=(_flint(u.Q),),
-        R=(_flint(u.R),),
-        k1=(_flint_number(s.k1),),
-        k2=(_flint_number(s.k2),),
-        eps=_flint_number(u.eps),
-        gamma=_flint_number(s.gamma),
+        X=rational_matrix(u.X),
+        Q=(rational_matrix(u.Q),),
+        R=(rational_matrix(u.R),),
+        k1=(rational(s.k1),),
+        k2=(rational(s.k2),),
+        eps=rational(u.eps),
+        gamma=rational(s.gamma),
     )
-    lower = minus_omega(system, _flint(u.Y), variables).lower
+    lower = minus_omega(system, rational_matrix(u.Y), variables).lower
     rows = len(lower)
-    ours = np.array(
-        [
-            [Fraction(int(e.p), int(e.q)) for e in (lower[max(i, j)][min(i, j)],)][0]
-            for i in range(rows)
-            for j in range(rows)
-        ],
-        dtype=object,
-    ).reshape(rows, rows)
+    entries = [fraction(lower[max(i, j)][min(i, j)]) for i in range(rows) for j in range(rows)]
+    ours = np.array(entries, dtype=object).reshape(rows, rows)
     n = s.sizes[0]
     scale = np.array([Fraction(1)] * n + [1 / s.k2] * n + [Fraction(1)] * (rows - 2 * n))
     ours = -(scale[:, None] * ours * scale[None, :])
@@ -272,15 +283,6 @@ def _own_lmi(v: Proof) -> Row:
         Verdict.CORRECTED if agrees else Verdict.DOES_NOT,
         "In fractions; so every number below is about the theorem that the proof proves.",
     )
-
-
-def _flint(matrix: Exact) -> Any:
-    return flint.fmpq_mat(*matrix.shape, [_flint_number(x) for x in matrix.ravel()])
-
-
-def _flint_number(value: Any) -> Any:
-    exact = Fraction(value)
-    return flint.fmpq(exact.numerator, exact.denominator)
 
 
 def _zero(rows: int, columns: int) -> Exact:

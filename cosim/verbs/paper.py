@@ -1,0 +1,36 @@
+"""The verb that holds the paper to its word: paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim.arguments import write
+from cosim.paper import reproduce
+from cosim.paper.page import page
+from cosim.paper.view import paper_view
+from cosim.trace.picture import pyplot
+from cosim.verbs.common import JsonOption, answer, progress
+
+
+def paper(
+    html: Annotated[
+        Path | None,
+        typer.Option(help="Write a page here as well, pictures inside (needs the extra plot)."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Reproduce the paper: each equation chain, table and figure, printed and computed.
+
+    Everything is computed now, which takes some twenty seconds. A verdict is a result, whatever
+    it is: exit code 0.
+    """
+    if html is not None:
+        pyplot()  # say at once what is missing
+    with progress() as tell:
+        report = reproduce(tell)
+    if html is not None:
+        write(html, page(report))
+    answer(as_json, report.to_json, lambda: paper_view(report))
