@@ -15,7 +15,6 @@ and X > 0. Solved, then proved in fractions for the gain as its doubles, with Y 
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -26,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.models.delay_system import DelaySystem
 from cosim.paper.exact import fractions, is_positive, mirrored
+from cosim.paper.solver import solve
 
 _ABOVE_LEAST = (2e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 _DECIMALS = 6
@@ -116,10 +116,7 @@ def _solve(
     bounds = [(whole + whole.T) / 2 << (0 if gamma is None else -t) * rows]
     bounds += [X >> 0, X << 1e3 * np.eye(n), t <= 1]
     goal = cp.Minimize(level) if gamma is None else cp.Maximize(t)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is inaccurate is held to the proof
-        cp.Problem(goal, bounds).solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
-    if X.value is None or (gamma is not None and not float(np.asarray(t.value)) > 0):
+    if not solve(goal, bounds) or (gamma is not None and not float(np.asarray(t.value)) > 0):
         return None
     return {
         "X": np.asarray(X.value, dtype=np.float64),

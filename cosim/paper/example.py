@@ -105,6 +105,8 @@ def _index() -> Row:
 def _gamma(known: Example) -> list[Row]:
     witness = direct_term(known.system, printed.GAMMA)
     least, best = known.least, known.searched
+    D1 = known.system.D1
+    floor = float(np.linalg.norm(D1, 2))
     return [
         Row(
             EXAMPLE,
@@ -113,8 +115,8 @@ def _gamma(known: Example) -> list[Row]:
             f"vᵀΩv = {witness} for v = (w, z) = (1, D1/γ): Ω < 0 is impossible",
             How.CERTIFIED,
             Verdict.IMPOSSIBLE if witness >= 0 else Verdict.HOLDS,
-            "‖D1‖ = ‖(4, 3)‖ = 5, and at high frequency the gain from w to z is that of D1 "
-            "whatever K is. Every γ of the theorem is greater than 5.",
+            f"‖D1‖ = ‖({_entries(D1)})‖ = {floor:g}, and at high frequency the gain from w to z is "
+            f"that of D1 whatever K is. Every γ of the theorem is greater than {floor:g}.",
             printed_value=printed.GAMMA,
             value=float(witness),
         ),
@@ -263,6 +265,10 @@ def largest_radius(A: Any, A1: Any) -> float:
 
 def _numbers(K: Any) -> str:
     return " ".join(f"{x:.4f}" for x in np.ravel(K))
+
+
+def _entries(matrix: Any) -> str:
+    return ", ".join(f"{x:g}" for x in np.ravel(matrix))
 
 
 def _six(value: float | None) -> str:

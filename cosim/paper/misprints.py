@@ -7,7 +7,6 @@ rightmost root says what the proof is worth.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +20,7 @@ from cosim.models import paper_example
 from cosim.paper.exact import Exact, decimals, fractions, is_positive, mirrored
 from cosim.paper.omega import PRINTED, Data, Reading, Unknowns, omega
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
+from cosim.paper.solver import solve
 
 _LARGEST_X = 1e3
 
@@ -137,13 +137,10 @@ def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
     )
     bounds = [(whole + whole.T) / 2 << -t * np.eye(whole.shape[0]), t <= 1]
     bounds += [X >> t * np.eye(n), Q >> t * np.eye(n), X << _LARGEST_X * np.eye(n)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # an inaccurate margin is held to a proof, or is a sign
-        cp.Problem(cp.Maximize(t), bounds).solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
-    if t.value is None:
+    if not solve(cp.Maximize(t), bounds):
         return -1.0, None
     found = [np.asarray(V.value, dtype=np.float64) for V in (X, R, Q, Y, eps)]
-    return float(t.value), Unknowns(*found)
+    return float(np.asarray(t.value)), Unknowns(*found)
 
 
 def greatest_delay_as_printed(gamma: float) -> float:

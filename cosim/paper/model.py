@@ -59,7 +59,7 @@ def _kinematics() -> Row:
         MODEL,
         "Eqs. (1), (2): rows 1 to 4 of f(x)",
         "ẋ = u cos ψ - v sin ψ, ...",
-        f"the vehicle simulated here differs by {gap:.0e} at 50 states",
+        f"the vehicle simulated here differs by {gap:g} at 50 states",
         How.COMPUTED,
         Verdict.HOLDS,
         "Eq. (1) carries no numbers; its kinematics for four degrees of freedom is Eq. (2).",

@@ -19,6 +19,7 @@ from cosim.paper.row import (
     Verdict,
 )
 from cosim.paper.table_2 import ORDER
+from cosim.paper.typeset import typeset
 
 _TONES = {
     Verdict.HOLDS: "good",
@@ -34,6 +35,7 @@ class _Picture:
     title: str
     text: str
     source: str
+    wide: bool = False
 
 
 def page(report: Report) -> str:
@@ -50,9 +52,11 @@ def page(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["typeset"] = typeset
     return environment.get_template("page.html.j2").render(
         title=TITLE,
         author=AUTHOR,
+        summary=report.summary,
         counts=report.counts,
         tones=_TONES,
         meaning=MEANING,
@@ -86,8 +90,9 @@ def _pictures(report: Report) -> dict[str, list[_Picture]]:
         FIGURES: [
             _Picture(
                 "In place of Figure 1: the frames",
-                "Four degrees of freedom, seen from above; z and w point into the page.",
+                "Four degrees of freedom, from above and from the side.",
                 _uri(pictures.frames()),
+                wide=True,
             ),
             _Picture(
                 "In place of Figure 2: the curve of state variables",

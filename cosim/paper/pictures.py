@@ -30,10 +30,10 @@ _STYLE = {
 }
 
 
-def _drawn(size: tuple[float, float], draw: Callable[[Any], None]) -> str:
+def _drawn(size: tuple[float, float], draw: Callable[[Any], None], panels: int = 1) -> str:
     plt = pyplot()
     with plt.rc_context(_STYLE):
-        figure, axes = plt.subplots(figsize=size, layout="constrained")
+        figure, axes = plt.subplots(1, panels, figsize=size, layout="constrained")
         draw(axes)
         stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
@@ -68,46 +68,66 @@ def control(curves: Curves) -> str:
 
 
 def frames() -> str:
-    """Figure 1: the frames and motions of the four degrees of freedom, from above."""
+    """Figure 1: the frames and motions of the four degrees of freedom."""
 
-    def draw(axes: Any) -> None:
-        psi, half = np.radians(32.0), TABLE_1["length"] / 2
-        turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
-        centre = np.array([3.4, 4.4])  # east, north
+    def draw(panels: Any) -> None:
+        for axes, side in zip(panels, (_from_above, _from_the_side), strict=True):
+            side(axes)
+            axes.set_aspect("equal")
+            axes.axis("off")
 
-        def earth(points: Any) -> Any:
-            # body (forward, right) to (north, east), drawn east to the right
-            return centre + (np.asarray(points) @ turn.T)[:, ::-1]
+    return _drawn((10.0, 4.4), draw, panels=2)
 
-        s = np.linspace(0, 2 * np.pi, 200)
-        hull = np.column_stack(
-            [half * np.cos(s), 0.55 * np.sign(np.sin(s)) * abs(np.sin(s)) ** 0.8]
-        )
-        axes.fill(*earth(hull).T, facecolor="#dbeaf1", edgecolor=BLUE, lw=1.6)
 
-        def arrow(tail: Any, head: Any, text: str, colour: str, off: tuple[float, float]) -> None:
-            style = {"arrowstyle": "-|>", "color": colour, "lw": 1.8, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", xy=head, xytext=tail, arrowprops=style)
-            axes.text(head[0] + off[0], head[1] + off[1], text, color=colour, fontsize=12)
+def _from_above(axes: Any) -> None:
+    psi = np.radians(38.0)
+    turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
 
-        o, ahead, right = earth([(0, 0), (4.0, 0), (0, 2.4)])
-        arrow(o, ahead, "u (surge)", BLUE, (0.1, 0.05))
-        arrow(o, right, "v (sway)", BLUE, (0.1, -0.25))
-        arrow((0, 0), (0, 7.6), "x (north)", GREY, (0.12, -0.1))
-        arrow((0, 0), (7.0, 0), "y (east)", GREY, (-0.5, 0.2))
-        axes.plot([o[0], o[0]], [o[1], o[1] + 2.9], color=GREY, lw=0.9, ls="--")
-        arc = np.linspace(0, psi, 40)
-        axes.plot(o[0] + 2.3 * np.sin(arc), o[1] + 2.3 * np.cos(arc), color=RED, lw=1.5)
-        axes.text(o[0] + 0.75, o[1] + 2.35, "ψ, r (yaw)", color=RED, fontsize=12, ha="left")
-        axes.plot([0, o[0]], [0, o[1]], color=GREY, lw=0.9, ls=":")
-        for where, text, colour in (((0, 0), "z (down)", GREY), (o, "w (heave)", BLUE)):
-            axes.plot(*where, "o", ms=11, mfc="white", mec=colour, mew=1.6, zorder=5)
-            axes.plot(*where, "x", ms=6, color=colour, mew=1.6, zorder=6)
-            axes.text(where[0] - 0.2, where[1] - 0.62, text, color=colour, fontsize=11, ha="center")
-        axes.set(xlim=(-1.0, 8.2), ylim=(-0.9, 8.2), aspect="equal")
-        axes.axis("off")
+    def earth(points: Any) -> Any:
+        # body (forward, right) to (north, east), drawn east to the right
+        return np.array([4.2, 3.6]) + (np.asarray(points) @ turn.T)[:, ::-1]
 
-    return _drawn((5.2, 4.9), draw)
+    axes.fill(*earth(_hull()).T, facecolor="#dbeaf1", edgecolor=BLUE, lw=1.6)
+    o, ahead, right = earth([(0, 0), (4.3, 0), (0, 2.8)])
+    _arrow(axes, (0, 0), (0, 7.4), "x (north)", GREY, (0.15, -0.2))
+    _arrow(axes, (0, 0), (8.2, 0), "y (east)", GREY, (-1.2, 0.3))
+    axes.plot([o[0], o[0]], [o[1], o[1] + 3.6], color=GREY, lw=0.9, ls="--")
+    arc = np.linspace(0, psi, 40)
+    axes.plot(o[0] + 3.2 * np.sin(arc), o[1] + 3.2 * np.cos(arc), color=RED, lw=1.5)
+    axes.text(o[0] - 0.15, o[1] + 3.2, "ψ, r (yaw)", color=RED, fontsize=12, ha="right")
+    _arrow(axes, o, ahead, "u (surge)", BLUE, (0.15, 0.0))
+    _arrow(axes, o, right, "v (sway)", BLUE, (0.15, -0.35))
+    axes.set(xlim=(-0.6, 9.6), ylim=(-0.6, 8.0))
+
+
+def _from_the_side(axes: Any) -> None:
+    o = np.array([4.6, 3.2])
+    waves = np.linspace(0, 9.4, 300)
+    axes.plot(waves, 7.3 + 0.08 * np.sin(4 * waves), color=BLUE, lw=1.0, alpha=0.6)
+    axes.fill(*(o + _hull()).T, facecolor="#dbeaf1", edgecolor=BLUE, lw=1.6)
+    _arrow(axes, (0.4, 7.3), (0.4, 0.2), "z (down)", GREY, (0.15, 0.1))
+    _arrow(axes, o, o + np.array([4.3, 0.0]), "u (surge)", BLUE, (-0.6, 0.3))
+    _arrow(axes, o, o - np.array([0.0, 2.4]), "w (heave)", BLUE, (0.2, 0.0))
+    length = TABLE_1["length"]
+    ends = {"arrowstyle": "<->", "color": GREY, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
+    high = o[1] + 1.3
+    axes.annotate("", (o[0] - length / 2, high), (o[0] + length / 2, high), arrowprops=ends)
+    axes.text(o[0], high + 0.2, f"L = {length:g} m", color=GREY, ha="center")
+    axes.set(xlim=(-0.2, 10.0), ylim=(-0.6, 8.0))
+
+
+def _hull() -> Any:
+    s, half = np.linspace(0, 2 * np.pi, 200), TABLE_1["length"] / 2
+    across = np.sign(np.sin(s)) * np.abs(np.sin(s)) ** 0.7
+    return np.column_stack([half * np.cos(s), 0.6 * across])
+
+
+def _arrow(
+    axes: Any, tail: Any, head: Any, text: str, colour: str, off: tuple[float, float]
+) -> None:
+    style = {"arrowstyle": "-|>", "color": colour, "lw": 1.8, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", xy=tuple(head), xytext=tuple(tail), arrowprops=style)
+    axes.text(head[0] + off[0], head[1] + off[1], text, color=colour, fontsize=12)
 
 
 def delays(table: Sequence[Entry]) -> str:
@@ -115,8 +135,16 @@ def delays(table: Sequence[Entry]) -> str:
 
     def draw(axes: Any) -> None:
         floor = float(np.linalg.norm(example.D1))
-        axes.axvspan(3.5, floor, color=RED, alpha=0.12, lw=0)
-        axes.text((3.5 + floor) / 2, 4.0, "impossible\nγ ≤ ‖D1‖", ha="center", color=RED)
+        axes.axvspan(3.2, floor, color=RED, alpha=0.12, lw=0)
+        axes.text(
+            (3.2 + floor) / 2,
+            6.0,
+            "impossible: γ ≤ ‖D$_1$‖",
+            ha="center",
+            va="center",
+            rotation=90,
+            color=RED,
+        )
         best = [e for e in table if e.searched is not None]
         axes.plot([e.gamma for e in table], [e.printed for e in table], "x", color=RED, ms=8, mew=2)
         axes.plot([e.gamma for e in best], [e.corrected for e in best], "o", color=BLUE, ms=6)
@@ -132,17 +160,21 @@ def delays(table: Sequence[Entry]) -> str:
         last = best[-1]
         axes.text(21, last.printed * 0.82, "printed", color=RED, ha="right", va="top")
         axes.text(
-            21, (last.corrected or 1) * 1.12, "corrected, printed k1, k2", color=BLUE, ha="right"
+            21,
+            (last.corrected or 1) * 1.12,
+            "corrected, printed $k_1$, $k_2$",
+            color=BLUE,
+            ha="right",
         )
         axes.text(
             21,
             (last.searched or 1) * 0.86,
-            "k1, k2 searched, to the limit: no end",
+            "$k_1$, $k_2$ searched, to the limit: no end",
             color=GREEN,
             ha="right",
             va="top",
         )
-        axes.set(xlabel="γ", ylabel="delay d* [s]", yscale="log", xlim=(3.5, 21.5), ylim=(0.6, 60))
+        axes.set(xlabel="γ", ylabel="delay d* [s]", yscale="log", xlim=(3.2, 21.5), ylim=(0.6, 60))
         axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
         axes.minorticks_off()
 

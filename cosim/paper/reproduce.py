@@ -13,6 +13,7 @@ from cosim.models import paper_example
 from cosim.paper.every_delay import every_delay
 from cosim.paper.example import example_rows, solved
 from cosim.paper.figures import Curves, curves, figure_rows
+from cosim.paper.headlines import headlines
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.misprints import misprint_rows
 from cosim.paper.model import model_rows
@@ -30,9 +31,13 @@ AUTHOR = "X. Yang"
 class Report:
     """Everything that came out.
 
-    rows : in the paper's order. table2 : its columns in full. curves : of Figures 2 and 3.
+    summary : the report in a few sentences.
+    rows : in the paper's order.
+    table2 : its columns in full.
+    curves : of Figures 2 and 3.
     """
 
+    summary: tuple[str, ...]
     rows: list[Row]
     table2: list[Entry]
     curves: Curves
@@ -47,6 +52,7 @@ class Report:
         """Plain JSON values."""
         return {
             "paper": {"title": TITLE, "author": AUTHOR},
+            "summary": list(self.summary),
             "verdicts": {str(verdict): count for verdict, count in self.counts.items()},
             "meaning": {str(verdict): text for verdict, text in MEANING.items()}
             | {str(how): text for how, text in HOW_MEANING.items()},
@@ -93,4 +99,4 @@ def reproduce(
     drawn = curves()
     rows += figure_rows(drawn)
     tell("done", 1.0)
-    return Report(rows, table, drawn)
+    return Report(headlines(rows, known, table, everywhere), rows, table, drawn)

@@ -69,7 +69,7 @@ class Entry:
         if self.witness >= 0:
             return (
                 f"γ must exceed ‖D1‖: vᵀΩv = {self.witness} for a v in the rows of w and z, "
-                "whatever d, k1, k2 and the unknowns are. No delay bears this γ."
+                "whatever d, k1, k2 and the unknowns are."
             )
         if self.corrected is None:
             return "The corrected LMI bears no delay at the printed k1, k2."
@@ -268,7 +268,7 @@ def table_rows(entries: list[Entry], everywhere: EveryDelay | None) -> list[Row]
                 How.CERTIFIED,
                 Verdict.DOES_NOT,
                 "A functional without the delay (P and Q alone) proves it, uncertainty included; "
-                "only γ ≤ ‖D1‖ = 5 is out of reach.",
+                "only γ ≤ ‖D1‖ is out of reach.",
                 value=everywhere.gamma,
             )
         )

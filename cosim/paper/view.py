@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -27,22 +28,26 @@ def paper_view(report: Report) -> RenderableType:
         if name == TABLE:
             parts += [_delays(report.table2), Text()]
         parts += [_claims(name, [row for row in report.rows if row.section == name]), Text()]
-    return Group(*parts, _summary(report))
+    said = Text("\n".join(f"• {sentence}" for sentence in report.summary))
+    return Group(*parts, _summary(report), Text(), said)
 
 
 def _claims(name: str, rows: list[Row]) -> Table:
-    table = Table(title=name, title_justify="left", title_style="bold", expand=True)
-    table.add_column("claim", style="bold", ratio=4)
+    table = Table(
+        title=name, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, expand=True
+    )
+    table.add_column("claim", style="bold", ratio=5)
     table.add_column("printed", ratio=4)
-    table.add_column("computed", ratio=6)
-    table.add_column("verdict", ratio=7)
+    table.add_column("computed", ratio=10)
+    table.add_column("verdict", ratio=4)
     for row in rows:
         computed = Text(row.computed)
         if row.how is not None:
-            computed.append(f"\n{row.how}", style="dim")
-        verdict = Text.assemble((str(row.verdict), _STYLES[row.verdict]), "\n", row.why)
+            computed.append(f" [{row.how}]", style="dim")
+        if row.verdict is not Verdict.HOLDS:
+            computed.append(f"\n{row.why}", style="dim")
+        verdict = Text(str(row.verdict), style=_STYLES[row.verdict])
         table.add_row(row.what, row.printed, computed, verdict)
-        table.add_section()
     return table
 
 

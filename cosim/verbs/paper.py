@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cosim.arguments import write
+from cosim.errors import InputError
 from cosim.paper import reproduce
 from cosim.paper.page import page
 from cosim.paper.view import paper_view
@@ -28,9 +30,21 @@ def paper(
     it is: exit code 0.
     """
     if html is not None:
-        pyplot()  # say at once what is missing
+        _check(html)
     with progress() as tell:
         report = reproduce(tell)
     if html is not None:
         write(html, page(report))
     answer(as_json, report.to_json, lambda: paper_view(report))
+
+
+def _check(html: Path) -> None:
+    """Say before anything takes time what would fail at its end."""
+    pyplot()
+    nearest = next(folder for folder in html.absolute().parents if folder.exists())
+    if html.is_dir() or not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(
+            "the page cannot be written there",
+            where=str(html),
+            expected="the name of a file, in a folder that can be written",
+        )
