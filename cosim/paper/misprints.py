@@ -143,8 +143,11 @@ def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
     return float(np.asarray(t.value)), Unknowns(*found)
 
 
-def greatest_delay_as_printed(gamma: float) -> float:
-    """Where Eq. (14) as it is printed ends for section 5 at the printed k1, k2 [s]; computed."""
+def greatest_delay_as_printed(gamma: float, near: float) -> float:
+    """Where Eq. (14) as it is printed ends for section 5 at the printed k1, k2 [s]; computed.
+
+    `near` is where to look first [s].
+    """
     s = paper_example
     data = Data(
         A=s.A,
@@ -166,7 +169,12 @@ def greatest_delay_as_printed(gamma: float) -> float:
     def at(d: float) -> float:
         return margin(replace(data, d=d), PRINTED)[0]
 
-    return float(optimize.brentq(at, 0.3, 3.0, xtol=1e-5))
+    low, high = near / 1.25, near * 1.25
+    while at(low) < 0:
+        low /= 2
+    while at(high) > 0:
+        high *= 2
+    return float(optimize.brentq(at, low, high, xtol=1e-6))
 
 
 def _symmetric(matrix: Any) -> Exact:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cosim.paper import pictures
-from cosim.paper.reproduce import AUTHOR, TITLE, Report
+from cosim.paper.report import AUTHOR, TITLE, Report
 from cosim.paper.row import (
     EXAMPLE,
     FIGURES,

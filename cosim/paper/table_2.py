@@ -163,7 +163,7 @@ def table_2(
             Entry(
                 gamma=gamma,
                 printed=printed,
-                as_printed=greatest_delay_as_printed(gamma),
+                as_printed=greatest_delay_as_printed(gamma, printed),
                 corrected=fixed.delay,
                 refuted_at=fixed.refuted_at,
                 searched=best.delay,

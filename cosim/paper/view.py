@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.paper.reproduce import AUTHOR, TITLE, Report
+from cosim.paper.report import AUTHOR, TITLE, Report
 from cosim.paper.row import MEANING, SECTIONS, TABLE, Row, Verdict
 from cosim.paper.table_2 import ORDER, Entry
 

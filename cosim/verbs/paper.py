@@ -10,9 +10,6 @@ import typer
 
 from cosim.arguments import write
 from cosim.errors import InputError
-from cosim.paper import reproduce
-from cosim.paper.page import page
-from cosim.paper.view import paper_view
 from cosim.trace.picture import pyplot
 from cosim.verbs.common import JsonOption, answer, progress
 
@@ -29,6 +26,11 @@ def paper(
     Everything is computed now, which takes some twenty seconds. A verdict is a result, whatever
     it is: exit code 0.
     """
+    # what this verb alone needs takes half a second to load
+    from cosim.paper import reproduce  # noqa: PLC0415
+    from cosim.paper.page import page  # noqa: PLC0415
+    from cosim.paper.view import paper_view  # noqa: PLC0415
+
     if html is not None:
         _check(html)
     with progress() as tell:

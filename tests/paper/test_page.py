@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli.shell import cosim
+from cli.shell import cosim as command
 from rich.console import Console
 
+import cosim.paper
 import cosim.verbs.paper as verb
 from cosim.errors import InputError
 from cosim.models import paper_example as example
@@ -123,21 +124,21 @@ def test_typesetting(plain: str, html: str) -> None:
 
 
 def test_help_names_the_verb(tmp_path: Path) -> None:
-    assert re.search(r"\bpaper\b", cosim("--help", cwd=tmp_path).out)
-    assert "--html" in cosim("paper", "--help", cwd=tmp_path).out
+    assert re.search(r"\bpaper\b", command("--help", cwd=tmp_path).out)
+    assert "--html" in command("paper", "--help", cwd=tmp_path).out
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch, report: Report) -> None:
     """The verb with the small report in place of the whole computation."""
-    monkeypatch.setattr(verb, "reproduce", lambda _tell: report)
+    monkeypatch.setattr(cosim.paper, "reproduce", lambda _tell: report)
 
 
 @pytest.mark.usefixtures("quick")
 def test_verb_writes_what_is_asked(tmp_path: Path, report: Report) -> None:
     """Text, JSON, and a page beside either."""
-    assert "Lemma 1" in cosim("paper", cwd=tmp_path).out
-    result = cosim("paper", "--json", "--html", "new/page.html", cwd=tmp_path)
+    assert "Lemma 1" in command("paper", cwd=tmp_path).out
+    result = command("paper", "--json", "--html", "new/page.html", cwd=tmp_path)
     assert result.code == 0
     assert result.json == json.loads(json.dumps(report.to_json()))
     assert (tmp_path / "new" / "page.html").read_text("utf-8").startswith("<!doctype html>")
@@ -152,14 +153,14 @@ def test_what_would_fail_late_fails_early(tmp_path: Path, monkeypatch: pytest.Mo
     def missing() -> None:
         raise InputError("pictures need matplotlib", hint="pip install 'auv-cosim[plot]'")
 
-    monkeypatch.setattr(verb, "reproduce", computed)
+    monkeypatch.setattr(cosim.paper, "reproduce", computed)
     (tmp_path / "file").write_text("", "utf-8")
     for place in (".", "file/page.html"):
-        result = cosim("paper", "--html", place, "--json", cwd=tmp_path)
+        result = command("paper", "--html", place, "--json", cwd=tmp_path)
         assert result.code == 2
         assert "cannot be written" in result.error["what"]
     monkeypatch.setattr(verb, "pyplot", missing)
-    result = cosim("paper", "--html", "page.html", "--json", cwd=tmp_path)
+    result = command("paper", "--html", "page.html", "--json", cwd=tmp_path)
     assert result.code == 2
     assert "plot" in result.error["hint"]
 
@@ -167,7 +168,7 @@ def test_what_would_fail_late_fails_early(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.slow
 def test_whole_report(tmp_path: Path) -> None:
     """Every claim of MATH: the bound of 5, the norm, the roots, Table 2's seven columns."""
-    result = cosim("paper", "--json", "--html", "page.html", cwd=tmp_path)
+    result = command("paper", "--json", "--html", "page.html", cwd=tmp_path)
     assert result.code == 0
     said = result.json
     rows = {row["what"]: row for row in said["rows"]}
