@@ -175,6 +175,7 @@ def delays(table: Sequence[Entry]) -> str:
             va="top",
         )
         axes.set(xlabel="γ", ylabel="delay d* [s]", yscale="log", xlim=(3.2, 21.5), ylim=(0.6, 60))
+        axes.set_xticks([e.gamma for e in table], [f"{e.gamma:g}" for e in table])
         axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
         axes.minorticks_off()
 

@@ -71,11 +71,9 @@ class Entry:
                 f"γ must exceed ‖D1‖: vᵀΩv = {self.witness} for a v in the rows of w and z, "
                 "whatever d, k1, k2 and the unknowns are."
             )
-        if self.corrected is None:
-            return "The corrected LMI bears no delay at the printed k1, k2."
         if self.refuted_at is not None and self.printed > self.refuted_at:
             at = f"Infeasible at the printed k1, k2 from {self.refuted_at:.4f} s on"
-        elif self.printed < self.corrected:
+        elif self.printed < (self.corrected or 0.0):
             at = "Borne, but not the greatest delay at the printed k1, k2"
         else:
             at = "Beyond what the corrected LMI bears at the printed k1, k2"
