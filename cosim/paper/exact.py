@@ -52,6 +52,12 @@ def identity(n: int) -> Exact:
     return fractions(np.eye(n, dtype=int))
 
 
+def zeros(rows: int, columns: int) -> Exact:
+    """Nothing but zeros."""
+    none: Exact = np.zeros((rows, columns), dtype=int).astype(object)
+    return none
+
+
 def inverse(matrix: Exact) -> Exact:
     """Of a regular matrix."""
     inverted: Any = rational_matrix(matrix).inv()

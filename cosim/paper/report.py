@@ -19,7 +19,8 @@ from cosim.paper.misprints import misprint_rows
 from cosim.paper.model import model_rows
 from cosim.paper.remarks import remark_rows
 from cosim.paper.row import HOW_MEANING, MEANING, Row, Verdict
-from cosim.paper.table_2 import Entry, table_2, table_rows
+from cosim.paper.table_2 import Entry, table_2
+from cosim.paper.table_rows import table_rows
 from cosim.paper.theorem_1 import theorem_1_rows
 from cosim.paper.theorem_2 import theorem_2_rows
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
 from typing import Any
 
 from cosim.hinf import DELAY_LIMIT, GreatestDelay, certified_delay, greatest_delay
@@ -19,7 +18,8 @@ from cosim.paper.row import TABLE, How, Row, Verdict
 ORDER = 2
 """Of the Bessel-Legendre inequality in the column `sharper`."""
 
-_HALF_DIGIT = 0.005
+HALF_DIGIT = 0.005
+"""Of the table's delays [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Entry:
         """Of the printed delay as the greatest one."""
         if self.witness >= 0:
             return Verdict.IMPOSSIBLE
-        same = self.corrected is not None and abs(self.corrected - self.printed) <= _HALF_DIGIT
+        same = self.corrected is not None and abs(self.corrected - self.printed) <= HALF_DIGIT
         return Verdict.HOLDS if same else Verdict.DOES_NOT
 
     @property
@@ -223,51 +223,3 @@ def _nothing(gamma: float, printed: float, witness: Fraction) -> Entry:
         every_delay=False,
         witness=witness,
     )
-
-
-def table_rows(entries: list[Entry], everywhere: EveryDelay | None) -> list[Row]:
-    """Rows of Table 2, and of what the paper concludes from it."""
-    rows = [entry.row() for entry in entries]
-    literal = [entry for entry in entries if entry.as_printed is not None]
-    worst = max(abs((entry.as_printed or 0.0) - entry.printed) for entry in literal)
-    rows.append(
-        Row(
-            TABLE,
-            "the table by Eq. (14) as it is printed",
-            ", ".join(f"{entry.printed:.2f}" for entry in literal) + " s",
-            ", ".join(f"{entry.as_printed:.2f}" for entry in literal) + " s",
-            How.COMPUTED,
-            Verdict.HOLDS if worst <= _HALF_DIGIT else Verdict.DOES_NOT,
-            f"For γ = {literal[0].gamma:g} to {literal[-1].gamma:g} at the printed k1, k2, both "
-            "misprints left in: they do not explain the table.",
-        )
-    )
-    ends = [entry.corrected for entry in entries if entry.corrected is not None]
-    grows = all(low < high for low, high in pairwise(ends))
-    rows.append(
-        Row(
-            TABLE,
-            "conclusion from Table 2",
-            "with γ the greatest delay d* increases",
-            "at the printed k1, k2 it does; with k1, k2 free there is no greatest delay",
-            How.CERTIFIED,
-            Verdict.HOLDS if grows else Verdict.DOES_NOT,
-            "What ends is the condition at these k1, k2, not what the loop bears.",
-        )
-    )
-    if everywhere is not None:
-        K = " ".join(f"{x:g}" for x in everywhere.K.ravel())
-        rows.append(
-            Row(
-                TABLE,
-                "the least γ for every delay",
-                "d* = 1.05 s at γ = 5, 1.15 s at γ = 20",
-                f"γ = {everywhere.gamma:g} at every constant delay, with K = ({K})",
-                How.CERTIFIED,
-                Verdict.DOES_NOT,
-                "A functional without the delay (P and Q alone) proves it, uncertainty included; "
-                "only γ ≤ ‖D1‖ is out of reach.",
-                value=everywhere.gamma,
-            )
-        )
-    return rows

@@ -13,7 +13,7 @@ from typing import Any
 import flint
 import numpy as np
 
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, mirrored, schur
+from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, mirrored, schur, zeros
 from cosim.paper.lemmas import at, form, integral, polynomials
 from cosim.paper.row import THEORY, How, Row, Verdict
 
@@ -83,10 +83,10 @@ def theta(v: Loop) -> Exact:
             d * v.A.T,
             d * v.M1.T,
         ],
-        [-v.Q - v.M2.T - v.M2, _zero(n, _Q), _zero(n, _P), d * v.A1.T, d * v.M2.T],
-        [-v.gamma * one(_Q), v.D1.T, d * v.C.T, _zero(_Q, n)],
-        [-v.gamma * one(_P), _zero(_P, n), _zero(_P, n)],
-        [-d * inverse(R), _zero(n, n)],
+        [-v.Q - v.M2.T - v.M2, zeros(n, _Q), zeros(n, _P), d * v.A1.T, d * v.M2.T],
+        [-v.gamma * one(_Q), v.D1.T, d * v.C.T, zeros(_Q, n)],
+        [-v.gamma * one(_P), zeros(_P, n), zeros(_P, n)],
+        [-d * inverse(R), zeros(n, n)],
         [-d * R],
     ]
     return np.block(mirrored(rows))
@@ -167,7 +167,7 @@ def _derivative() -> Row:
     twice = energy.integral()
     V = form(P, x) + once - once(lag) + half * energy - (twice - twice(lag))
     both = [*x, *slope]
-    cross = np.block([[_zero(n, n), P], [P, _zero(n, n)]])
+    cross = np.block([[zeros(n, n), P], [P, zeros(n, n)]])
     printed = (
         form(cross, both)
         + form(Q, x)
@@ -192,7 +192,3 @@ def _derivative() -> Row:
 
 def _pick(start: int, size: int) -> Exact:
     return np.eye(2 * _N + _Q, dtype=int).astype(object)[start : start + size]
-
-
-def _zero(rows: int, columns: int) -> Exact:
-    return np.zeros((rows, columns), dtype=int).astype(object)

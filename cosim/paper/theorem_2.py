@@ -6,139 +6,28 @@ of the result compared with the one that Eq. (14) prints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from cosim.hinf.exact_lmi import ExactVariables, minus_omega
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.exact import (
-    Draw,
     Exact,
     fraction,
-    identity,
-    inverse,
     is_zero,
     mirrored,
     rational,
     rational_matrix,
     schur,
+    zeros,
 )
-from cosim.paper.omega import CORRECTED, PRINTED, Data, Reading, Unknowns, omega
+from cosim.paper.omega import CORRECTED, PRINTED, Reading, omega
+from cosim.paper.proof_2 import LEFT, Proof, differing_blocks, drawn_proof, lambda_18, psi
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
-from cosim.paper.theorem_1 import Loop, drawn_loop, theta
-
-_M, _S, _R = 2, 2, 2  # inputs, columns of E, rows of H
-
-
-@dataclass(frozen=True)
-class Proof:
-    """Numbers for the proof of Theorem 2: Theorem 1's, and K, F, eps besides."""
-
-    loop: Loop
-    data: Data
-    K: Exact
-    F: Exact
-    eps: Fraction
-
-    @property
-    def unknowns(self) -> Unknowns:
-        """X, Rbar, Qbar, Y, eps of the proof's last step."""
-        X = inverse(self.loop.P)
-        return Unknowns(X, inverse(self.loop.R), X @ self.loop.Q @ X, self.K @ X, self.eps)
-
-
-def drawn_proof() -> Proof:
-    """Sizes that differ, k1 and k2 that are not 1: no slip is hidden by the numbers."""
-    loop, draw = drawn_loop(), Draw(20)
-    n, q = loop.C.shape
-    p = loop.D.shape[0]
-    data = Data(
-        A=draw.matrix(n, n),
-        A1=draw.matrix(n, n),
-        B=draw.matrix(n, _M),
-        C=draw.matrix(n, q),
-        D=draw.matrix(p, n),
-        D1=draw.matrix(p, q),
-        D2=draw.matrix(p, _M),
-        E=draw.matrix(n, _S),
-        H=draw.matrix(_R, n),
-        H1=draw.matrix(_R, n),
-        # numbers that doubles hold exactly, for the comparison with the LMI of the design
-        d=Fraction(3, 8),
-        k1=Fraction(5, 8),
-        k2=Fraction(1, 4),
-        gamma=Fraction(7, 2),
-    )
-    F = draw.matrix(_S, _R) / Fraction(9)
-    return Proof(loop, data, draw.matrix(_M, n), F, Fraction(3, 4))
-
-
-def psi(v: Proof) -> Exact:
-    """Psi below Eq. (16), as printed."""
-    s, P, Q, R, K = v.data, v.loop.P, v.loop.Q, v.loop.R, v.K
-    n, _, q, p, _, _, _ = s.sizes
-    BK = s.B @ K
-    rows: list[list[Any]] = [
-        [
-            s.A.T @ P + P @ s.A + Q + 2 * s.k1 * P + BK.T @ P + P @ BK,
-            P @ s.A1 - s.k1 * P + s.k2 * P,
-            P @ s.C,
-            s.D.T + (s.D2 @ K).T,
-            s.d * (s.A + BK).T,
-            s.d * s.k1 * P,
-        ],
-        [-Q - 2 * s.k2 * P, _zero(n, q), _zero(n, p), s.d * s.A1.T, s.d * s.k2 * P],
-        [-s.gamma * identity(q), s.D1.T, s.d * s.C.T, _zero(q, n)],
-        [-s.gamma * identity(p), _zero(p, n), _zero(p, n)],
-        [-s.d * inverse(R), _zero(n, n)],
-        [-s.d * R],
-    ]
-    whole: Exact = np.block(mirrored(rows))
-    return whole
-
-
-def lambda_18(v: Proof) -> Exact:
-    """Lambda of Eq. (18), as printed."""
-    s, P, eps = v.data, v.loop.P, v.eps
-    n, _, q, p, _, _, r = s.sizes
-    EE = eps * s.E @ s.E.T
-    inside, places = psi(v), [0, *accumulate(s.sizes)]
-    x, slope = slice(0, n), slice(places[4], places[5])
-    inside[x, x] = inside[x, x] + P @ EE @ P
-    inside[x, slope] = s.d * (s.A + s.B @ v.K).T + s.d * P @ EE
-    inside[slope, x] = inside[x, slope].T
-    inside[slope, slope] = inside[slope, slope] + s.d * s.d * EE
-    column = np.vstack([s.H.T, s.H1.T, _zero(q + p + 2 * n, r)])
-    whole: Exact = np.block([[inside, column], [column.T, -eps * identity(r)]])
-    return whole
-
-
-def congruent(v: Proof) -> Exact:
-    """Eq. (18) between diag(P^-1, P^-1 / k2, I, I, I, R^-1, I)."""
-    s = v.data
-    n, _, q, p, _, _, r = s.sizes
-    X = inverse(v.loop.P)
-    parts = [X, X / s.k2, identity(q), identity(p), identity(n), inverse(v.loop.R), identity(r)]
-    T = block_diag(*parts)
-    whole: Exact = T.T @ lambda_18(v) @ T
-    return whole
-
-
-def differing_blocks(v: Proof, reading: Reading) -> list[str]:
-    """Names of the blocks of Eq. (14) that are not what the congruence gives."""
-    truth, places = congruent(v), [0, *accumulate(v.data.sizes)]
-    bad = []
-    for i, row in enumerate(omega(v.data, v.unknowns, reading)):
-        for j, block in enumerate(row, start=i):
-            part = truth[places[i] : places[i + 1], places[j] : places[j + 1]]
-            if not is_zero(part - block):
-                bad.append(f"Ω{i + 1}{j + 1}")
-    return bad
+from cosim.paper.theorem_1 import theta
 
 
 def theorem_2_rows() -> list[Row]:
@@ -205,8 +94,8 @@ def _eq_16(v: Proof) -> Row:
         d=s.d,
         gamma=s.gamma,
     )
-    left = np.vstack([P @ s.E, _zero(n + q + p, _S), s.d * s.E, _zero(n, _S)])
-    right = np.hstack([s.H, s.H1, _zero(r, q + p + 2 * n)])
+    left = np.vstack([P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
+    right = np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
     change = left @ v.F @ right
     agrees = is_zero(theta(uncertain) - psi(v) - change - change.T)
     return Row(
@@ -223,8 +112,8 @@ def _eq_16(v: Proof) -> Row:
 def _eq_18(v: Proof) -> Row:
     s = v.data
     n, _, q, p, _, _, r = s.sizes
-    left = np.vstack([v.loop.P @ s.E, _zero(n + q + p, _S), s.d * s.E, _zero(n, _S)])
-    right = np.hstack([s.H, s.H1, _zero(r, q + p + 2 * n)])
+    left = np.vstack([v.loop.P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
+    right = np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
     eq_17 = psi(v) + v.eps * left @ left.T + right.T @ right / v.eps
     agrees = is_zero(schur(lambda_18(v), 4 * n + q + p) - eq_17)
     return Row(
@@ -283,7 +172,3 @@ def _own_lmi(v: Proof) -> Row:
         Verdict.CORRECTED if agrees else Verdict.DOES_NOT,
         "In fractions; so every number below is about the theorem that the proof proves.",
     )
-
-
-def _zero(rows: int, columns: int) -> Exact:
-    return np.zeros((rows, columns), dtype=int).astype(object)

@@ -24,7 +24,8 @@ from cosim.paper.figures import curves, figure_rows
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.page import page
 from cosim.paper.row import EXAMPLE, SECTIONS
-from cosim.paper.table_2 import table_2, table_rows
+from cosim.paper.table_2 import table_2
+from cosim.paper.table_rows import table_rows
 from cosim.paper.typeset import typeset
 from cosim.paper.view import paper_view
 
