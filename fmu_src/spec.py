@@ -1,7 +1,7 @@
 """What a component is, apart from any FMI version: one table of variables, one behaviour.
 
-Every flavour of an FMU (model description, pythonfmu slave, documentation page, later the
-native C) is generated from a `ComponentSpec`.
+Every flavour of an FMU (model description, pythonfmu slave, documentation page, native C) is
+generated from a `ComponentSpec`.
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ class ComponentSpec:
     behaviour : "module:Class" of the behaviour, numpy-free.
     sources : modules that the behaviour needs, copied into the FMU; behaviour included.
     constants : what is fixed when the FMU is built (dimensions, name lists), JSON values.
+    resources : path below resources/ -> content of files that travel with the FMU.
     readme : the component's page, equations first.
     stop_time, step_size : default experiment [s].
     """
@@ -74,6 +75,7 @@ class ComponentSpec:
     stop_time: float
     step_size: float
     constants: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    resources: Mapping[str, bytes] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]
@@ -99,6 +101,10 @@ class ComponentSpec:
             }
             for v in self.variables
         ]
+
+    def resource_files(self) -> dict[str, bytes]:
+        """Archive path -> content of `resources`."""
+        return {f"resources/{path}": content for path, content in self.resources.items()}
 
     def guid(self, sources: Mapping[str, bytes]) -> str:
         """Hash of everything the FMU is made of, in the form FMI gives a GUID."""

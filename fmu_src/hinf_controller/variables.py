@@ -12,7 +12,11 @@ from fmu_src.spec import ComponentSpec, Variable
 DEFAULT_GAIN = (-0.06, -0.53)
 """Start values of K on position and on speed; a design replaces them (HinfController)."""
 
-_SOURCES = ("cosim.models.feedback", "fmu_src.hinf_controller.behaviour")
+_SOURCES = (
+    "cosim.models.products",
+    "cosim.models.feedback",
+    "fmu_src.hinf_controller.behaviour",
+)
 _BEHAVIOUR = "fmu_src.hinf_controller.behaviour:StateFeedback"
 _README = Path(__file__).with_name("readme.md")
 _FORCE = (("force.x", "N"), ("force.y", "N"), ("force.z", "N"), ("moment.z", "N.m"))
