@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -173,15 +173,34 @@ def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
     InputError
         K has the wrong shape or is not finite.
     """
+    A, D, delays = closed_terms(system, K)
+    if not system.has_performance:
+        return ClosedLoop(A, delays)
+    return ClosedLoop(A, delays, system.C, D, system.D1)
+
+
+class Terms(NamedTuple):
+    """The loop term by term: what acts through each delay, equal delays apart."""
+
+    A: list[Matrix]
+    D: list[Matrix]
+    delays: list[float]
+
+
+def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
+    """A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, the delay d_0 = 0 first.
+
+    Raises
+    ------
+    InputError
+        As `close`.
+    """
     n, m = system.B.shape
     gain = _matrix("K", K, m, n)
     on_state, on_output = system.B @ gain, system.D2 @ gain
     acts = (system.immediate_feedback, *(delay.feedback for delay in system.delays))
     open_A = (system.A, *(delay.A for delay in system.delays))
-    A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
-    delays = [0.0, *(delay.d for delay in system.delays)]
-    if not system.has_performance:
-        return ClosedLoop(A, delays)
     open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
+    A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
     D = [M + on_output if phi else M for M, phi in zip(open_D, acts, strict=True)]
-    return ClosedLoop(A, delays, system.C, D, system.D1)
+    return Terms(A, D, [0.0, *(delay.d for delay in system.delays)])
