@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError
@@ -156,6 +157,16 @@ class ClosedLoop:
         weights = np.exp(-np.asarray(s, dtype=np.complex128)[..., None] * delays)
         total: Stack = np.einsum("...i,ijk->...jk", weights * (-delays) ** derivative, matrices)
         return total
+
+
+def balanced(A: Sequence[Matrix]) -> list[Matrix]:
+    """T^-1 A_i T for one diagonal T of powers of two: the same roots, without rounding.
+
+    States in units that lie far apart make norms large and everything bounded by them vague.
+    """
+    sizes = np.abs(np.array(A)).sum(axis=0)
+    scale = np.diag(scipy.linalg.matrix_balance(sizes, permute=False)[1])
+    return [M * scale[None, :] / scale[:, None] for M in A]
 
 
 def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:

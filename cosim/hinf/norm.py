@@ -39,8 +39,10 @@ Reals = NDArray[np.float64]
 _TOLERANCE = 1e-9
 _CHUNK = 8192  # intervals examined at once: bounds the memory
 _LARGEST_EFFORT = 400_000  # intervals examined in all
-_ROOTS = 8
 _REFINED = 6
+
+ROOTS = 8
+"""Peaks of the gain lie near the rightmost characteristic roots: near so many."""
 
 
 class NormResult(NamedTuple):
@@ -232,12 +234,13 @@ def _branch_and_bound(
     return best, max(bound, best[0] * (1.0 + _TOLERANCE) + floor)
 
 
-def hinf_norm(loop: ClosedLoop) -> NormResult | None:
+def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None:
     """Exact H-infinity norm of the nominal loop, sup over omega of |G(j omega)|.
 
     Parameters
     ----------
     loop : with w and z.
+    roots : its rightmost characteristic roots, `ROOTS` of them, if they are known.
 
     Returns
     -------
@@ -252,7 +255,8 @@ def hinf_norm(loop: ClosedLoop) -> NormResult | None:
         The characteristic roots could not be found (see `characteristic_roots`).
     """
     bounds = _Bounds(loop)
-    roots = characteristic_roots(loop, _ROOTS)
+    if roots is None:
+        roots = characteristic_roots(loop, ROOTS)
     if not roots[0].real < 0.0:
         return None
     if bounds.through == 0.0:

@@ -21,9 +21,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from cosim.errors import InputError, NotAchievableError
+from cosim.hinf.closed_loop import ClosedLoop, balanced
 
 if TYPE_CHECKING:
-    from cosim.hinf.closed_loop import ClosedLoop, Matrix
+    from cosim.hinf.closed_loop import Matrix
 
 Roots = NDArray[np.complex128]
 
@@ -243,6 +244,7 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     """
     if count < 1:
         raise InputError("no roots asked for", where="count", expected=">= 1", got=str(count))
+    loop = ClosedLoop(balanced(loop.A), loop.delays)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
     if tau == 0.0:
         seeds = np.linalg.eigvals(loop.A[0])
