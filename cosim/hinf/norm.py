@@ -188,10 +188,12 @@ def _start(
 
 def _last(bounds: _Bounds, level: float, longest: float) -> float:
     """A frequency beyond which no gain exceeds `level`, or `longest`: bisection."""
-    low, high = 1.0, 2.0
+    low, high = bounds.a, 2.0 * bounds.a
     while high < longest and bounds.beyond(bounds.a + high) > level:
         low, high = high, 2.0 * high
-    while high > 1e-9 and low == 1.0 and bounds.beyond(bounds.a + 0.5 * high) <= level:
+    while (
+        high > 1e-9 * bounds.a and low == bounds.a and bounds.beyond(bounds.a + 0.5 * high) <= level
+    ):
         high *= 0.5
     return bounds.a + high
 

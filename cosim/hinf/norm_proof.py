@@ -37,6 +37,7 @@ import flint
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.hinf.ball_matrices import balls, below, exact_terms, floats, size
 from cosim.hinf.rational import exact_matrix
 
 if TYPE_CHECKING:
@@ -90,25 +91,24 @@ class _Proof:
     """One attempt: the loop and its constants in balls."""
 
     def __init__(self, system: DelaySystem, K: Any, level: float) -> None:
-        terms = _exact_terms(system, K)
+        terms = exact_terms(system, K)
         self.level = flint.arb(level)
         self.n = system.A.shape[0]
-        self.C = flint.acb_mat(flint.arb_mat(exact_matrix(system.C)))
-        self.D1 = flint.acb_mat(flint.arb_mat(exact_matrix(system.D1)))
+        self.C, self.D1 = balls(exact_matrix(system.C)), balls(exact_matrix(system.D1))
         self.delays = [flint.arb(d) for d in terms]
-        self.A = [_complex(A) for A, _ in terms.values()]
-        self.D = [_complex(D) for _, D in terms.values()]
+        self.A = [balls(A) for A, _ in terms.values()]
+        self.D = [balls(D) for _, D in terms.values()]
         self.eye = flint.acb_mat([[int(i == j) for j in range(self.n)] for i in range(self.n)])
-        a, b = [_size(A) for A in self.A], [_size(D) for D in self.D]
+        a, b = [size(A) for A in self.A], [size(D) for D in self.D]
         zero = flint.arb(0)
         self.L1 = 1 + sum((d * x for d, x in zip(self.delays, a, strict=True)), zero)
         self.L2 = sum((d * d * x for d, x in zip(self.delays, a, strict=True)), zero)
         self.M1 = sum((d * x for d, x in zip(self.delays, b, strict=True)), zero)
         self.M2 = sum((d * d * x for d, x in zip(self.delays, b, strict=True)), zero)
-        self.a, self.through = sum(a, zero), sum(b, zero) * _size(self.C)
-        self.second = _size(self.D1) * sum(b, zero) * sum((_size(A * self.C) for A in self.A), zero)
+        self.a, self.through = sum(a, zero), sum(b, zero) * size(self.C)
+        self.second = size(self.D1) * sum(b, zero) * sum((size(A * self.C) for A in self.A), zero)
         P = [self.D1.transpose() * D * self.C for D in self.D]
-        self.first = _size(P[0] - P[0].transpose()) + 2 * sum(map(_size, P[1:]), zero)
+        self.first = size(P[0] - P[0].transpose()) + 2 * sum(map(size, P[1:]), zero)
         # largest rho with sqrt(n) asin(rho) < pi/2; for n = 1 that is 1
         self.longest = (flint.arb.pi() / (2 * flint.arb(self.n).sqrt())).sin() * flint.arb("0.999")
 
@@ -128,7 +128,7 @@ class _Proof:
             W = flint.arb(w)
             ratio = self.a / W
             arc = ratio < 1 and flint.arb(self.n).sqrt() * ratio.asin() < 3
-            if arc and self._below(self.D1, self._beyond(W)):
+            if arc and below(self.D1, self.level**2 - self._beyond(W)):
                 return w
             w *= 1.25
         return None
@@ -137,29 +137,6 @@ class _Proof:
         """What part B adds to D1'D1 at W."""
         rest = W - self.a
         return self.first / W + 2 * self.second / (W * rest) + (self.through / rest) ** 2
-
-    def _below(self, X: Any, more: Any, less: Any = 0) -> bool:
-        """Whether X*X + more I < (level - less)^2 I: LDL* of the difference in balls."""
-        room = self.level - less
-        if not room > 0:
-            return False
-        # either product of X has the largest singular value
-        star = X.conjugate().transpose()
-        gram = star * X if X.ncols() <= X.nrows() else X * star
-        size = gram.nrows()
-        rows = [[-gram[i, j] for j in range(i + 1)] for i in range(size)]
-        for i in range(size):
-            rows[i][i] = room * room - more - gram[i, i].real
-        for k in range(size):
-            pivot = rows[k][k]
-            if not pivot > 0:
-                return False
-            for i in range(k + 1, size):
-                factor = rows[i][k] / pivot
-                for j in range(k + 1, i):
-                    rows[i][j] -= factor * rows[j][k].conjugate()
-                rows[i][i] -= (factor * rows[i][k].conjugate()).real
-        return True
 
     def _swept(self, end: float) -> bool:
         """Parts A and C over [0, end]."""
@@ -211,8 +188,8 @@ class _Proof:
         S = H.inv()
         SC, DS = S * self.C, D * S
         G, slope = DS * self.C + self.D1, D1 * SC - DS * (H1 * SC)
-        sizes = (_size(S), _size(SC), _size(DS))
-        return _Point(c, H.det(), G, slope, sizes, _floats(G), _floats(slope))
+        sizes = (size(S), size(SC), size(DS))
+        return _Point(c, H.det(), G, slope, sizes, floats(G), floats(slope))
 
     def _longest_step(self, point: _Point) -> float:
         """The longest h that part A allows about a point, as far as floats can say."""
@@ -224,7 +201,7 @@ class _Proof:
         for _ in range(40):
             ends = point.gain + signs * h * point.change
             top = float(np.linalg.norm(ends, 2, axis=(1, 2)).max())
-            if top + 0.5 * h**2 * _bend(h, sizes, constants) < level:
+            if top + 0.5 * h * h * _bend(h, sizes, constants) < level:
                 break
             h *= 0.75
         return h
@@ -236,8 +213,10 @@ class _Proof:
             return False
         constants = (self.L1, self.L2, self.M1, self.M2)
         more = step**2 * _bend(step, point.sizes, constants) / 2
-        change = point.slope * step
-        return self._below(point.G + change, 0, more) and self._below(point.G - change, 0, more)
+        room, change = self.level - more, point.slope * step
+        return bool(
+            room > 0 and below(point.G + change, room**2) and below(point.G - change, room**2)
+        )
 
 
 class _Point(NamedTuple):
@@ -264,36 +243,3 @@ def _bend(h: Any, sizes: Sequence[Any], constants: Sequence[Any]) -> Any:
     g = 1 / (1 - h * L1 * S)
     dr = g * (DS + h * M1 * S)
     return g * SC * (M2 + 2 * M1 * g * S * L1 + dr * (2 * L1**2 * g * S + L2))
-
-
-def _exact_terms(system: DelaySystem, K: Any) -> dict[float, tuple[Any, Any]]:
-    """Delay -> (A_i, D_i) of the closed loop in rationals, 0 first, equal delays merged."""
-    gain = exact_matrix(K)
-    terms: dict[float, tuple[Any, Any]] = {}
-    open_ = [(0.0, system.A, system.D, system.immediate_feedback)]
-    open_ += [(x.d, x.A, np.zeros_like(system.D), x.feedback) for x in system.delays]
-    for d, A, D, acts in open_:
-        on_state, on_output = exact_matrix(A), exact_matrix(D)
-        if acts and gain.nrows():
-            on_state = on_state + exact_matrix(system.B) * gain
-            on_output = on_output + exact_matrix(system.D2) * gain
-        if d in terms:
-            on_state, on_output = terms[d][0] + on_state, terms[d][1] + on_output
-        terms[d] = (on_state, on_output)
-    return terms
-
-
-def _complex(matrix: Any) -> Any:
-    """A `flint.fmpq_mat` as `flint.acb_mat`."""
-    return flint.acb_mat(flint.arb_mat(matrix))
-
-
-def _size(matrix: Any) -> Any:
-    """The Frobenius norm, rounded up: it bounds the largest singular value."""
-    total = (matrix * matrix.conjugate().transpose()).trace().real
-    return total.upper().sqrt()
-
-
-def _floats(matrix: Any) -> Any:
-    """A `flint.acb_mat` as an array, without its radii."""
-    return np.array([[complex(x) for x in row] for row in matrix.tolist()])

@@ -37,6 +37,7 @@ _PHASE = 0.7  # greatest phase [rad] and greatest |step f'/f| between neighbouri
 _LARGEST_START = 20000.0
 _MOST_SAMPLES = 400_000  # beyond, counting takes minutes and gigabytes
 _LARGEST_EXPONENT = 200.0
+_NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every number
 
 
 def _differentiation(nodes: int) -> tuple[Matrix, Matrix]:
@@ -246,7 +247,8 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
         raise InputError("no roots asked for", where="count", expected=">= 1", got=str(count))
     loop = ClosedLoop(balanced(loop.A), loop.delays)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
-    if tau == 0.0:
+    if tau * _bound(loop, 0.0) < _NO_DELAY:
+        loop = ClosedLoop([sum(loop.A, np.zeros_like(loop.A[0]))], [0.0])
         seeds = np.linalg.eigvals(loop.A[0])
         upper = _distinct(loop, [complex(seed) for seed in seeds])
         return _complete(loop, upper, count)[0]

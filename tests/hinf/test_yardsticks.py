@@ -59,6 +59,29 @@ def test_gain_that_falls_to_its_limit_has_a_wider_bound() -> None:
     assert 5.0 < found.exact_norm_upper <= 5 * (1 + 1.01e-6)
 
 
+@pytest.mark.parametrize("rate", [1e-100, 1e-9, 1e9, 1e150])
+def test_any_unit_of_time_will_do(rate: float) -> None:
+    """x' = r (-x + x(t - 2/r)/2 + w): norm 2; with -2 for 1/2 a margin of 2 pi / (3 sqrt 3 r)."""
+    d = 2 / rate
+    system = DelaySystem(
+        [[-rate]], C=[[rate]], D=[[1]], delays=[Delay(d, [[0.5 * rate]]), Delay(0, [[0]])]
+    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = measured(system, np.zeros((0, 1)))
+    assert found.exact_norm == pytest.approx(2, rel=1e-9)
+    assert found.exact_norm_upper == pytest.approx(2, rel=1e-7)
+    assert found.delay_margin == (None, None)
+    late = DelaySystem([[-rate]], delays=[Delay(0, [[-2 * rate]])])
+    exact = 2 * math.pi / (3 * math.sqrt(3)) / rate
+    assert measured(late, np.zeros((0, 1))).delay_margin == (pytest.approx(exact, rel=1e-9),)
+
+
+def test_a_delay_too_short_for_any_number_is_none() -> None:
+    """x' = -x - x(t - 5e-324)/2: the root is -1.5."""
+    system = DelaySystem([[-1]], delays=[Delay(5e-324, [[-0.5]])])
+    assert measured(system, np.zeros((0, 1))).abscissa == pytest.approx(-1.5, rel=1e-12)
+
+
 def test_without_a_gain_to_ask_for_or_stability_to_ask_it_of() -> None:
     """No w and z: roots and margins alone. Not stable: the abscissa alone."""
     quarter = DelaySystem([[0]], delays=[Delay(1.0, [[-1]])])
