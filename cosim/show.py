@@ -25,24 +25,23 @@ _STATUS = {
 _NONE = "–"
 
 
-def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -> RenderableType:
+def design_view(
+    name: str,
+    design: Design,
+    reach: GreatestDelay | None = None,
+    nominal: float | None = None,
+) -> RenderableType:
     """A design: what is proved, what is computed, and the gain."""
     facts = _facts()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
     facts.add_row("gamma", gamma, "certified: exact rational proof, for the gain below as it flies")
-    facts.add_row(
-        "exact norm",
-        _number(design.exact_norm, 6),
-        "computed: nominal loop, peak at "
-        + (
-            f"{design.norm_frequency:.4g} rad/s"
-            if design.norm_frequency is not None
-            else "infinite frequency"
-        ),
-    )
-    facts.add_row(
-        "abscissa", f"{design.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop"
-    )
+    if nominal is not None and design.gamma is not None:
+        facts.add_row(
+            "  without uncertainty",
+            f"{nominal:.6g}",
+            f"certified, same gain, k1, k2: {design.gamma - nominal:.3g} are paid for E, H",
+        )
+    _yardsticks(facts, design)
     for i, delay in enumerate(design.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, up to it"
         acts = ", the control acts through it" if delay.feedback else ""
@@ -73,17 +72,7 @@ def analysis_view(
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
         facts.add_row("gamma", gamma, "certified: exact rational proof, for this gain")
-    if analysis.exact_norm is not None:
-        peak = analysis.norm_frequency
-        at = "infinite frequency" if peak is None else f"{peak:.4g} rad/s"
-        facts.add_row(
-            "exact norm",
-            _number(analysis.exact_norm, 6),
-            f"computed: nominal loop, peak at {at}",
-        )
-    facts.add_row(
-        "abscissa", f"{analysis.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop"
-    )
+    _yardsticks(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, "
         if not delay.any_age:
@@ -101,6 +90,34 @@ def analysis_view(
         )
         facts.add_row("greatest delay", f"{reach.d:.7g} s", end)
     return Group(head, facts)
+
+
+def _yardsticks(facts: Table, found: Design | Analysis) -> None:
+    """Rows: what is true of the nominal loop, all of its delays taken as constants."""
+    norm, upper = found.exact_norm, found.exact_norm_upper
+    if norm is not None:
+        peak = found.norm_frequency
+        at = "infinite frequency" if peak is None else f"{peak:.4g} rad/s"
+        ratio = (
+            "" if found.gamma is None or not norm else f"; gamma is {found.gamma / norm:.4g} of it"
+        )
+        facts.add_row("exact norm", f"{norm:.6g}", f"computed: nominal loop, peak at {at}{ratio}")
+        if upper is not None:
+            above = f"norm + {upper - norm:.1e}"
+            facts.add_row("  at most", above, "proved in ball arithmetic, stability with it")
+    facts.add_row("abscissa", f"{found.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop")
+    if found.abscissa < 0.0:
+        for i, margin in enumerate(found.delay_margin or (), 1):
+            facts.add_row(
+                f"margin of delay {i}",
+                "none" if margin is None else f"{margin:.6g} s",
+                "computed: "
+                + (
+                    "stable however long it is, the others held"
+                    if margin is None
+                    else "nominal stability is lost there, the others held"
+                ),
+            )
 
 
 def _condition(order: int) -> str:

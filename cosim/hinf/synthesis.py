@@ -25,12 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
-from cosim.hinf.closed_loop import close
-from cosim.hinf.norm import hinf_norm
 from cosim.hinf.problem import Answer, Point, Problem
-from cosim.hinf.roots import spectral_abscissa
 from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.threads import one_thread
+from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
 GAIN_DIGITS = 6
@@ -51,10 +49,9 @@ class Design:
         system has no w or no z, and stability alone is certified.
     k1, k2 : one per delay.
     least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
-    abscissa : spectral abscissa of the nominal loop [1/s], computed.
-    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, or
-        where there is no w or no z.
-    norm_frequency : where it is attained [rad/s]; None at infinite frequency.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.yardsticks`); an upper bound or margin of None may also be one that an
+        older file does not hold.
     certificate : the proof as JSON values, for `check_certificate`.
     """
 
@@ -66,7 +63,9 @@ class Design:
     least_gamma: float | None
     abscissa: float
     exact_norm: float | None
+    exact_norm_upper: float | None
     norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any]
 
     @property
@@ -165,10 +164,6 @@ def finished(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
     """A proved gain with what is computed of its loop."""
-    loop = close(system, K)
-    peak = hinf_norm(loop) if system.has_performance else None
-    abscissa = float(spectral_abscissa(loop))
-    frequency = None if peak is None else float(peak.frequency)
     return Design(
         system=system,
         K=K,
@@ -176,10 +171,8 @@ def finished(
         k1=variables.k1,
         k2=variables.k2,
         least_gamma=least,
-        abscissa=abscissa,
-        exact_norm=None if peak is None else float(peak.value),
-        norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
         certificate=certificate_to_json(system, K, variables),
+        **measured(system, K)._asdict(),
     )
 
 
