@@ -235,7 +235,7 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
     return [
         ("gamma", _number(m["gamma"], 5), "certified"),
         ("exact norm, nominal loop", _number(m["exact_norm"], 5), "computed"),
-        ("gain of the flight from rest", _number(m["gain"], 4), "measured"),
+        ("gain of the flight from rest", _number(m["gain"], 5), _gain_measured(m)),
         ("final position error", _number(m["position_error_m"], 3, "m"), "measured"),
         ("largest thrust", _number(thrust, 4, "N"), "measured"),
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
@@ -243,6 +243,15 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("oldest measurement used", _number(m["message_age_s"], 4, "s"), "measured"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _gain_measured(metrics: Mapping[str, Any]) -> str:
+    """How the gain was obtained, and for a worst case how much of the norm it reached."""
+    worst, reached = metrics["worst_case"], metrics["norm_reached"]
+    if worst is None or reached is None:
+        return "measured"
+    at = f"worst case at {worst['omega']:.4g} rad/s"
+    return f"measured: {at}, {100 * reached:.2f} % of the exact norm"
 
 
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:

@@ -17,6 +17,7 @@ from cosim.hinf.norm import hinf_norm
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
 from cosim.hinf.saved import design_from_json, design_to_json
 from cosim.hinf.synthesis import Design, design
+from cosim.hinf.worst_case import WorstCase, worst_case
 
 __all__ = [
     "DELAY_LIMIT",
@@ -28,6 +29,7 @@ __all__ = [
     "Envelope",
     "GreatestDelay",
     "NamedSystem",
+    "WorstCase",
     "analyse",
     "auv_system",
     "certified_delay",
@@ -43,4 +45,5 @@ __all__ = [
     "spectral_abscissa",
     "system_by_name",
     "with_delays",
+    "worst_case",
 ]

@@ -19,7 +19,7 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, design_to_json
+from cosim.hinf import Design, WorstCase, design_to_json
 from cosim.master import (
     EngineName,
     Observer,
@@ -30,11 +30,12 @@ from cosim.master import (
     simulate,
 )
 from cosim.network import PacketSchedule
-from cosim.scenario.assemble import Hangar, assemble, find_fmus
+from cosim.scenario.assemble import Hangar, assemble, find_fmus, same_start
 from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
 from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.read import LoadedScenario
+from cosim.scenario.signals import blank_push, worst_case_of
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
 from cosim.trace import Attachment, TraceWriter, content_hash, result_of_link
 
@@ -52,6 +53,7 @@ class Prepared:
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
     design: Design | None
+    push: WorstCase | None = None
 
 
 def prepare(
@@ -65,13 +67,20 @@ def prepare(
 
     Raises
     ------
-    InputError, NotAchievableError : see `assemble` and `gain`.
+    InputError, NotAchievableError : see `assemble`, `gain` and `signals`.
     """
     tell = progress or _silent
     tell("FMUs", 0.0)
     fmus = find_fmus(loaded.scenario, hangar)
-    part = loaded.scenario.design
+    part, disturbance = loaded.scenario.design, loaded.scenario.disturbance
     if part is None:
+        if disturbance is not None:
+            raise InputError(
+                "a worst case is that of a design, and this scenario has none",
+                where="disturbance",
+                expected="[design]",
+                hint="a wave field as a component needs no design",
+            )
         return Prepared(loaded, fmus, None, None)
     for role, name in (("controller", part.controller), ("plant", part.plant)):
         if name not in fmus:
@@ -79,10 +88,12 @@ def prepare(
     # fit everything together before the design, which takes longest: what cannot run says so
     problem = problem_of(part, loaded.folder) if saved is None else saved[0]
     blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
-    assemble(loaded.scenario, fmus, parameters={part.controller: blank})
+    still = None if disturbance is None else blank_push(problem.system)
+    assemble(loaded.scenario, fmus, parameters={part.controller: blank}, push=still)
     tell("design", 0.0)
     found = solve(problem, part.gain) if saved is None else saved[1]
-    return Prepared(loaded, fmus, problem, found)
+    push = None if disturbance is None else worst_case_of(disturbance, found)
+    return Prepared(loaded, fmus, problem, found, push)
 
 
 def fly(
@@ -107,7 +118,7 @@ def fly(
     if scenario.design is not None and prepared.design is not None:
         controller = prepared.fmus[scenario.design.controller]
         parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
-    system = assemble(scenario, prepared.fmus, parameters=parameters)
+    system = assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
     if trace is None:
         run = _simulate(system, "flight", tell, engine)
         return _outcome(prepared, system, run, parameters, None, began, tell)[0]
@@ -158,10 +169,16 @@ def _outcome(
     scenario = prepared.loaded.scenario
     companion = None
     if prepared.design is not None and run.ending != "failed":
-        at_rest = assemble(scenario, prepared.fmus, parameters=parameters, at_rest=True)
-        companion = _simulate(at_rest, "companion", tell, "auto")
+        at_rest = assemble(
+            scenario, prepared.fmus, parameters=parameters, push=prepared.push, at_rest=True
+        )
+        # a run that starts from rest is its own companion
+        same = same_start(system, at_rest)
+        companion = run if same else _simulate(at_rest, "companion", tell, "auto")
     schedules = _schedules_reached(system, run, scenario.run.events)
-    flight = Flight(scenario, prepared.problem, prepared.design, run, companion, schedules)
+    flight = Flight(
+        scenario, prepared.problem, prepared.design, run, companion, schedules, prepared.push
+    )
     outcome = Outcome(
         scenario=prepared.loaded.name,
         title=scenario.title,
@@ -211,6 +228,8 @@ def _identity(prepared: Prepared, system: System) -> tuple[dict[str, str], Seque
     }
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
         entries[f"host.{package}"] = importlib.metadata.version(package)
+    if prepared.push is not None:
+        entries["disturbance"] = json.dumps(asdict(prepared.push), sort_keys=True)
     for name, link in system.links.items():
         entries[f"link.{name}"] = json.dumps(asdict(link), sort_keys=True)
     for name, fmu in prepared.fmus.items():

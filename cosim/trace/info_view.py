@@ -15,6 +15,7 @@ from cosim.trace.layout import HOST_PREFIX
 _HEADLINES = ("title", "scenario", "seed", "software")
 _FIGURES = {
     "gain": ("gain of the flight from rest", ""),
+    "exact_norm": ("exact norm, nominal loop", ""),
     "gamma": ("gamma, certified", ""),
     "position_error_m": ("final position error", " m"),
     "saturated_fraction": ("share of time at a limit", ""),
