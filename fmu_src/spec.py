@@ -63,6 +63,7 @@ class ComponentSpec:
     constants : what is fixed when the FMU is built (dimensions, name lists), JSON values.
     readme : the component's page, equations first.
     stop_time, step_size : default experiment [s].
+    certificate : JSON of the proof about the start values, for a controller that has one.
     """
 
     name: str
@@ -74,6 +75,7 @@ class ComponentSpec:
     stop_time: float
     step_size: float
     constants: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    certificate: bytes | None = None
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]

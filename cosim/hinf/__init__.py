@@ -2,6 +2,7 @@
 
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.auv import AuvDesign, auv_system
+from cosim.hinf.canonical import certificate_bytes, certificate_hash
 from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
 from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
 from cosim.hinf.closed_loop import close
@@ -32,6 +33,8 @@ __all__ = [
     "WorstCase",
     "analyse",
     "auv_system",
+    "certificate_bytes",
+    "certificate_hash",
     "certified_delay",
     "characteristic_roots",
     "check_certificate",

@@ -23,6 +23,7 @@ from pythonfmu.builder import FmuBuilder
 from fmu_src.archive import deterministic_zip
 from fmu_src.documentation import documentation_files
 from fmu_src.model_description import fmi2_xml
+from fmu_src.resources import resource_files
 from fmu_src.spec import ComponentSpec
 
 _SLAVE = "fmu_src.python_shell.slave"
@@ -54,6 +55,7 @@ def guid(spec: ComponentSpec) -> str:
             "script": _script(spec, "", unnamed).encode(),
             "modelDescription.xml": _description(spec, ""),
             **documentation_files(spec),
+            **resource_files(spec),
         }
     )
 
@@ -91,6 +93,7 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
             }
     files["modelDescription.xml"] = _description(spec, identity)
     files.update(documentation_files(spec))
+    files.update(resource_files(spec))
     return deterministic_zip(files, destination / f"{spec.name}.fmu")
 
 
