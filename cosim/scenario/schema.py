@@ -133,7 +133,9 @@ class DisturbancePart(_Part):
 
     "worst-case": the sinusoid that the nominal closed loop amplifies most, at the frequency of
     its peak or at `omega` [rad/s], |w| at most `amplitude`, swelling and fading as
-    sin(pi t / end); `target` is a group of inputs, one per entry of w in Eq. (7).
+    sin(pi t / end). At frequency zero that is a constant push; a peak at infinite frequency is
+    attained by no disturbance and refused. `target` is a group of inputs, one per entry of w
+    in Eq. (7).
     """
 
     kind: Literal["worst-case"]

@@ -99,7 +99,8 @@ def pushed(
 
     Raises
     ------
-    InputError : the target has another number of inputs than w has entries.
+    InputError : the target has another number of inputs than w has entries, or the step is
+        too long for the frequency.
     """
     base = endpoint(part.target)
     if base.component not in fmus:
@@ -111,6 +112,16 @@ def pushed(
             where="disturbance.target",
             expected=f"{len(found.amplitude)} inputs, one per entry of w",
             got=f"{part.target}: {', '.join(names) or 'no input'}",
+        )
+    longest = float(np.diff(seconds).max())
+    if found.omega * longest > math.pi:
+        raise InputError(
+            "the communication step is too long for the worst case",
+            where="run.step",
+            expected=f"less than {math.pi / found.omega:.4g} s, half a period of "
+            f"{found.omega:.4g} rad/s",
+            got=f"{longest:g} s",
+            hint="a tenth of that: the disturbance is held between two points",
         )
     swell = part.amplitude * np.sin(math.pi * seconds / seconds[-1])
     return {

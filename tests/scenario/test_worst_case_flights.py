@@ -13,6 +13,10 @@ from cli.shell import cosim, flight, trace_of
 from truth.dde import solve
 
 from cosim.hinf import check_certificate, system_by_name
+from cosim.scenario.assemble import Hangar
+from cosim.scenario.execute import fly as fly_prepared
+from cosim.scenario.execute import prepare
+from cosim.scenario.read import load, parse
 from cosim.trace import Trace
 
 PRINTED = np.array([[0.6432, -0.5679]])
@@ -184,3 +188,36 @@ def test_system_without_a_gain_has_no_worst_case(fmus: Path, tmp_path: Path) -> 
     refused = fly("", PLAIN, tmp_path, fmus)
     assert refused.code == 2
     assert "no worst case" in refused.error["what"]
+
+
+def test_frequency_beyond_the_step_is_refused(fmus: Path, tmp_path: Path) -> None:
+    """Held for 0.05 s, a sinusoid of more than 62.8 rad/s would be another one."""
+    system = PLAIN + "C = [[1.0], [0.0]]\nD = [[1.0, 0.0]]\n"
+    refused = fly("omega = 63.0", system, tmp_path, fmus)
+    assert refused.code == 2
+    assert refused.error["where"] == "run.step"
+    assert "0.04987 s" in refused.error["expected"]
+
+
+@pytest.mark.parametrize(("start", "flights"), [(0.0, ["flight"]), (0.5, ["flight", "companion"])])
+def test_a_run_from_rest_is_its_own_companion(
+    start: float, flights: list[str], fmus: Path, tmp_path: Path
+) -> None:
+    """What starts at rest is not flown twice; what does not, is, and the gain is that of rest."""
+    text = load("paper-worst-case").text.replace("end = 5.0", "end = 0.2")
+    text = text.replace('"initial.x[2]" = 0.0', f'"initial.x[2]" = {start}')
+    loaded = parse(text, name="short", where="short", folder=tmp_path)
+    stages: list[str] = []
+    outcome = fly_prepared(
+        prepare(loaded, Hangar(fmus.parent, tmp_path)),
+        progress=lambda what, _share: stages.append(what),
+    )
+    assert list(dict.fromkeys(stages)) == flights
+    assert outcome.metrics["gain"] == pytest.approx(_gain_from_rest(fmus, tmp_path), rel=1e-12)
+
+
+def _gain_from_rest(fmus: Path, folder: Path) -> float:
+    text = load("paper-worst-case").text.replace("end = 5.0", "end = 0.2")
+    loaded = parse(text, name="short", where="short", folder=folder)
+    gain: float = fly_prepared(prepare(loaded, Hangar(fmus.parent, folder))).metrics["gain"]
+    return gain
