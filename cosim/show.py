@@ -10,7 +10,9 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim.carried import Carried
 from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
+from cosim.pack import Packed
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
@@ -23,6 +25,12 @@ _STATUS = {
 }
 
 _NONE = "–"
+
+_WHOSE = {
+    "file": "",
+    "FMU": "which the FMU starts with; any other that is set voids this",
+    "trace": "which flew",
+}
 
 
 def design_view(
@@ -133,8 +141,8 @@ def _end(reach: GreatestDelay) -> str:
     return "certified; nothing is certified beyond"
 
 
-def certificate_view(file: str, certificate: Certificate) -> RenderableType:
-    """A check of a certificate: proved or not, and what is claimed."""
+def certificate_view(file: str, certificate: Certificate, carried: Carried) -> RenderableType:
+    """A check of a certificate: proved or not, what is claimed, and of which gain."""
     claim = certificate.claim
     verdict = (
         Text.assemble(("proved", "bold green"), f": {file}")
@@ -150,7 +158,23 @@ def certificate_view(file: str, certificate: Certificate) -> RenderableType:
         acts = ", the control acts through it" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
+    facts.add_row("SHA-256", f"{carried.sha256}"[:16], "of the certificate without notes")
     return Group(verdict, facts)
+
+
+def packed_view(packed: Packed) -> RenderableType:
+    """A controller FMU that was made, and what its certificate proves."""
+    head = Text.assemble(("packed", "bold green"), f": {packed.path}")
+    facts = _facts()
+    how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
+    facts.add_row("model", packed.name, f"pythonfmu, FMI 2.0; {how}")
+    facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
+    gamma = packed.claim["gamma"]
+    if gamma is not None:
+        facts.add_row("gamma", f"{float(Fraction(gamma)):.7g}", "certified, for this K")
+    facts.add_row("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json")
+    return Group(head, facts)
 
 
 def outcome_view(outcome: Outcome) -> RenderableType:
@@ -252,7 +276,7 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
     return [
         ("gamma", _number(m["gamma"], 5), "certified"),
         ("exact norm, nominal loop", _number(m["exact_norm"], 5), "computed"),
-        ("gain of the flight from rest", _number(m["gain"], 4), "measured"),
+        ("gain of the flight from rest", _number(m["gain"], 5), _gain_measured(m)),
         ("final position error", _number(m["position_error_m"], 3, "m"), "measured"),
         ("largest thrust", _number(thrust, 4, "N"), "measured"),
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
@@ -260,6 +284,15 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("oldest measurement used", _number(m["message_age_s"], 4, "s"), "measured"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _gain_measured(metrics: Mapping[str, Any]) -> str:
+    """How the gain was obtained, and for a worst case how much of the norm it reached."""
+    worst, reached = metrics["worst_case"], metrics["norm_reached"]
+    if worst is None or reached is None:
+        return "measured"
+    at = f"worst case at {worst['omega']:.4g} rad/s"
+    return f"measured: {at}, {100 * reached:.2f} % of the exact norm"
 
 
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:

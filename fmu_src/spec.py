@@ -14,6 +14,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
+CERTIFICATE = "resources/certificate.json"
+"""Where a controller carries the proof of its gain."""
+
 Causality = Literal["input", "output", "parameter"]
 Kind = Literal["Real", "Integer"]
 
@@ -64,6 +67,7 @@ class ComponentSpec:
     resources : path below resources/ -> content of files that travel with the FMU.
     readme : the component's page, equations first.
     stop_time, step_size : default experiment [s].
+    certificate : JSON of the proof about the start values, for a controller that has one.
     """
 
     name: str
@@ -76,6 +80,7 @@ class ComponentSpec:
     step_size: float
     constants: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     resources: Mapping[str, bytes] = field(default_factory=lambda: MappingProxyType({}))
+    certificate: bytes | None = None
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]
@@ -103,8 +108,11 @@ class ComponentSpec:
         ]
 
     def resource_files(self) -> dict[str, bytes]:
-        """Archive path -> content of `resources`."""
-        return {f"resources/{path}": content for path, content in self.resources.items()}
+        """Archive path -> content of `resources`, and the certificate."""
+        found = {f"resources/{path}": content for path, content in self.resources.items()}
+        if self.certificate is not None:
+            found[CERTIFICATE] = self.certificate
+        return found
 
     def guid(self, sources: Mapping[str, bytes]) -> str:
         """Hash of everything the FMU is made of, in the form FMI gives a GUID."""

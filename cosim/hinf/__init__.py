@@ -2,6 +2,7 @@
 
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.auv import AuvDesign, auv_system
+from cosim.hinf.canonical import certificate_bytes, certificate_hash
 from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
 from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
 from cosim.hinf.closed_loop import close
@@ -20,6 +21,7 @@ from cosim.hinf.roots import characteristic_roots, spectral_abscissa
 from cosim.hinf.saved import design_from_json, design_to_json
 from cosim.hinf.synthesis import Design, design
 from cosim.hinf.uncertainty_price import nominal_gamma, without_uncertainty
+from cosim.hinf.worst_case import WorstCase, worst_case
 from cosim.hinf.yardsticks import Yardsticks, measured
 
 __all__ = [
@@ -32,9 +34,12 @@ __all__ = [
     "Envelope",
     "GreatestDelay",
     "NamedSystem",
+    "WorstCase",
     "Yardsticks",
     "analyse",
     "auv_system",
+    "certificate_bytes",
+    "certificate_hash",
     "certified_delay",
     "characteristic_roots",
     "check_certificate",
@@ -53,4 +58,5 @@ __all__ = [
     "system_by_name",
     "with_delays",
     "without_uncertainty",
+    "worst_case",
 ]

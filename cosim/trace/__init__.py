@@ -4,8 +4,13 @@ from cosim.trace.content import content_hash
 from cosim.trace.info import describe
 from cosim.trace.info_view import render
 from cosim.trace.layout import (
+    CERTIFICATE_ATTACHMENT,
+    CERTIFICATE_HASH,
+    DESIGN_ATTACHMENT,
     DROPPED_SIGNALS,
+    SCENARIO_ATTACHMENT,
     Signal,
+    certificate_entries,
     dropped_topic,
     input_topic,
     link_topic,
@@ -17,7 +22,11 @@ from cosim.trace.rows import Poses, Rows
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
+    "CERTIFICATE_ATTACHMENT",
+    "CERTIFICATE_HASH",
+    "DESIGN_ATTACHMENT",
     "DROPPED_SIGNALS",
+    "SCENARIO_ATTACHMENT",
     "Attachment",
     "Poses",
     "Rows",
@@ -26,6 +35,7 @@ __all__ = [
     "TopicInfo",
     "Trace",
     "TraceWriter",
+    "certificate_entries",
     "content_hash",
     "describe",
     "dropped_topic",

@@ -20,9 +20,7 @@ DRIVE = {
 """For each FMU an input, how it moves, and parameters that are not the default."""
 
 
-def started(
-    path: Path, name: str, instance: str = "it", beside: RawFmu | None = None
-) -> RawFmu:
+def started(path: Path, name: str, instance: str = "it", beside: RawFmu | None = None) -> RawFmu:
     return RawFmu(path / f"{name}.fmu", instance, beside).initialise(dict(DRIVE[name][2]))
 
 

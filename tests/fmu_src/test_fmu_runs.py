@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
 from driven import DRIVE, drive, started
+from fmpy import simulate_fmu
 from raw_fmu import RawFmu, matrices
 from truth.dde import Hold, solve
 

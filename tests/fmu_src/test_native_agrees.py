@@ -172,7 +172,7 @@ def test_halving_the_internal_step_divides_the_error_by_16(
                 rows.append(raw.get("x[1]", "x[2]") - exact(t + period))
         errors.append(float(np.linalg.norm(rows)))
     ratios = [a / b for a, b in pairwise(errors)]
-    print(
+    print(  # noqa: T201 - the table is what the test shows
         f"delays {delays[0]:.4f} {delays[1]:.4f} s, communication step {period:.4f} s: "
         f"errors {' '.join(f'{e:.2e}' for e in errors)}, ratios "
         f"{' '.join(f'{r:.1f}' for r in ratios)}"
