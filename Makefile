@@ -49,5 +49,5 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	@echo '*' > $(VENV)/.gitignore
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-		-c constraints.txt -e '.[plot,test,lint]'
+		-c constraints.txt -e '.[plot,test,lint,bench]'
 	@touch $@

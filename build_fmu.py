@@ -1,5 +1,10 @@
 #!/usr/bin/env python3
-"""Build the FMUs of fmu_src/ into fmus/python/NAME.fmu; two builds give the same bytes."""
+"""Build the FMUs of fmu_src/ into fmus/FLAVOUR/NAME.fmu; two builds give the same bytes.
+
+Native FMUs (FMI 2.0 and 3.0) hold a binary for this machine, made by its C compiler; with
+--platforms all they hold one for each of linux and macOS on x86_64 and aarch64 and windows on
+x86_64, cross-compiled (pip install 'auv-cosim[cross]'). Their sources are inside for any other.
+"""
 
 from __future__ import annotations
 
@@ -7,35 +12,72 @@ import argparse
 import hashlib
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from fmu_src.build import ensure_all
+from cosim.errors import CosimError
+from fmu_src.build import FMI_VERSION, ensure_all
 from fmu_src.catalogue import CATALOGUE
+from fmu_src.native_shell.platforms import PLATFORMS, Platform
 
 
 def main() -> int:
     """Parse the command line, build, print a line per FMU."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CATALOGUE)}")
     parser.add_argument("--out", type=Path, default=Path("fmus"), help="folder (default: fmus)")
+    parser.add_argument(
+        "--flavour",
+        action="append",
+        choices=list(FMI_VERSION),
+        help="what to build; may be repeated (default: all)",
+    )
+    parser.add_argument(
+        "--platforms",
+        default="host",
+        help=f"binaries of native FMUs: host, all, or of {', '.join(PLATFORMS)}, with commas",
+    )
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in CATALOGUE]
     if unknown:
         known = ", ".join(CATALOGUE)
         print(f"no component {', '.join(unknown)}\n  expected: {known}", file=sys.stderr)
         return 2
+    platforms = _platforms(options.platforms)
+    if platforms is None:
+        known = ", ".join(["host", "all", *PLATFORMS])
+        print(f"no platform {options.platforms}\n  expected: {known}", file=sys.stderr)
+        return 2
     try:
-        for built in ensure_all(options.out, options.names, force=True):
-            digest = hashlib.sha256(built.path.read_bytes()).hexdigest()
-            print(f"{digest}  {built.path}")
+        for flavour in options.flavour or FMI_VERSION:
+            for built in ensure_all(
+                options.out, options.names, flavour=flavour, platforms=platforms, force=True
+            ):
+                digest = hashlib.sha256(built.path.read_bytes()).hexdigest()
+                print(f"{digest}  {built.path}", flush=True)
     except BrokenPipeError:
         # the reader of our output is gone: nothing is left to say it to
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except CosimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
     except OSError as error:
         print(f"the FMU cannot be written: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _platforms(text: str) -> Sequence[Platform] | None:
+    """None if the text names a platform that does not exist."""
+    if text == "host":
+        return ()
+    names = list(PLATFORMS) if text == "all" else text.split(",")
+    if not set(names) <= set(PLATFORMS):
+        return None
+    return [PLATFORMS[name] for name in PLATFORMS if name in names]
 
 
 if __name__ == "__main__":

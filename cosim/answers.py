@@ -13,11 +13,13 @@ def design_json(
     found: Design,
     reach: GreatestDelay | None,
     save: Path | None,
-    refutation: Path | None,
+    refutation: Path | None = None,
+    nominal: float | None = None,
 ) -> dict[str, Any]:
     """What `cosim design --json` prints.
 
     save, refutation : where the certificate is, and that of what cannot be had.
+    nominal : gamma with nothing uncertain, if that was asked.
     """
     return {
         "system": name,
@@ -33,9 +35,9 @@ def design_json(
         "refutation": None if refutation is None else str(refutation),
         "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
         "least_gamma": found.least_gamma,
-        "exact_norm": found.exact_norm,
-        "norm_frequency": found.norm_frequency,
-        "abscissa": found.abscissa,
+        "gamma_nominal": nominal,
+        "paid_for_uncertainty": _difference(found.gamma, nominal),
+        **_yardsticks(found),
     }
 
 
@@ -62,7 +64,23 @@ def analysis_json(
         "not_certified_at": None if reach is None else reach.not_beyond,
         "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
         "least_gamma": found.least_gamma,
-        "exact_norm": found.exact_norm,
-        "norm_frequency": found.norm_frequency,
-        "abscissa": found.abscissa,
+        **_yardsticks(found),
     }
+
+
+def _yardsticks(found: Design | Analysis) -> dict[str, Any]:
+    """What is true of the nominal loop, and how far gamma is above it."""
+    margins, norm = found.delay_margin, found.exact_norm
+    ratio = found.gamma / norm if found.gamma is not None and norm else None
+    return {
+        "exact_norm": norm,
+        "exact_norm_upper": found.exact_norm_upper,
+        "norm_frequency": found.norm_frequency,
+        "gamma_over_exact_norm": ratio,
+        "abscissa": found.abscissa,
+        "delay_margin": None if margins is None else list(margins),
+    }
+
+
+def _difference(a: float | None, b: float | None) -> float | None:
+    return None if a is None or b is None else a - b

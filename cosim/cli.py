@@ -14,6 +14,9 @@ from cosim.errors import CosimError, InputError
 from cosim.verbs.certificate import certificate_app
 from cosim.verbs.design import analyse, design
 from cosim.verbs.fly import demo, run, scenarios
+from cosim.verbs.fmu import fmu_app
+from cosim.verbs.fmu_controller import controller
+from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
 
 app = typer.Typer(
@@ -25,10 +28,12 @@ app = typer.Typer(
     help="Certified control of an underwater vehicle over delayed links: design, fly, trace.",
     epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenarios[/bold].",
 )
-for verb in (demo, scenarios, design, analyse, run):
+for verb in (demo, scenarios, design, analyse, paper, run):
     app.command()(verb)
 app.add_typer(trace_app, name="trace")
 app.add_typer(certificate_app, name="certificate")
+app.add_typer(fmu_app, name="fmu")
+fmu_app.command()(controller)
 
 # typer may bring its own copy of click: this is the usage error of the one it uses
 _UsageError: Any = typer.BadParameter.__base__

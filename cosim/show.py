@@ -10,7 +10,9 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cosim.carried import Carried
 from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
+from cosim.pack import Packed
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
@@ -24,27 +26,30 @@ _STATUS = {
 
 _NONE = "–"
 
+_WHOSE = {
+    "file": "",
+    "FMU": "which the FMU starts with; any other that is set voids this",
+    "trace": "which flew",
+}
 
-def design_view(name: str, design: Design, reach: GreatestDelay | None = None) -> RenderableType:
+
+def design_view(
+    name: str,
+    design: Design,
+    reach: GreatestDelay | None = None,
+    nominal: float | None = None,
+) -> RenderableType:
     """A design: what is proved, what is computed, and the gain."""
     facts = _facts()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
     facts.add_row("gamma", gamma, "certified: exact rational proof, for the gain below as it flies")
-    facts.add_row(
-        "exact norm",
-        _number(design.exact_norm, 6),
-        "computed: nominal loop, peak at "
-        + (
-            f"{design.norm_frequency:.4g} rad/s"
-            if design.norm_frequency is not None
-            else "infinite frequency"
-        ),
-    )
-    facts.add_row(
-        "abscissa",
-        _number(design.abscissa, 6, "1/s"),
-        "computed: rightmost root, nominal loop",
-    )
+    if nominal is not None and design.gamma is not None:
+        facts.add_row(
+            "  without uncertainty",
+            f"{nominal:.6g}",
+            f"certified, same gain, k1, k2: {design.gamma - nominal:.3g} are paid for E, H",
+        )
+    _yardsticks(facts, design)
     for i, delay in enumerate(design.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, up to it"
         acts = ", the control acts through it" if delay.feedback else ""
@@ -75,17 +80,7 @@ def analysis_view(
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
         facts.add_row("gamma", gamma, "certified: exact rational proof, for this gain")
-    if analysis.exact_norm is not None:
-        peak = analysis.norm_frequency
-        at = "infinite frequency" if peak is None else f"{peak:.4g} rad/s"
-        facts.add_row(
-            "exact norm",
-            _number(analysis.exact_norm, 6),
-            f"computed: nominal loop, peak at {at}",
-        )
-    facts.add_row(
-        "abscissa", f"{analysis.abscissa:.6g} 1/s", "computed: rightmost root, nominal loop"
-    )
+    _yardsticks(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, "
         if not delay.any_age:
@@ -105,6 +100,35 @@ def analysis_view(
     return Group(head, facts)
 
 
+def _yardsticks(facts: Table, found: Design | Analysis) -> None:
+    """Rows: what is true of the nominal loop, all of its delays taken as constants."""
+    norm, upper = found.exact_norm, found.exact_norm_upper
+    if norm is not None:
+        peak = found.norm_frequency
+        at = "infinite frequency" if peak is None else f"{peak:.4g} rad/s"
+        ratio = (
+            "" if found.gamma is None or not norm else f"; gamma is {found.gamma / norm:.4g} of it"
+        )
+        facts.add_row("exact norm", f"{norm:.6g}", f"computed: nominal loop, peak at {at}{ratio}")
+        if upper is not None:
+            above = f"norm + {upper - norm:.1e}"
+            facts.add_row("  at most", above, "proved in ball arithmetic, stability with it")
+    abscissa = _number(found.abscissa, 6, "1/s")
+    facts.add_row("abscissa", abscissa, "computed: rightmost root, nominal loop")
+    if found.abscissa is not None and found.abscissa < 0.0:
+        for i, margin in enumerate(found.delay_margin or (), 1):
+            facts.add_row(
+                f"margin of delay {i}",
+                "none" if margin is None else f"{margin:.6g} s",
+                "computed: "
+                + (
+                    "stable however long it is, the others held"
+                    if margin is None
+                    else "nominal stability is lost there, the others held"
+                ),
+            )
+
+
 def _condition(order: int) -> str:
     return "Theorem 1" if order == 0 else f"Bessel-Legendre, order {order}"
 
@@ -118,8 +142,8 @@ def _end(reach: GreatestDelay) -> str:
     return "certified; nothing is certified beyond"
 
 
-def certificate_view(file: str, certificate: Certificate) -> RenderableType:
-    """A check of a certificate: proved or not, and what is claimed."""
+def certificate_view(file: str, certificate: Certificate, carried: Carried) -> RenderableType:
+    """A check of a certificate: proved or not, what is claimed, and of which gain."""
     claim = certificate.claim
     verdict = (
         Text.assemble(("proved", "bold green"), f": {file}")
@@ -137,7 +161,23 @@ def certificate_view(file: str, certificate: Certificate) -> RenderableType:
         acts = ", the control acts through it" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
+    facts.add_row("SHA-256", f"{carried.sha256}"[:16], "of the certificate without notes")
     return Group(verdict, facts)
+
+
+def packed_view(packed: Packed) -> RenderableType:
+    """A controller FMU that was made, and what its certificate proves."""
+    head = Text.assemble(("packed", "bold green"), f": {packed.path}")
+    facts = _facts()
+    how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
+    facts.add_row("model", packed.name, f"pythonfmu, FMI 2.0; {how}")
+    facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
+    gamma = packed.claim["gamma"]
+    if gamma is not None:
+        facts.add_row("gamma", f"{float(Fraction(gamma)):.7g}", "certified, for this K")
+    facts.add_row("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json")
+    return Group(head, facts)
 
 
 def outcome_view(outcome: Outcome) -> RenderableType:
@@ -239,7 +279,7 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
     return [
         ("gamma", _number(m["gamma"], 5), "certified"),
         ("exact norm, nominal loop", _number(m["exact_norm"], 5), "computed"),
-        ("gain of the flight from rest", _number(m["gain"], 4), "measured"),
+        ("gain of the flight from rest", _number(m["gain"], 5), _gain_measured(m)),
         ("final position error", _number(m["position_error_m"], 3, "m"), "measured"),
         ("largest thrust", _number(thrust, 4, "N"), "measured"),
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
@@ -247,6 +287,15 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("oldest measurement used", _number(m["message_age_s"], 4, "s"), "measured"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _gain_measured(metrics: Mapping[str, Any]) -> str:
+    """How the gain was obtained, and for a worst case how much of the norm it reached."""
+    worst, reached = metrics["worst_case"], metrics["norm_reached"]
+    if worst is None or reached is None:
+        return "measured"
+    at = f"worst case at {worst['omega']:.4g} rad/s"
+    return f"measured: {at}, {100 * reached:.2f} % of the exact norm"
 
 
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:

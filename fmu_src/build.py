@@ -1,17 +1,26 @@
-"""Build FMUs into a folder: fmus/python/NAME.fmu, what is up to date left alone."""
+"""Build FMUs into a folder: fmus/<flavour>/NAME.fmu, what is up to date left alone."""
 
 from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from fmu_src.catalogue import CATALOGUE
-from fmu_src.python_shell.package import build_python_fmu, guid
+from fmu_src.native_shell.package import build_native_fmu
+from fmu_src.native_shell.package import guid as native_guid
+from fmu_src.native_shell.platforms import Platform, host
+from fmu_src.python_shell.package import build_python_fmu
+from fmu_src.python_shell.package import guid as python_guid
+from fmu_src.spec import ComponentSpec
 
 FLAVOUR = "python"
+"""The flavour that is meant where none is named."""
+
+FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
+"""Every flavour, by the name of its folder, with its version of FMI."""
 
 
 @dataclass(frozen=True)
@@ -23,31 +32,71 @@ class Built:
     new: bool
 
 
-def ensure_fmu(name: str, root: Path, *, force: bool = False) -> Built:
-    """The FMU `name` of the catalogue under `root`/python, built if missing or out of date.
+def ensure_fmu(
+    name: str,
+    root: Path,
+    *,
+    flavour: str = FLAVOUR,
+    platforms: Sequence[Platform] = (),
+    force: bool = False,
+) -> Built:
+    """The FMU `name` of the catalogue under `root`/`flavour`, built if missing or out of date.
+
+    `platforms` are those to cross-compile a native FMU for; none means this machine, by its
+    own compiler.
 
     Raises
     ------
-    KeyError : no such component.
+    KeyError : no such component or flavour.
+    InputError : a native FMU has to be built and there is no compiler.
     """
     spec = CATALOGUE[name]
-    path = root / FLAVOUR / f"{name}.fmu"
-    if not force and path.is_file() and _guid_of(path) == guid(spec):
+    path = root / flavour / f"{name}.fmu"
+    if not force and path.is_file() and _up_to_date(path, spec, flavour, platforms):
         return Built(name, path, new=False)
-    build_python_fmu(spec, path.parent)
+    if flavour == "python":
+        build_python_fmu(spec, path.parent)
+    else:
+        build_native_fmu(spec, path.parent, FMI_VERSION[flavour], platforms)
     return Built(name, path, new=True)
 
 
-def ensure_all(root: Path, names: Iterable[str] = (), *, force: bool = False) -> list[Built]:
+def ensure_all(
+    root: Path,
+    names: Iterable[str] = (),
+    *,
+    flavour: str = FLAVOUR,
+    platforms: Sequence[Platform] = (),
+    force: bool = False,
+) -> list[Built]:
     """`ensure_fmu` for the names given, all of the catalogue by default."""
-    return [ensure_fmu(name, root, force=force) for name in (names or CATALOGUE)]
+    return [
+        ensure_fmu(name, root, flavour=flavour, platforms=platforms, force=force)
+        for name in (names or CATALOGUE)
+    ]
 
 
-def _guid_of(path: Path) -> str | None:
+def _up_to_date(
+    path: Path, spec: ComponentSpec, flavour: str, platforms: Sequence[Platform]
+) -> bool:
+    found = _inside(path)
+    if found is None:
+        return False  # not an FMU: it is built anew
+    identity, entries = found
+    if flavour == "python":
+        return identity == python_guid(spec)
+    version = FMI_VERSION[flavour]
+    wanted = {f"binaries/{p.folder(version)}/{spec.name}{p.suffix}" for p in platforms or [host()]}
+    return identity == native_guid(spec, version) and wanted <= entries
+
+
+def _inside(path: Path) -> tuple[str, set[str]] | None:
+    """GUID or instantiation token, and the names of all entries."""
     try:
         with zipfile.ZipFile(path) as archive:
             text = archive.read("modelDescription.xml").decode("utf-8", "replace")
+            entries = set(archive.namelist())
     except (OSError, KeyError, zipfile.BadZipFile):
-        return None  # not an FMU: it is built anew
-    found = re.search(r'\bguid="([^"]*)"', text)
-    return found.group(1) if found else None
+        return None
+    found = re.search(r'\b(?:guid|instantiationToken)="([^"]*)"', text)
+    return None if found is None else (found.group(1), entries)

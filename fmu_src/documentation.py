@@ -7,6 +7,7 @@ from importlib.resources import files
 
 from markdown_it import MarkdownIt
 
+from .certified import certified_section
 from .spec import ComponentSpec, Variable
 
 _STYLE = """
@@ -39,11 +40,14 @@ def _page(spec: ComponentSpec) -> str:
             ("Parameters", "parameter"),
         )
     )
+    certified = ""
+    if spec.certificate is not None:
+        certified = certified_section(spec.certificate, f"{spec.name}.fmu")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{html.escape(spec.name)}</title><style>{_STYLE}</style></head><body>\n"
         f'<h1>{html.escape(spec.name)}</h1>\n<p class="lead">{html.escape(spec.description)}.</p>\n'
-        f"{body}\n<h2>Variables</h2>\n{tables}"
+        f"{body}\n{certified}<h2>Variables</h2>\n{tables}"
         '<p>MIT licence, see <a href="licenses/license.txt">license.txt</a>.</p></body></html>\n'
     )
 

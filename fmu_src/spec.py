@@ -1,7 +1,7 @@
 """What a component is, apart from any FMI version: one table of variables, one behaviour.
 
-Every flavour of an FMU (model description, pythonfmu slave, documentation page, later the
-native C) is generated from a `ComponentSpec`.
+Every flavour of an FMU (model description, pythonfmu slave, documentation page, native C) is
+generated from a `ComponentSpec`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
+
+CERTIFICATE = "resources/certificate.json"
+"""Where a controller carries the proof of its gain."""
 
 Causality = Literal["input", "output", "parameter"]
 Kind = Literal["Real", "Integer"]
@@ -61,8 +64,10 @@ class ComponentSpec:
     behaviour : "module:Class" of the behaviour, numpy-free.
     sources : modules that the behaviour needs, copied into the FMU; behaviour included.
     constants : what is fixed when the FMU is built (dimensions, name lists), JSON values.
+    resources : path below resources/ -> content of files that travel with the FMU.
     readme : the component's page, equations first.
     stop_time, step_size : default experiment [s].
+    certificate : JSON of the proof about the start values, for a controller that has one.
     """
 
     name: str
@@ -74,6 +79,8 @@ class ComponentSpec:
     stop_time: float
     step_size: float
     constants: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    resources: Mapping[str, bytes] = field(default_factory=lambda: MappingProxyType({}))
+    certificate: bytes | None = None
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]
@@ -99,6 +106,13 @@ class ComponentSpec:
             }
             for v in self.variables
         ]
+
+    def resource_files(self) -> dict[str, bytes]:
+        """Archive path -> content of `resources`, and the certificate."""
+        found = {f"resources/{path}": content for path, content in self.resources.items()}
+        if self.certificate is not None:
+            found[CERTIFICATE] = self.certificate
+        return found
 
     def guid(self, sources: Mapping[str, bytes]) -> str:
         """Hash of everything the FMU is made of, in the form FMI gives a GUID."""

@@ -32,3 +32,23 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("fmus")
     ensure_all(root)
     return root / FLAVOUR
+
+
+@pytest.fixture(scope="session")
+def native_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of every native FMU of FMI 2.0 for this machine; read only."""
+    return _native(tmp_path_factory, "native")
+
+
+@pytest.fixture(scope="session")
+def native_fmus_of_fmi3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of every native FMU of FMI 3.0 for this machine; read only."""
+    return _native(tmp_path_factory, "native-fmi3")
+
+
+def _native(tmp_path_factory: pytest.TempPathFactory, flavour: str) -> Path:
+    from fmu_src.build import ensure_all  # noqa: PLC0415 - most tests need no FMU
+
+    root = tmp_path_factory.mktemp("fmus")
+    ensure_all(root, flavour=flavour)
+    return root / flavour

@@ -16,7 +16,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import fmpy
 import numpy as np
@@ -24,12 +24,13 @@ from fmpy import fmi2
 from numpy.typing import NDArray
 
 from cosim.errors import ComponentError, InputError
-from cosim.fmu.description import FmuDescription, Port
+from cosim.fmu.description import FmuDescription, Port, SignalKind
 
 LogSink = Callable[[str, str], None]
 """Takes (level, message): level is debug, info, warning, error or fatal."""
 
 _LEVELS = {0: "info", 1: "warning", 2: "warning", 3: "error", 4: "fatal"}
+_STATUS = {2: "fmi2Discard", 3: "fmi2Error", 4: "fmi2Fatal", 5: "fmi2Pending"}
 _CALLS: dict[str, tuple[str, str, Any]] = {
     "float": ("fmi2GetReal", "fmi2SetReal", ctypes.c_double),
     "int": ("fmi2GetInteger", "fmi2SetInteger", ctypes.c_int),
@@ -91,6 +92,7 @@ class FmuSlave:
         self._log = log
         self._open = True
         self._stepping = False
+        self._fatal = False
         self._folder = tempfile.mkdtemp(prefix="cosim-")
         self.fmu: Any = None
         try:
@@ -173,6 +175,31 @@ class FmuSlave:
         """
         self.call(f"step from t = {time:g} s", self.fmu.fmi2DoStep, time, size, 1)
 
+    @property
+    def component(self) -> int:
+        """Address of the instance."""
+        return int(self.fmu.component)
+
+    def address(self, way: Literal["get", "set", "step"], kind: SignalKind = "float") -> int:
+        """Address of fmi2Get..., fmi2Set... (for variables of a kind) or fmi2DoStep."""
+        getter, setter, _ = _CALLS[kind]
+        name = {"get": getter, "set": setter, "step": "fmi2DoStep"}[way]
+        found = ctypes.cast(self.fmu.dll[name], ctypes.c_void_p).value
+        return int(found or 0)
+
+    def refused(self, what: str, status: int) -> ComponentError:
+        """The error that a status beyond Warning stands for; the slave takes no more steps."""
+        self._stepping = False
+        return ComponentError(
+            f"{what} returned {_STATUS.get(status, f'status {status}')}",
+            where=f"component {self.name!r} ({self.description.path.name})",
+            got=self.last_error,
+        )
+
+    def abandon(self) -> None:
+        """Call nothing of this slave any more: one of its FMU has reported fmi2Fatal."""
+        self._fatal = True
+
     def call(self, what: str, function: Any, *arguments: Any) -> None:
         """Call an FMI function on this instance; any status beyond Warning is an error."""
         try:
@@ -194,9 +221,10 @@ class FmuSlave:
             return
         self._open = False
         try:
-            if self._stepping:
+            if self._stepping and not self._fatal:
                 self.fmu.terminate()
-            self.fmu.freeInstance()
+            if not self._fatal:
+                self.fmu.freeInstance()
         except Exception as error:  # noqa: BLE001 - the run is over; what is left is to say so
             self._log("warning", f"freeing the slave: {error}")
         finally:

@@ -2,9 +2,11 @@
 
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.auv import AuvDesign, auv_system
+from cosim.hinf.canonical import certificate_bytes, certificate_hash
 from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
 from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
 from cosim.hinf.closed_loop import close
+from cosim.hinf.delay_margin import delay_margin
 from cosim.hinf.envelope import Envelope
 from cosim.hinf.greatest_delay import (
     DELAY_LIMIT,
@@ -14,9 +16,13 @@ from cosim.hinf.greatest_delay import (
 )
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
+from cosim.hinf.norm_proof import norm_proved
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
 from cosim.hinf.saved import design_from_json, design_to_json
 from cosim.hinf.synthesis import Design, design
+from cosim.hinf.uncertainty_price import nominal_gamma, without_uncertainty
+from cosim.hinf.worst_case import WorstCase, worst_case
+from cosim.hinf.yardsticks import Yardsticks, measured
 
 __all__ = [
     "DELAY_LIMIT",
@@ -28,19 +34,29 @@ __all__ = [
     "Envelope",
     "GreatestDelay",
     "NamedSystem",
+    "WorstCase",
+    "Yardsticks",
     "analyse",
     "auv_system",
+    "certificate_bytes",
+    "certificate_hash",
     "certified_delay",
     "characteristic_roots",
     "check_certificate",
     "close",
+    "delay_margin",
     "design",
     "design_from_json",
     "design_to_json",
     "greatest_delay",
     "hinf_norm",
+    "measured",
+    "nominal_gamma",
+    "norm_proved",
     "read_certificate",
     "spectral_abscissa",
     "system_by_name",
     "with_delays",
+    "without_uncertainty",
+    "worst_case",
 ]

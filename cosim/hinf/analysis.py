@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +21,7 @@ from cosim.errors import InputError
 from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_ORDER, analysis_proved
-from cosim.hinf.closed_loop import close
-from cosim.hinf.norm import hinf_norm
-from cosim.hinf.roots import spectral_abscissa
+from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -43,10 +41,8 @@ class Analysis:
     gamma : certified bound of the gain from w to z, uncertainty included; None where only
         stability is certified, or nothing.
     least_gamma : the solver's least gamma: not a proof; None where it finds none.
-    abscissa : spectral abscissa of the nominal loop [1/s], computed.
-    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, or
-        where there is no w or no z.
-    norm_frequency : where it is attained [rad/s]; None at infinite frequency.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.yardsticks`).
     certificate : the proof as JSON values, for `check_certificate`; None if not certified.
     """
 
@@ -59,7 +55,9 @@ class Analysis:
     least_gamma: float | None
     abscissa: float
     exact_norm: float | None
+    exact_norm_upper: float | None
     norm_frequency: float | None
+    delay_margin: tuple[float | None, ...]
     certificate: dict[str, Any] | None
 
     @property
@@ -121,30 +119,8 @@ def analyse(
         reason=reason,
         gamma=None if proof is None else level,
         least_gamma=least,
-        abscissa=yardsticks.abscissa,
-        exact_norm=yardsticks.exact_norm,
-        norm_frequency=yardsticks.norm_frequency,
         certificate=proof,
-    )
-
-
-class Yardsticks(NamedTuple):
-    """What is computed of the nominal loop, beside any proof; see `Analysis`."""
-
-    abscissa: float
-    exact_norm: float | None
-    norm_frequency: float | None
-
-
-def measured(system: DelaySystem, K: NDArray[np.float64]) -> Yardsticks:
-    """Abscissa and norm of the nominal loop."""
-    loop = close(system, K)
-    peak = hinf_norm(loop) if system.has_performance else None
-    frequency = None if peak is None else float(peak.frequency)
-    return Yardsticks(
-        float(spectral_abscissa(loop)),
-        None if peak is None else float(peak.value),
-        None if frequency is None or not np.isfinite(frequency) else frequency,
+        **yardsticks._asdict(),
     )
 
 

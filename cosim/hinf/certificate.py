@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Certificate",
     "Variables",
+    "certificate_from_bytes",
     "certificate_to_json",
     "certify",
     "check_certificate",
@@ -172,14 +173,27 @@ def read_certificate(path: str | Path) -> Any:
         If the file cannot be read or is no JSON, with the line.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        content = Path(path).read_bytes()
     except OSError as error:
         raise InputError("cannot be read", where=str(path), got=error.strerror) from error
+    return certificate_from_bytes(content, str(path))
+
+
+def certificate_from_bytes(content: bytes, where: str) -> Any:
+    """The data of a certificate from what a file holds; `where` stands in the messages.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, with the line.
+    """
+    try:
+        return json.loads(content.decode("utf-8"))
     except json.JSONDecodeError as error:
-        where = f"{path}, line {error.lineno}, column {error.colno}"
-        raise InputError("not JSON", where=where, got=error.msg) from error
+        place = f"{where}, line {error.lineno}, column {error.colno}"
+        raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
-        raise InputError("not a certificate in JSON", where=str(path), got=str(error)) from error
+        raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
 
 
 def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError
-from cosim.hinf.analysis import Analysis, Prover, gain_of, measured
+from cosim.hinf.analysis import Analysis, Prover, gain_of
 from cosim.hinf.analysis_proof import MAX_ORDER
 from cosim.hinf.greatest_delay import DELAY_LIMIT
+from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
 _STEP = 1.1

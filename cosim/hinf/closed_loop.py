@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError
@@ -158,6 +159,16 @@ class ClosedLoop:
         return total
 
 
+def balanced(A: Sequence[Matrix]) -> list[Matrix]:
+    """T^-1 A_i T for one diagonal T of powers of two: the same roots, without rounding.
+
+    States in units that lie far apart make norms large and everything bounded by them vague.
+    """
+    sizes = np.abs(np.array(A)).sum(axis=0)
+    scale = np.diag(scipy.linalg.matrix_balance(sizes, permute=False)[1])
+    return [M * scale[None, :] / scale[:, None] for M in A]
+
+
 def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
     """Nominal loop of `system` with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts.
 
@@ -173,15 +184,34 @@ def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
     InputError
         K has the wrong shape or is not finite.
     """
+    A, D, delays = closed_terms(system, K)
+    if not system.has_performance:
+        return ClosedLoop(A, delays)
+    return ClosedLoop(A, delays, system.C, D, system.D1)
+
+
+class Terms(NamedTuple):
+    """The loop term by term: what acts through each delay, equal delays apart."""
+
+    A: list[Matrix]
+    D: list[Matrix]
+    delays: list[float]
+
+
+def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
+    """A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, the delay d_0 = 0 first.
+
+    Raises
+    ------
+    InputError
+        As `close`.
+    """
     n, m = system.B.shape
     gain = _matrix("K", K, m, n)
     on_state, on_output = system.B @ gain, system.D2 @ gain
     acts = (system.immediate_feedback, *(delay.feedback for delay in system.delays))
     open_A = (system.A, *(delay.A for delay in system.delays))
-    A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
-    delays = [0.0, *(delay.d for delay in system.delays)]
-    if not system.has_performance:
-        return ClosedLoop(A, delays)
     open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
+    A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
     D = [M + on_output if phi else M for M, phi in zip(open_D, acts, strict=True)]
-    return ClosedLoop(A, delays, system.C, D, system.D1)
+    return Terms(A, D, [0.0, *(delay.d for delay in system.delays)])

@@ -39,8 +39,10 @@ Reals = NDArray[np.float64]
 _TOLERANCE = 1e-9
 _CHUNK = 8192  # intervals examined at once: bounds the memory
 _LARGEST_EFFORT = 400_000  # intervals examined in all
-_ROOTS = 8
 _REFINED = 6
+
+ROOTS = 8
+"""Peaks of the gain lie near the rightmost characteristic roots: near so many."""
 
 
 class NormResult(NamedTuple):
@@ -186,10 +188,12 @@ def _start(
 
 def _last(bounds: _Bounds, level: float, longest: float) -> float:
     """A frequency beyond which no gain exceeds `level`, or `longest`: bisection."""
-    low, high = 1.0, 2.0
+    low, high = bounds.a, 2.0 * bounds.a
     while high < longest and bounds.beyond(bounds.a + high) > level:
         low, high = high, 2.0 * high
-    while high > 1e-9 and low == 1.0 and bounds.beyond(bounds.a + 0.5 * high) <= level:
+    while (
+        high > 1e-9 * bounds.a and low == bounds.a and bounds.beyond(bounds.a + 0.5 * high) <= level
+    ):
         high *= 0.5
     return bounds.a + high
 
@@ -232,12 +236,13 @@ def _branch_and_bound(
     return best, max(bound, best[0] * (1.0 + _TOLERANCE) + floor)
 
 
-def hinf_norm(loop: ClosedLoop) -> NormResult | None:
+def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None:
     """Exact H-infinity norm of the nominal loop, sup over omega of |G(j omega)|.
 
     Parameters
     ----------
     loop : with w and z.
+    roots : its rightmost characteristic roots, `ROOTS` of them, if they are known.
 
     Returns
     -------
@@ -252,7 +257,8 @@ def hinf_norm(loop: ClosedLoop) -> NormResult | None:
         The characteristic roots could not be found (see `characteristic_roots`).
     """
     bounds = _Bounds(loop)
-    roots = characteristic_roots(loop, _ROOTS)
+    if roots is None:
+        roots = characteristic_roots(loop, ROOTS)
     if not roots[0].real < 0.0:
         return None
     if bounds.through == 0.0:

@@ -9,19 +9,23 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.hinf.certificate import check_certificate
+from cosim.hinf.shown import shown
 from cosim.hinf.synthesis import Design
 from cosim.hinf.system_json import number, system_from_json
 
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
 """Computed beside the proof: notes, not part of the claim."""
 
+_LATER_FIGURES = ("exact_norm_upper", "delay_margin")
+"""More of them, which files written before them do not hold: then they are None."""
+
 
 def design_to_json(design: Design) -> dict[str, Any]:
     """JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
-    return {
-        **design.certificate,
-        "figures": {name: getattr(design, name) for name in _FIGURES},
-    }
+    figures = {name: getattr(design, name) for name in _FIGURES + _LATER_FIGURES}
+    if design.delay_margin is not None:
+        figures["delay_margin"] = list(design.delay_margin)
+    return {**design.certificate, "figures": figures}
 
 
 def design_from_json(data: Any, *, where: str) -> Design:
@@ -37,27 +41,49 @@ def design_from_json(data: Any, *, where: str) -> Design:
     if "kind" in data:
         raise InputError("not a design", where=where, got=f"a proof of kind {data['kind']}")
     figures = data.get("figures")
-    if not isinstance(figures, dict) or set(figures) != set(_FIGURES):
+    known = set(_FIGURES + _LATER_FIGURES)
+    if not isinstance(figures, dict) or not set(_FIGURES) <= set(figures) <= known:
         raise InputError(
-            "figures are missing from this design",
+            "this design has not the figures of a design",
             where=where,
-            expected=f"figures: {', '.join(_FIGURES)}",
+            expected=f"figures: {', '.join(_FIGURES)}, and maybe {', '.join(_LATER_FIGURES)}",
+            got=shown(sorted(figures)) if isinstance(figures, dict) else shown(figures),
         )
     # what is claimed is read off the proof, never off a note beside it
     proved = data["variables"]
+    system = system_from_json(data["system"])
     notes: dict[str, Any] = {
-        name: None if figures[name] is None else number(figures[name], f"{where}: {name}")
-        for name in _FIGURES
+        name: _number_or_none(figures.get(name), f"{where}: {name}")
+        for name in (*_FIGURES, "exact_norm_upper")
     }
+    margins = figures.get("delay_margin")
+    if margins is not None:
+        margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     return Design(
-        system=system_from_json(data["system"]),
+        system=system,
         K=np.array(data["K"], dtype=float),
         gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
         k1=tuple(map(_double, proved["k1"])),
         k2=tuple(map(_double, proved["k2"])),
         certificate={key: data[key] for key in ("claim", "system", "variables", "K")},
+        delay_margin=margins,
         **notes,
     )
+
+
+def _number_or_none(value: Any, where: str) -> float | None:
+    return None if value is None else number(value, where)
+
+
+def _margins(values: Any, where: str, N: int) -> tuple[float | None, ...]:
+    if not isinstance(values, list) or len(values) != N:
+        raise InputError(
+            "not a delay margin",
+            where=where,
+            expected=f"a list of {N}, one number or null per delay",
+            got=shown(values),
+        )
+    return tuple(_number_or_none(value, f"{where}[{i}]") for i, value in enumerate(values))
 
 
 def _double(text: str) -> float:

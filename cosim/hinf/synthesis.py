@@ -26,8 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
-from cosim.hinf.closed_loop import close
-from cosim.hinf.norm import hinf_norm
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.refusals import (
     below_least,
@@ -38,10 +36,10 @@ from cosim.hinf.refusals import (
     said,
 )
 from cosim.hinf.refutation_certificate import gamma_floor
-from cosim.hinf.roots import spectral_abscissa
 from cosim.hinf.scaling import Scaling, check_size
 from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.threads import one_thread
+from cosim.hinf.yardsticks import Yardsticks, measured
 from cosim.models.delay_system import DelaySystem
 
 GAIN_DIGITS = 6
@@ -67,10 +65,9 @@ class Design:
         system has no w or no z, and stability alone is certified.
     k1, k2 : one per delay.
     least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
-    abscissa : spectral abscissa of the nominal loop [1/s], computed; None if it could not be.
-    exact_norm : H-infinity norm of the nominal loop, computed; None if it is not stable, could
-        not be computed, or where there is no w or no z.
-    norm_frequency : where it is attained [rad/s]; None at infinite frequency.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.yardsticks`); None also where it could not be computed (a delay too long
+        for its roots to be counted), or where an older file does not hold it.
     certificate : the proof as JSON values, for `check_certificate`.
     """
 
@@ -82,7 +79,9 @@ class Design:
     least_gamma: float | None
     abscissa: float | None
     exact_norm: float | None
+    exact_norm_upper: float | None
     norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any]
 
     @property
@@ -181,13 +180,10 @@ def finished(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
     """A proved gain with what is computed of its loop."""
-    loop = close(system, K)
-    peak, abscissa = None, None
-    # a proof does not depend on them: a delay too long for its roots to be counted has none
+    figures: Yardsticks | None = None
+    # a proof does not depend on them
     with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-        abscissa = float(spectral_abscissa(loop))
-        peak = hinf_norm(loop) if system.has_performance else None
-    frequency = None if peak is None else float(peak.frequency)
+        figures = measured(system, K)
     return Design(
         system=system,
         K=K,
@@ -195,10 +191,8 @@ def finished(
         k1=variables.k1,
         k2=variables.k2,
         least_gamma=least,
-        abscissa=abscissa,
-        exact_norm=None if peak is None else float(peak.value),
-        norm_frequency=None if frequency is None or not np.isfinite(frequency) else frequency,
         certificate=certificate_to_json(system, K, variables),
+        **(dict.fromkeys(Yardsticks._fields) if figures is None else figures._asdict()),
     )
 
 

@@ -1,7 +1,10 @@
 """The co-simulation master: system, wiring, loop, recorder."""
 
-from cosim.master.loop import Observer, Run, simulate
+from cosim.master.engine import EngineChoice, EngineName
+from cosim.master.journal import Observer
+from cosim.master.loop import simulate
 from cosim.master.recorder import TraceRecorder
+from cosim.master.run import Run
 from cosim.master.system import (
     Component,
     Connection,
@@ -16,6 +19,8 @@ __all__ = [
     "Component",
     "Connection",
     "Endpoint",
+    "EngineChoice",
+    "EngineName",
     "Link",
     "Observer",
     "Run",

@@ -3,8 +3,11 @@
     for every communication point t_k:
         every component sends:    its outputs go into row k
         every component receives: its inputs are read off the rows that the links name
-        the observer looks
         every component steps from t_k to t_{k+1}, inputs held
+
+An engine (`cosim.master.engine`) carries that out, a stretch of points at a time; between two
+stretches the observers look at the rows that are there, and a run that has left its range ends.
+How long a stretch is depends on the machine; nothing that is recorded depends on it.
 
 The coupling delays what a component computes from its inputs until the next point; that
 delay is the loop's own and is reported apart from the links'.
@@ -12,155 +15,122 @@ delay is the loop's own and is reported apart from the links'.
 
 from __future__ import annotations
 
+import functools
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cosim.errors import ComponentError, InputError
 from cosim.fmu import FmuSlave
-from cosim.master.system import Endpoint, System
-from cosim.master.wiring import Station, wire
+from cosim.master.engine import (
+    Engine,
+    EngineChoice,
+    EngineName,
+    Halt,
+    build,
+    choose,
+    make_program,
+)
+from cosim.master.journal import Journal, Observer
+from cosim.master.run import Ending, Run
+from cosim.master.system import System
+from cosim.master.wiring import Wiring, wire
 
-Ending = Literal["finished", "diverged", "failed"]
-
-
-class Observer(Protocol):
-    """Looks on while a run goes."""
-
-    def begin(self, stations: Sequence[Station]) -> None:
-        """Before the first point, all slaves initialised."""
-
-    def point(self, k: int) -> None:
-        """Row k of every station is complete."""
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """A component, or the loop, has said something."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What happened.
-
-    Attributes
-    ----------
-    ending : "finished" at the end; "diverged" when an output left the allowed range or
-        the numbers; "failed" when a component refused for another reason.
-    reason : in words, None when finished.
-    points_ns : the points reached [ns], int64 (k,).
-    stations : the rows, of which the first k are valid.
-    """
-
-    ending: Ending
-    reason: str | None
-    points_ns: NDArray[np.int64]
-    stations: tuple[Station, ...]
-
-    def signal(self, component: str, variable: str) -> NDArray[np.float64]:
-        """Values of an output or a connected input at the points reached, shape (k,).
-
-        Raises
-        ------
-        InputError : no such component, or the variable was not part of the run.
-        """
-        names = {s.name: s for s in self.stations}
-        station = names.get(component)
-        if station is None:
-            raise InputError.unknown("component", component, names)
-        reached = self.points_ns.size
-        for ports, rows in (
-            (station.output_ports, station.outputs),
-            (station.input_ports, station.inputs),
-        ):
-            for j, port in enumerate(ports):
-                if port.name == variable:
-                    return rows[:reached, j]
-        known = [p.name for p in (*station.output_ports, *station.input_ports)]
-        raise InputError.unknown("signal", variable, known, where=f"component {component!r}")
+_FATAL = 4
+_STRETCH_S = 0.05
+_LONGEST = 1 << 16
 
 
-def simulate(system: System, observers: Sequence[Observer] = ()) -> Run:
+class _Pace:
+    """How many points a stretch has: what takes about `_STRETCH_S`."""
+
+    def __init__(self) -> None:
+        self.points = 1
+
+    def took(self, seconds: float) -> None:
+        """Take note of how long the last stretch took."""
+        share = min(8.0, _STRETCH_S / max(seconds, 1e-9))
+        self.points = max(1, min(_LONGEST, int(self.points * share)))
+
+
+def simulate(
+    system: System, observers: Sequence[Observer] = (), *, engine: EngineName = "auto"
+) -> Run:
     """Run a system from 0 to its end, or to where it diverges or fails.
+
+    Parameters
+    ----------
+    engine : "python", "compiled", or "auto": compiled where it pays (`choose`).
 
     Raises
     ------
-    InputError : a system that cannot be wired, a parameter that does not exist.
+    InputError : a system that cannot be wired, a parameter that does not exist, an engine that
+        is not installed.
     ComponentError : an FMU that cannot be loaded or initialised.
     """
-    stations = wire(system)
-    by_name = {s.name: s for s in stations}
-    clock = _Clock(system.timetable.points_ns)
-    with ExitStack() as stack:
-        for name, component in system.components.items():
-
-            def log(level: str, message: str, name: str = name) -> None:
-                for observer in observers:
-                    observer.log(clock.now_ns, level, name, message)
-
-            slave = stack.enter_context(FmuSlave(component.description, name, log))
-            slave.initialise(component.parameters, 0.0, clock.end_s)
-            by_name[name].attach(slave)
-        for observer in observers:
-            observer.begin(stations)
-        return _loop(system, stations, clock, observers)
-
-
-class _Clock:
-    """Integer time: a point is read off the timetable, never accumulated."""
-
-    def __init__(self, points_ns: NDArray[np.int64]) -> None:
-        self.points_ns = points_ns
-        self.seconds = [int(t) / 1e9 for t in points_ns]
-        self.end_s = self.seconds[-1]
-        self.now_ns = 0
-
-
-def _loop(  # noqa: C901 - the algorithm, in one place
-    system: System, stations: Sequence[Station], clock: _Clock, observers: Sequence[Observer]
-) -> Run:
-    in_step_order = [s for name in system.components for s in stations if s.name == name]
-    last = len(clock.seconds) - 1
-    complete = 0  # rows: one that a component broke off counts no more than one never begun
-
-    def ended(ending: Ending, reason: str | None, reached: int) -> Run:
-        level, words = ("info", "the end is reached") if reason is None else ("error", reason)
-        for observer in observers:
-            observer.log(clock.now_ns, level, "master", words)
-        return Run(ending, reason, clock.points_ns[:reached], tuple(stations))
-
+    points = system.timetable.points_ns
+    choice = choose(engine, points.size)
+    wiring = wire(system)
+    by_name = {s.name: s for s in wiring.stations}
+    journal = Journal(observers)
     try:
-        for k in range(last + 1):
-            clock.now_ns = int(clock.points_ns[k])
-            for station in stations:
-                station.send(k)
-            for station in stations:
-                station.receive(k)
-            complete = k + 1
+        with ExitStack() as stack:
+            for name, component in system.components.items():
+                note = functools.partial(journal.note, name)
+                slave = stack.enter_context(FmuSlave(component.description, name, note))
+                slave.initialise(component.parameters, 0.0, int(points[-1]) / 1e9)
+                by_name[name].slave = slave
             for observer in observers:
-                observer.point(k)
-            beyond = _beyond(stations, k, system.divergence)
-            if beyond is not None:
-                why = f"{beyond} left the range of +-{system.divergence:g}"
-                return ended("diverged", f"{why} at t = {clock.seconds[k]:g} s", complete)
-            if k < last:
-                now = clock.seconds[k]
-                size = (int(clock.points_ns[k + 1]) - clock.now_ns) / 1e9
-                for station in in_step_order:
-                    station.slave.step(now, size)
-    except ComponentError as error:
-        # a state beyond the range of numbers is the end of a divergence, not a defect
-        overflow = "no longer finite" in (error.got or "")
-        return ended("diverged" if overflow else "failed", error.text(), complete)
-    return ended("finished", None, complete)
+                observer.begin(wiring.stations)
+            carrier = build(choice.name, make_program(system, wiring))
+            run = _loop(system, wiring, carrier, choice, journal)
+    finally:
+        journal.close()  # what slaves say while they end
+    return run
 
 
-def _beyond(stations: Sequence[Station], k: int, bound: float) -> Endpoint | None:
-    for station in stations:
-        row = station.outputs[k]
-        if row.size and not np.abs(row).max() <= bound:  # also true for NaN
-            worst = int(np.argmax(~(np.abs(row) <= bound)))
-            return Endpoint(station.name, station.output_ports[worst].name)
-    return None
+def _loop(
+    system: System, wiring: Wiring, engine: Engine, choice: EngineChoice, journal: Journal
+) -> Run:
+    points = system.timetable.points_ns
+
+    def where() -> tuple[int, int]:
+        k, complete = engine.where()
+        return k + complete, int(points[k])
+
+    journal.where = where
+    pace = _Pace()
+    complete = 0
+    ending: Ending = "finished"
+    reason: str | None = None
+    while reason is None and complete < points.size:
+        began = time.perf_counter()
+        first, last = complete, min(complete + pace.points, points.size)
+        halt = engine.advance(first, last)
+        complete = last if halt is None else halt.complete
+        if halt is not None:
+            ending, reason = _halted(system, wiring, halt)
+        # what is said in a step from a point out of range is void, like the step
+        journal.hand_on(complete, said_after=halt is None or halt.what != "range")
+        pace.took(time.perf_counter() - began)
+    level, words = ("info", "the end is reached") if reason is None else ("error", reason)
+    last_ns = int(points[halt.k if ending == "failed" and halt else max(complete - 1, 0)])
+    journal.where = lambda: (complete, last_ns)
+    journal.note("master", level, words)
+    return Run(ending, reason, points[:complete], wiring.stations, choice)
+
+
+def _halted(system: System, wiring: Wiring, halt: Halt) -> tuple[Ending, str]:
+    """What ended a run, in words; a state beyond the range of numbers is no defect."""
+    seconds = int(system.timetable.points_ns[halt.k]) / 1e9
+    if halt.what == "range":
+        out = f"{wiring.output(halt.station)} left the range of +-{system.divergence:g}"
+        return "diverged", f"{out} at t = {seconds:g} s"
+    at = "from" if halt.what == "step" else "at"
+    slave = wiring.stations[halt.station].slave
+    if halt.status == _FATAL:
+        for station in wiring.stations:
+            if station.slave.description.sha256 == slave.description.sha256:
+                station.slave.abandon()
+    error = slave.refused(f"{halt.what} {at} t = {seconds:g} s", halt.status)
+    overflow = "no longer finite" in (error.got or "")
+    return ("diverged" if overflow else "failed"), error.text()

@@ -100,6 +100,21 @@ def thrust_map(p: Mapping[str, Any]) -> list[list[Any]]:
     ]
 
 
+def conditions(p: Mapping[str, Any]) -> list[tuple[Any, str]]:
+    """What must be positive for the parameters `p` to mean a vehicle, and how to say so."""
+    m = inertia(p)
+    diagonal = "mass plus added mass must be positive in surge, sway and heave"
+    return [
+        (m[0][0], diagonal),
+        (m[1][1], diagonal),
+        (m[2][2], diagonal),
+        (
+            m[1][1] * m[3][3] - m[1][3] * m[3][1],
+            "the sway-yaw block of the mass matrix must be positive definite",
+        ),
+    ]
+
+
 def hydrodynamic_force(nu: tuple[Any, Any, Any, Any], p: Mapping[str, Any]) -> list[Any]:
     """h(nu) of Eq. (3): rigid-body and hydrodynamic force and moment [N, N, N, N m]."""
     u, v, w, r = nu

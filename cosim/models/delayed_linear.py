@@ -12,12 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-Matrix = Sequence[Sequence[Any]]
-
-
-def product(matrix: Matrix, vector: Sequence[Any]) -> list[Any]:
-    """matrix @ vector; a matrix without rows gives no entries."""
-    return [sum(a * b for a, b in zip(row, vector, strict=True)) for row in matrix]
+from cosim.models.products import Matrix, product, total
 
 
 def derivatives(
@@ -52,7 +47,7 @@ def derivatives(
         product(m["C"], w),
         product(m["E"], inner),
     )
-    return [sum(parts) for parts in zip(*terms, strict=True)]
+    return [total(parts) for parts in zip(*terms, strict=True)]
 
 
 def output(

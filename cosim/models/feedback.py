@@ -8,8 +8,11 @@ Standard library only: this file also travels inside the FMU.
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Sequence
 from typing import Any
+
+from cosim.models.products import product
 
 
 def command(
@@ -20,12 +23,10 @@ def command(
 ) -> list[Any]:
     """Unlimited output: output_map @ K @ (x - reference), lengths (m,), from x (n,)."""
     error = [a - b for a, b in zip(x, reference, strict=True)]
-    u = [sum(k * e for k, e in zip(row, error, strict=True)) for row in K]
-    if output_map is None:
-        return u
-    return [sum(c * v for c, v in zip(row, u, strict=True)) for row in output_map]
+    u = product(K, error)
+    return u if output_map is None else product(output_map, u)
 
 
-def limited(values: Sequence[float], limits: Sequence[float]) -> list[float]:
-    """Each value held within +- its limit."""
-    return [max(-bound, min(bound, v)) for v, bound in zip(values, limits, strict=True)]
+def limited(values: Sequence[Any], limits: Sequence[Any], ns: Any = builtins) -> list[Any]:
+    """Each value held within +- its limit; `ns` provides `min` and `max` of two."""
+    return [ns.max(-bound, ns.min(bound, v)) for v, bound in zip(values, limits, strict=True)]

@@ -35,6 +35,8 @@ import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cosim.models.products import total
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -48,6 +50,9 @@ LOWEST, HIGHEST = 0.5, 3.0
 """Frequencies used, as multiples of the peak's. Below lies 2e-9 of the energy (g = 1), above
 1.5 %; the amplitudes make up for both. Without an upper end the acceleration of the surface
 has no finite variance."""
+
+_Q_LOW, _Q_PEAK, _Q_HIGH = (math.exp(-1.25 * x**-4) for x in (LOWEST, 1.0, HIGHEST))
+_S_BELOW, _S_ABOVE = 0.07, 0.09  # s of the spectrum
 
 _MASK = 0xFFFFFFFFFFFFFFFF
 
@@ -119,25 +124,52 @@ def discretise(
     ns : namespace with `exp`, `log` and `sqrt`.
     """
     count = len(drawn) // 2
-    q_low, q_peak, q_high = (math.exp(-1.25 * x**-4) for x in (LOWEST, 1.0, HIGHEST))
-    below = round(count * (q_peak - q_low) / (q_high - q_low))
-    omega, energy = [], []
-    for k in range(count):
-        if k < below:
-            start, width, s = q_low, (q_peak - q_low) / below, 0.07
-            place = k + drawn[2 * k]
-        else:
-            start, width, s = q_peak, (q_high - q_peak) / (count - below), 0.09
-            place = k - below + drawn[2 * k]
-        x = ns.sqrt(ns.sqrt(-1.25 / ns.log(start + width * place)))
-        omega.append(x * (2 * math.pi / Tp))
-        enhancement = ns.exp(-((x - 1) ** 2) / (2 * s * s))
-        energy.append(width * ns.exp(ns.log(peak_factor) * enhancement))
-    total = sum(energy)
-    return [
-        Component(omega[k], Hs / 4 * ns.sqrt(2 * energy[k] / total), 2 * math.pi * drawn[2 * k + 1])
+    below = bins_below_peak(count)
+    drawn_bins = [
+        lower_bin(k, below, drawn[2 * k], Tp, peak_factor, ns)
+        if k < below
+        else upper_bin(k, below, count, drawn[2 * k], Tp, peak_factor, ns)
         for k in range(count)
     ]
+    energy = total(e for _, e in drawn_bins)
+    return [
+        harmonic(omega, own, energy, Hs, drawn[2 * k + 1], ns)
+        for k, (omega, own) in enumerate(drawn_bins)
+    ]
+
+
+def bins_below_peak(count: int) -> int:
+    """How many of `count` bins of equal energy lie below the peak."""
+    return round(count * (_Q_PEAK - _Q_LOW) / (_Q_HIGH - _Q_LOW))
+
+
+def lower_bin(
+    k: Any, below: Any, drawn: Any, Tp: Any, peak_factor: Any, ns: Any
+) -> tuple[Any, Any]:
+    """Frequency [rad/s] and energy of bin `k` of the `below` bins below the peak."""
+    width = (_Q_PEAK - _Q_LOW) / below
+    return _in_bin(_Q_LOW, width, k + drawn, _S_BELOW, Tp, peak_factor, ns)
+
+
+def upper_bin(
+    k: Any, below: Any, count: Any, drawn: Any, Tp: Any, peak_factor: Any, ns: Any
+) -> tuple[Any, Any]:
+    """Frequency [rad/s] and energy of bin `k`, of `count`, `below` of which lie below the peak."""
+    width = (_Q_HIGH - _Q_PEAK) / (count - below)
+    return _in_bin(_Q_PEAK, width, k - below + drawn, _S_ABOVE, Tp, peak_factor, ns)
+
+
+def _in_bin(
+    start: float, width: Any, place: Any, s: float, Tp: Any, peak_factor: Any, ns: Any
+) -> tuple[Any, Any]:
+    x = ns.sqrt(ns.sqrt(-1.25 / ns.log(start + width * place)))
+    enhancement = ns.exp(-((x - 1) ** 2) / (2 * s * s))
+    return x * (2 * math.pi / Tp), width * ns.exp(ns.log(peak_factor) * enhancement)
+
+
+def harmonic(omega: Any, own: Any, energy: Any, Hs: Any, drawn: Any, ns: Any) -> Component:
+    """The harmonic of a bin with the energy `own` of all `energy`, its phase drawn in [0, 1)."""
+    return Component(omega, Hs / 4 * ns.sqrt(2 * own / energy), 2 * math.pi * drawn)
 
 
 def sea(
@@ -181,12 +213,14 @@ def sea(
 
 def at_depth(elevation: Sequence[Component], depth: Any, ns: Any = math) -> list[Component]:
     """Acceleration of the water [m/s^2] `depth` [m] below the mean surface, deep water."""
-    return [
-        Component(
-            c.omega, c.omega**2 * c.amplitude * ns.exp(-(c.omega**2) * depth / GRAVITY), c.phase
-        )
-        for c in elevation
-    ]
+    return [acceleration_at_depth(c, depth, ns) for c in elevation]
+
+
+def acceleration_at_depth(c: Component, depth: Any, ns: Any) -> Component:
+    """`at_depth` of one harmonic."""
+    return Component(
+        c.omega, c.omega**2 * c.amplitude * ns.exp(-(c.omega**2) * depth / GRAVITY), c.phase
+    )
 
 
 def gains(direction: Any, yaw_gain: Any, ns: Any = math) -> Gains:
@@ -208,12 +242,21 @@ def accelerations(
     from `at_depth`, or are given outright: a single (1, 1, 0) with gain 1 on u is exactly
     sin t, the disturbance of section 5. `ns` provides `sin` and `cos`.
     """
-    along: Any = 0
-    down: Any = 0
+    along: Any = 0.0
+    down: Any = 0.0
     for c in components:
-        angle = c.omega * t + c.phase
-        along = along + c.amplitude * ns.sin(angle)
-        down = down - c.amplitude * ns.cos(angle)
+        along, down = with_harmonic(along, down, t, c, ns)
+    return shares(along, down, gain)
+
+
+def with_harmonic(along: Any, down: Any, t: Any, c: Component, ns: Any) -> tuple[Any, Any]:
+    """Acceleration along the direction of travel and downwards [m/s^2], one harmonic added."""
+    angle = c.omega * t + c.phase
+    return along + c.amplitude * ns.sin(angle), down - c.amplitude * ns.cos(angle)
+
+
+def shares(along: Any, down: Any, gain: Gains) -> list[Any]:
+    """What of it reaches u, v, w [m/s^2] and r [rad/s^2]."""
     return [gain.u * along, gain.v * along, gain.w * down, gain.r * along]
 
 

@@ -6,16 +6,17 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription, Port, describe_fmu
-from cosim.master import Component, Connection, Endpoint, Link, System, make_timetable
+from cosim.hinf import WorstCase
+from cosim.master import Component, Endpoint, Link, System, make_timetable
 from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
-from cosim.scenario.schema import ComponentPart, LinkPart, PacketPart, PathPart, Scenario
+from cosim.scenario.matching import endpoint, matched
+from cosim.scenario.schema import ComponentPart, LinkPart, PacketPart, Scenario
+from cosim.scenario.signals import Signals, along_path, pushed
 from fmu_src.build import ensure_fmu
 from fmu_src.catalogue import CATALOGUE
 
@@ -74,6 +75,7 @@ def assemble(
     fmus: Mapping[str, FmuDescription],
     *,
     parameters: Mapping[str, Mapping[str, float]],
+    push: WorstCase | None = None,
     at_rest: bool = False,
 ) -> System:
     """The system of a scenario.
@@ -82,6 +84,7 @@ def assemble(
     ----------
     fmus : by component.
     parameters : by component, on top of the scenario's own (the gain of a design).
+    push : what the scenario's disturbance is, found from its design.
     at_rest : the companion run: from the zero state, the reference at zero, everything else
         the same; the gain from disturbance to output is defined there.
 
@@ -99,16 +102,24 @@ def assemble(
     connections = [
         connection
         for i, part in enumerate(scenario.connections)
-        for connection in _matched(
-            fmus, _endpoint(part.source), _endpoint(part.target), part.link, i
-        )
+        for connection in matched(fmus, endpoint(part.source), endpoint(part.target), part.link, i)
     ]
-    driven = {}
+    driven: Signals = {}
     if scenario.reference is not None:
-        goal = _endpoint(scenario.reference.target).component
+        goal = endpoint(scenario.reference.target).component
         if goal not in fmus:
             raise InputError.unknown("component", goal, fmus, where="reference.target")
-        driven = _driven(scenario.reference, timetable.points_ns / 1e9, at_rest=at_rest)
+        driven |= along_path(scenario.reference, timetable.points_ns / 1e9, at_rest=at_rest)
+    if scenario.disturbance is not None and push is not None:
+        signals = pushed(scenario.disturbance, push, fmus, timetable.points_ns / 1e9)
+        for end in signals:
+            if end in driven:
+                raise InputError(
+                    "an input has two sources",
+                    where=str(end),
+                    got="the disturbance, and the reference",
+                )
+        driven |= signals
     reached = {c.target for c in connections} | set(driven)
     components = {}
     for name, part in scenario.components.items():
@@ -121,6 +132,16 @@ def assemble(
             }
         components[name] = Component(fmus[name], {**own, **parameters.get(name, {})})
     return System(components, connections, links, driven, timetable, scenario.run.divergence)
+
+
+def same_start(one: System, other: System) -> bool:
+    """Whether two systems of one scenario are the same run, their inputs included."""
+    return all(
+        one.components[name].parameters.get(port.name, port.start)
+        == other.components[name].parameters.get(port.name, port.start)
+        for name, component in one.components.items()
+        for port in component.description.ports.values()
+    ) and all(np.array_equal(one.driven[end], other.driven[end]) for end in one.driven)
 
 
 def _of_the_start(port: Port, reached: bool) -> bool:  # noqa: FBT001 - a predicate of both
@@ -136,11 +157,6 @@ def _of_the_start(port: Port, reached: bool) -> bool:  # noqa: FBT001 - a predic
 
 def _own(part: ComponentPart) -> dict[str, float]:
     return {name: float(value) for name, value in part.parameters.items()}
-
-
-def _endpoint(text: str) -> Endpoint:
-    component, _, variable = text.partition(".")
-    return Endpoint(component, variable)
 
 
 def _link(name: str, part: LinkPart, seed: int) -> Link:
@@ -176,89 +192,3 @@ def _link(name: str, part: LinkPart, seed: int) -> Link:
         frame_size=part.frame_size,
         seed=seed if part.seed is None else part.seed,
     )
-
-
-def _matched(
-    fmus: Mapping[str, FmuDescription],
-    source: Endpoint,
-    target: Endpoint,
-    link: str | None,
-    number: int,
-) -> list[Connection]:
-    """One connection per variable: the names themselves, or two groups with equal endings."""
-    where = f"connections[{number}], {source} -> {target}"
-    for end in (source, target):
-        if end.component not in fmus:
-            raise InputError.unknown("component", end.component, fmus, where=where)
-    sources = _members(fmus[source.component], source.variable, "output")
-    targets = _members(fmus[target.component], target.variable, "input")
-    if "" in sources and "" in targets:
-        return [Connection(source, target, link)]
-    common = [ending for ending in sources if ending in targets and ending]
-    if not common:
-        for end, kind, found in ((source, "output", sources), (target, "input", targets)):
-            if not found:
-                ports = [p.name for p in fmus[end.component].ports.values() if p.causality == kind]
-                raise InputError.unknown(
-                    kind, end.variable, ports, where=f"{where}: component {end.component!r}"
-                )
-    if not common or set(sources) != set(targets):
-        raise InputError(
-            "the two groups do not have the same members",
-            where=where,
-            expected=f"{source}: {', '.join(sources) or 'none'}",
-            got=f"{target}: {', '.join(targets) or 'none'}",
-            hint="connect the variables one by one",
-        )
-    return [
-        Connection(
-            Endpoint(source.component, source.variable + ending),
-            Endpoint(target.component, target.variable + ending),
-            link,
-        )
-        for ending in common
-    ]
-
-
-def _members(
-    fmu: FmuDescription, name: str, causality: Literal["output", "input"]
-) -> dict[str, str]:
-    """Ending -> variable: "" for the variable itself, ".x" or "[1]" for members of a group."""
-    found = {}
-    for port in fmu.ports.values():
-        ending = port.name[len(name) :]
-        if (
-            port.causality == causality
-            and port.name.startswith(name)
-            and ending[:1] in ("", ".", "[")
-        ):
-            found[ending] = port.name
-    return found
-
-
-def _driven(
-    path: PathPart, seconds: NDArray[np.float64], *, at_rest: bool
-) -> dict[Endpoint, NDArray[np.float64]]:
-    points = np.array(path.points)
-    base = _endpoint(path.target)
-    driven = {}
-    for j, axis in enumerate(path.axes):
-        values = (
-            np.zeros(seconds.size) if at_rest else _along(points, j, seconds, path.interpolation)
-        )
-        driven[Endpoint(base.component, f"{base.variable}.{axis}")] = values
-    return driven
-
-
-def _along(
-    points: NDArray[np.float64], axis: int, seconds: NDArray[np.float64], interpolation: str
-) -> NDArray[np.float64]:
-    times, values = points[:, 0], points[:, 1 + axis]
-    if times.size == 1:
-        return np.full(seconds.size, values[0])
-    place = np.clip(np.searchsorted(times, seconds, side="right") - 1, 0, times.size - 2)
-    share = np.clip((seconds - times[place]) / (times[place + 1] - times[place]), 0.0, 1.0)
-    if interpolation == "smooth":
-        share = share * share * (3.0 - 2.0 * share)
-    along: NDArray[np.float64] = values[place] + share * (values[place + 1] - values[place])
-    return along

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
-import json
 import os
-import platform
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +13,26 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, design_to_json
-from cosim.master import Observer, Run, System, TraceRecorder, make_timetable, simulate
+from cosim.hinf import Design, WorstCase
+from cosim.master import (
+    EngineName,
+    Observer,
+    Run,
+    System,
+    TraceRecorder,
+    make_timetable,
+    simulate,
+)
 from cosim.network import PacketSchedule
-from cosim.scenario.assemble import Hangar, assemble, find_fmus
+from cosim.scenario.assemble import Hangar, assemble, find_fmus, same_start
 from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
+from cosim.scenario.identity import identity_of
 from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.read import LoadedScenario
+from cosim.scenario.signals import blank_push, worst_case_of
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
-from cosim.trace import Attachment, TraceWriter, content_hash, result_of_link
-
-SCENARIO_ATTACHMENT, DESIGN_ATTACHMENT = "scenario.toml", "design.json"
+from cosim.trace import TraceWriter, content_hash, result_of_link
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done."""
@@ -44,6 +46,7 @@ class Prepared:
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
     design: Design | None
+    push: WorstCase | None = None
 
 
 def prepare(
@@ -57,13 +60,20 @@ def prepare(
 
     Raises
     ------
-    InputError, NotAchievableError : see `assemble` and `gain`.
+    InputError, NotAchievableError : see `assemble`, `gain` and `signals`.
     """
     tell = progress or _silent
     tell("FMUs", 0.0)
     fmus = find_fmus(loaded.scenario, hangar)
-    part = loaded.scenario.design
+    part, disturbance = loaded.scenario.design, loaded.scenario.disturbance
     if part is None:
+        if disturbance is not None:
+            raise InputError(
+                "a worst case is that of a design, and this scenario has none",
+                where="disturbance",
+                expected="[design]",
+                hint="a wave field as a component needs no design",
+            )
         return Prepared(loaded, fmus, None, None)
     for role, name in (("controller", part.controller), ("plant", part.plant)):
         if name not in fmus:
@@ -71,16 +81,24 @@ def prepare(
     # fit everything together before the design, which takes longest: what cannot run says so
     problem = problem_of(part, loaded.folder) if saved is None else saved[0]
     blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
-    assemble(loaded.scenario, fmus, parameters={part.controller: blank})
+    still = None if disturbance is None else blank_push(problem.system)
+    assemble(loaded.scenario, fmus, parameters={part.controller: blank}, push=still)
     tell("design", 0.0)
     found = solve(problem, part.gain) if saved is None else saved[1]
-    return Prepared(loaded, fmus, problem, found)
+    push = None if disturbance is None else worst_case_of(disturbance, found)
+    return Prepared(loaded, fmus, problem, found, push)
 
 
 def fly(
-    prepared: Prepared, trace: Path | None = None, *, progress: Progress | None = None
+    prepared: Prepared,
+    trace: Path | None = None,
+    *,
+    progress: Progress | None = None,
+    engine: EngineName = "auto",
 ) -> Outcome:
     """Run the scenario and its companion from rest; write the trace.
+
+    `engine` is a matter of speed alone: "python", "compiled", or "auto".
 
     Raises
     ------
@@ -93,9 +111,9 @@ def fly(
     if scenario.design is not None and prepared.design is not None:
         controller = prepared.fmus[scenario.design.controller]
         parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
-    system = assemble(scenario, prepared.fmus, parameters=parameters)
+    system = assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
     if trace is None:
-        run = _simulate(system, "flight", tell)
+        run = _simulate(system, "flight", tell, engine)
         return _outcome(prepared, system, run, parameters, None, began, tell)[0]
     check_room(trace)
     try:
@@ -104,9 +122,9 @@ def fly(
         raise InputError(
             "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
         ) from error
-    entries, attachments = _identity(prepared, system)
+    entries, attachments = identity_of(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments) as writer:
-        run = _simulate(system, "flight", tell, TraceRecorder(writer, system))
+        run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
         outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
@@ -144,10 +162,16 @@ def _outcome(
     scenario = prepared.loaded.scenario
     companion = None
     if prepared.design is not None and run.ending != "failed":
-        at_rest = assemble(scenario, prepared.fmus, parameters=parameters, at_rest=True)
-        companion = _simulate(at_rest, "companion", tell)
+        at_rest = assemble(
+            scenario, prepared.fmus, parameters=parameters, push=prepared.push, at_rest=True
+        )
+        # a run that starts from rest is its own companion
+        same = same_start(system, at_rest)
+        companion = run if same else _simulate(at_rest, "companion", tell, "auto")
     schedules = _schedules_reached(system, run, scenario.run.events)
-    flight = Flight(scenario, prepared.problem, prepared.design, run, companion, schedules)
+    flight = Flight(
+        scenario, prepared.problem, prepared.design, run, companion, schedules, prepared.push
+    )
     outcome = Outcome(
         scenario=prepared.loaded.name,
         title=scenario.title,
@@ -161,6 +185,7 @@ def _outcome(
         final=final_values(run),
         metrics=metrics_of(flight),
         links={name: s.statistics() for name, s in schedules.items()},
+        engine=run.engine,
     )
     return outcome, schedules
 
@@ -174,46 +199,13 @@ def _schedules_reached(system: System, run: Run, events: Any) -> Mapping[str, Pa
     return make_timetable(system.links, step, reached, events).schedules
 
 
-def _identity(prepared: Prepared, system: System) -> tuple[dict[str, str], Sequence[Attachment]]:
-    """`cosim.run`, and what a trace carries so that it can be run again."""
-    loaded = prepared.loaded
-    text = loaded.text.encode()
-    attachments = [Attachment(SCENARIO_ATTACHMENT, "application/toml", text)]
-    entries = {
-        "software": f"auv-cosim {importlib.metadata.version('auv-cosim')}",
-        "scenario": loaded.name,
-        "title": loaded.scenario.title,
-        "scenario.sha256": hashlib.sha256(text).hexdigest(),
-        "step_ns": str(system.timetable.step_ns),
-        "end_ns": str(int(system.timetable.points_ns[-1])),
-        "events": loaded.scenario.run.events,
-        "seed": str(loaded.scenario.run.seed),
-        "time_base": "simulated nanoseconds from the start of the run",
-        "host.python": platform.python_version(),
-        "host.platform": platform.platform(),
-        "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
-    }
-    for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
-        entries[f"host.{package}"] = importlib.metadata.version(package)
-    for name, link in system.links.items():
-        entries[f"link.{name}"] = json.dumps(asdict(link), sort_keys=True)
-    for name, fmu in prepared.fmus.items():
-        entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
-        entries[f"fmu.{name}.sha256"] = fmu.sha256
-        attachments.append(Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml))
-    if prepared.design is not None:
-        data = json.dumps(design_to_json(prepared.design), allow_nan=False).encode()
-        entries["design.sha256"] = hashlib.sha256(data).hexdigest()
-        attachments.append(Attachment(DESIGN_ATTACHMENT, "application/json", data))
-    return entries, attachments
-
-
-def _simulate(system: System, what: str, tell: Progress, *observers: Observer) -> Run:
+def _simulate(
+    system: System, what: str, tell: Progress, engine: EngineName, *observers: Observer
+) -> Run:
     """A run that says how far it is and can be interrupted between two steps."""
     with Interruptible() as wish:
         watcher = _Watcher(system, lambda share: tell(what, share), wish)
-        return simulate(system, [*observers, watcher])
+        return simulate(system, [*observers, watcher], engine=engine)
 
 
 def _silent(_what: str, _share: float) -> None:
@@ -221,22 +213,21 @@ def _silent(_what: str, _share: float) -> None:
 
 
 class _Watcher(Observer):
-    """Reports how far a run has come, about a hundred times, and ends it on request."""
+    """Reports how far a run has come, and ends it on request."""
 
     def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
         self._wish = wish
-        self._last = max(int(system.timetable.points_ns.size) - 1, 1)
-        self._every = max(self._last // 100, 1)
+        self._points = system.timetable.points_ns.size
         self._tell = tell
 
     def begin(self, stations: Sequence[Any]) -> None:
         del stations
         self._tell(0.0)
 
-    def point(self, k: int) -> None:
+    def span(self, first: int, last: int) -> None:
+        del first
         self._wish.obey()
-        if k % self._every == 0 or k == self._last:
-            self._tell(k / self._last)
+        self._tell(last / self._points)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Log lines go to the trace; nothing to do here."""

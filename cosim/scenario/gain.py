@@ -117,3 +117,11 @@ def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
             got=f"{len(own)}: {', '.join(sorted(own)[:4])} ...",
         )
     return values
+
+
+def starts_with(K: Any, controller: FmuDescription) -> bool:
+    """Whether the start values of a controller FMU are the gain K."""
+    return all(
+        controller.ports[name].start == value
+        for name, value in gain_parameters(K, controller).items()
+    )

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from cosim.master import Run
 
-_LIMITS = {
+_SHARED = {
     "force.x": "limit.force",
     "force.y": "limit.force",
     "force.z": "limit.force",
     "moment.z": "limit.moment",
 }
+"""Limits of the vehicle's commands; any other command has its own, `limit.` and its name."""
+
 _REVERSALS = 4
 
 
@@ -43,11 +45,14 @@ def saturation(run: Run, controller: str) -> Saturation | None:
     if station is None or run.points_ns.size < 2:
         return None
     ports = station.component.description.ports
-    limited = [n for n, limit in _LIMITS.items() if n in ports and limit in ports]
+    limit_of = {name: _SHARED.get(name, f"limit.{name}") for name in ports}
+    limited = [name for name, limit in limit_of.items() if limit in ports]
     if not limited:
         return None
     parameters = station.component.parameters
-    bounds = np.array([parameters.get(_LIMITS[n], ports[_LIMITS[n]].start or 0.0) for n in limited])
+    bounds = np.array(
+        [parameters.get(limit_of[n], ports[limit_of[n]].start or 0.0) for n in limited]
+    )
     commands = np.column_stack([run.signal(controller, n) for n in limited])
     duration = np.diff(run.points_ns).astype(float)
     at_limit = np.abs(commands) >= bounds * (1 - 1e-12)

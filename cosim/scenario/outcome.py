@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cosim.master import EngineChoice
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -17,6 +19,7 @@ class Outcome:
     status : finished, limit_cycle, diverged or failed.
     reason : why, None when finished.
     trace : the file, None if none was asked for.
+    engine : which engine carried it out, and why that one.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
         them, `final` the last value of every output by `component.variable`.
@@ -34,6 +37,7 @@ class Outcome:
     final: dict[str, float | None]
     metrics: dict[str, Any]
     links: dict[str, dict[str, Any]]
+    engine: EngineChoice
 
     def to_json(self) -> dict[str, Any]:
         """Everything, for `--json`."""
@@ -50,6 +54,7 @@ class Outcome:
             "final": self.final,
             "metrics": self.metrics,
             "links": self.links,
+            "engine": {"name": self.engine.name, "reason": self.engine.reason},
         }
 
 
@@ -61,6 +66,7 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
         "simulated_s": repr(outcome.simulated_s),
         "metrics": json.dumps(outcome.metrics, sort_keys=True, allow_nan=False),
         "final": json.dumps(outcome.final, sort_keys=True, allow_nan=False),
+        "host.engine": f"{outcome.engine.name}: {outcome.engine.reason}",
         "host.wall_s": repr(round(outcome.wall_s, 3)),
     }
     if outcome.reason is not None:

@@ -128,6 +128,22 @@ class PathPart(_Part):
         return self
 
 
+class DisturbancePart(_Part):
+    """[disturbance]: what the design of the same scenario withstands least.
+
+    "worst-case": the sinusoid that the nominal closed loop amplifies most, at the frequency of
+    its peak or at `omega` [rad/s], |w| at most `amplitude`, swelling and fading as
+    sin(pi t / end). At frequency zero that is a constant push; a peak at infinite frequency is
+    attained by no disturbance and refused. `target` is a group of inputs, one per entry of w
+    in Eq. (7).
+    """
+
+    kind: Literal["worst-case"]
+    target: Reference
+    amplitude: Positive
+    omega: NotNegative | None = None
+
+
 class EnvelopePart(_Part):
     """Largest |u|, |v|, |w| [m/s], |r| [rad/s] and |psi| [rad] that the design allows for."""
 
@@ -176,4 +192,5 @@ class Scenario(_Part):
     connections: list[ConnectionPart] = []
     links: dict[Name, LinkPart] = {}
     reference: PathPart | None = None
+    disturbance: DisturbancePart | None = None
     design: DesignPart | None = None

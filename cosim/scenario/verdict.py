@@ -7,12 +7,12 @@ listed by name, true or false, also where nobody asked.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from cosim.hinf import Design, check_certificate
+from cosim.hinf import Design, WorstCase, check_certificate
 from cosim.master import Run
 from cosim.models.auv import TABLE_1
 from cosim.network import PacketSchedule
@@ -28,7 +28,11 @@ _POSITION = ("eta.x", "eta.y", "eta.z")
 
 @dataclass(frozen=True)
 class Flight:
-    """A run with what it was made from; `companion` is the same from rest, None if not made."""
+    """A run with what it was made from.
+
+    `companion` is the same from rest, None if not made; `push` the worst case of the design,
+    None if the scenario does not ask for it.
+    """
 
     scenario: Scenario
     problem: Problem | None
@@ -36,6 +40,7 @@ class Flight:
     run: Run
     companion: Run | None
     schedules: Mapping[str, PacketSchedule]
+    push: WorstCase | None = None
 
 
 def status_of(flight: Flight) -> str:
@@ -51,11 +56,17 @@ def metrics_of(flight: Flight) -> dict[str, Any]:
     design, problem = flight.design, flight.problem
     used = _saturation(flight)
     age = _largest_age_s(flight)
+    gain = _gain(flight)
     return {
-        "gain": _gain(flight),
+        "gain": gain,
+        "norm_reached": _share(gain, None if design is None else design.exact_norm),
+        "gain_within_gamma": None
+        if gain is None or design is None or design.gamma is None
+        else gain <= design.gamma,
         "gamma": None if design is None else design.gamma,
         "exact_norm": None if design is None else design.exact_norm,
         "abscissa": None if design is None else design.abscissa,
+        "worst_case": None if flight.push is None else asdict(flight.push),
         "position_error_m": _position_error(flight),
         "saturated_fraction": None if used is None else used.fraction,
         "largest_command": None if used is None else used.largest,
@@ -67,6 +78,10 @@ def metrics_of(flight: Flight) -> dict[str, Any]:
         else None,
         "assumptions": _assumptions(flight, used, age),
     }
+
+
+def _share(gain: float | None, norm: float | None) -> float | None:
+    return None if gain is None or not norm else gain / norm
 
 
 def _assumptions(flight: Flight, used: Saturation | None, age: float | None) -> dict[str, bool]:

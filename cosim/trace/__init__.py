@@ -4,8 +4,13 @@ from cosim.trace.content import content_hash
 from cosim.trace.info import describe
 from cosim.trace.info_view import render
 from cosim.trace.layout import (
+    CERTIFICATE_ATTACHMENT,
+    CERTIFICATE_HASH,
+    DESIGN_ATTACHMENT,
     DROPPED_SIGNALS,
+    SCENARIO_ATTACHMENT,
     Signal,
+    certificate_entries,
     dropped_topic,
     input_topic,
     link_topic,
@@ -13,16 +18,24 @@ from cosim.trace.layout import (
     result_of_link,
 )
 from cosim.trace.reader import Table, TopicInfo, Trace
+from cosim.trace.rows import Poses, Rows
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
+    "CERTIFICATE_ATTACHMENT",
+    "CERTIFICATE_HASH",
+    "DESIGN_ATTACHMENT",
     "DROPPED_SIGNALS",
+    "SCENARIO_ATTACHMENT",
     "Attachment",
+    "Poses",
+    "Rows",
     "Signal",
     "Table",
     "TopicInfo",
     "Trace",
     "TraceWriter",
+    "certificate_entries",
     "content_hash",
     "describe",
     "dropped_topic",

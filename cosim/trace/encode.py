@@ -6,6 +6,9 @@ import operator
 import struct
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cosim.errors import InputError
 from cosim.trace.layout import field_names
 
@@ -56,7 +59,7 @@ class RowEncoder:
         self._signals = tuple(signals)
         self._fields = field_names([signal.name for signal in signals])
         self._message = message
-        tags = [tag(i + 1) for i in range(len(signals))]
+        tags = self._tags = [tag(i + 1) for i in range(len(signals))]
         self._doubles = all(signal.kind == "float" for signal in signals)
         self._packer = struct.Struct("<" + "".join(f"{len(t)}sd" for t in tags))
         self._parts: list[Any] = [part for t in tags for part in (t, 0.0)]
@@ -82,6 +85,36 @@ class RowEncoder:
             except struct.error:  # a value is absent, or no number: the general way tells which
                 pass
         return self._general(values)
+
+    @property
+    def fixed(self) -> bool:
+        """Whether every row is doubles, and so of one length."""
+        return self._doubles
+
+    def many(self, rows: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Bytes of many rows of doubles, (m, signals) to (m, bytes); only where `fixed`.
+
+        Raises
+        ------
+        InputError : the wrong number of values in a row.
+        """
+        if rows.ndim != 2 or rows.shape[1] != len(self._signals):
+            raise InputError(
+                "wrong number of values",
+                where=f"topic {self._topic}",
+                expected=f"rows of {len(self._signals)}",
+                got=f"shape {rows.shape}",
+            )
+        layout = [
+            (f"{kind}{i}", form)
+            for i, t in enumerate(self._tags)
+            for kind, form in (("t", f"S{len(t)}"), ("v", "<f8"))
+        ]
+        lines = np.zeros(len(rows), np.dtype(layout))
+        for i, t in enumerate(self._tags):
+            lines[f"t{i}"] = t
+            lines[f"v{i}"] = rows[:, i]
+        return lines.view(np.uint8).reshape(len(rows), lines.dtype.itemsize)
 
     def _general(self, values: Sequence[Any]) -> bytes:
         message = self._message()

@@ -9,6 +9,7 @@ the protobuf version installed.
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import (
@@ -116,3 +117,11 @@ def descriptors(message: str) -> FileDescriptorSet:
 def message_type(message: str) -> type[Any]:
     """Message class of one of the schemas above."""
     return message_class(descriptors(message), message)
+
+
+def encoded(message: str, time_ns: int, fields: Mapping[str, Any]) -> bytes:
+    """Bytes of a message with a timestamp."""
+    seconds, nanos = divmod(time_ns, 10**9)
+    filled = message_type(message)(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
+    data: bytes = filled.SerializeToString(deterministic=True)
+    return data

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.trace import foxglove
 from cosim.trace.content import content_hash_of
-from cosim.trace.layout import LOG_TOPIC
+from cosim.trace.layout import LOG_TOPIC, certificate_of
 from cosim.trace.reader import Trace
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result`
     (entries but those of links; `metrics` and `final` as objects), `links` (by link name: its
     figures), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
+    `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one),
     `topics` (list of `topic`, `schema`, `encoding`, `count`, `start_ns`,
     `end_ns`, `rate_hz`, `signals`), `attachments` (list of `name`, `media_type`, `bytes`),
     `content_hash`.
@@ -48,6 +49,7 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
         "run": dict(trace.run),
         "result": _decoded(result),
         "links": links,
+        "certificate": certificate_of(trace.run),
         "log": _log(trace),
         "start_ns": min(starts, default=None),
         "end_ns": max(ends, default=None),

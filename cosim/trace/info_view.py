@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from fractions import Fraction
 from typing import Any
 
 from rich.console import Group
@@ -15,6 +16,7 @@ from cosim.trace.layout import HOST_PREFIX
 _HEADLINES = ("title", "scenario", "seed", "software")
 _FIGURES = {
     "gain": ("gain of the flight from rest", ""),
+    "exact_norm": ("exact norm, nominal loop", ""),
     "gamma": ("gamma, certified", ""),
     "position_error_m": ("final position error", " m"),
     "saturated_fraction": ("share of time at a limit", ""),
@@ -45,7 +47,11 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
     facts = RichTable.grid(padding=(0, 2))
     facts.add_column(style="bold")
     facts.add_column(overflow="fold")
-    for name, value in (*_identity(description), *_verdict(description["result"] or {})):
+    for name, value in (
+        *_identity(description),
+        *_certificate(description["certificate"]),
+        *_verdict(description["result"] or {}),
+    ):
         facts.add_row(_text(name), _text(value))
     for line in description["log"]:
         facts.add_row(
@@ -79,6 +85,30 @@ def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     if host:
         yield "recorded", ", ".join(host)
     yield "content hash", description["content_hash"]
+
+
+def _certificate(certificate: Mapping[str, Any] | None) -> Iterator[tuple[str, object]]:
+    """What is proved of the gain that flew."""
+    if certificate is None:
+        return
+    claim = certificate["claim"]
+    if isinstance(claim, dict):
+        yield "certificate", f"{claim.get('property')}{_gamma(claim.get('gamma'))}"
+        delays = claim.get("delays")
+        for delay in delays if isinstance(delays, list) else ():
+            if isinstance(delay, dict):
+                acts = ", the control acts through it" if delay.get("feedback") else ""
+                yield "", f"d = {delay.get('d')} s: age {delay.get('age')}{acts}"
+    yield "of the gain", certificate["gain"]
+    yield "proof", f"{certificate['attachment']}, SHA-256 {str(certificate['sha256'])[:16]}..."
+
+
+def _gamma(text: object) -> str:
+    """The bound as a decimal; the file has it exactly."""
+    try:
+        return f", gamma = {float(Fraction(str(text))):.7g}"
+    except (ValueError, ZeroDivisionError, OverflowError):
+        return ""
 
 
 def _verdict(result: Mapping[str, Any]) -> Iterator[tuple[str, object]]:

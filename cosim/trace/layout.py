@@ -8,6 +8,7 @@ the same length, and a value that is absent differs from zero.
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -33,6 +34,10 @@ RUN, RESULT = "cosim.run", "cosim.result"
 
 HOST_PREFIX = "host."
 """Metadata keys that begin so (wall clock, machine) are no part of the content hash."""
+
+SCENARIO_ATTACHMENT, DESIGN_ATTACHMENT = "scenario.toml", "design.json"
+CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH = "certificate.json", "certificate.sha256"
+"""What a run with a design attaches, and the key of `cosim.run` with the proof's SHA-256."""
 
 LOG_TOPIC, POSE_TOPIC, FRAME_TOPIC = "/log", "/auv/pose", "/tf"
 
@@ -217,6 +222,41 @@ def signal_of(field: str, kind: Kind, metadata: Mapping[str, str]) -> Signal:
         hold=metadata.get(f"{field}.hold", "discrete"),
         description=metadata.get(f"{field}.description"),
     )
+
+
+def certificate_entries(claim: Mapping[str, Any], sha256: str, gain: str) -> dict[str, str]:
+    """Entries of `cosim.run` that name the certificate of the gain that flies.
+
+    Parameters
+    ----------
+    claim : what is proved, JSON values.
+    sha256 : of the attachment `CERTIFICATE_ATTACHMENT`.
+    gain : whose gain it is about, in words.
+    """
+    return {
+        CERTIFICATE_HASH: sha256,
+        "certificate.attachment": CERTIFICATE_ATTACHMENT,
+        "certificate.claim": json.dumps(claim, sort_keys=True, allow_nan=False),
+        "certificate.gain": gain,
+    }
+
+
+def certificate_of(run: Mapping[str, str]) -> dict[str, Any] | None:
+    """`attachment`, `claim` (as an object), `gain` and `sha256` of a run; None without any."""
+    if CERTIFICATE_HASH not in run:
+        return None
+    found: dict[str, Any] = {
+        name: run.get(f"certificate.{name}") for name in ("attachment", "claim", "gain", "sha256")
+    }
+    try:
+        found["claim"] = json.loads(found["claim"] or "null", parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        found["claim"] = None
+    return found
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(constant)
 
 
 def result_of_link(link: str, statistics: Mapping[str, Any]) -> dict[str, str]:

@@ -13,7 +13,7 @@ import struct
 import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
-import lz4.frame  # type: ignore[import-untyped]
+import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 

@@ -16,22 +16,36 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from mcap.writer import CompressionType, Writer
 
 from cosim.errors import CosimError, InputError, LossError
 from cosim.trace import foxglove, layout
+from cosim.trace.block import Records, in_order
 from cosim.trace.encode import RowEncoder
+from cosim.trace.poses import pose_messages
+from cosim.trace.rows import Poses, Rows
+from cosim.trace.stream import COMPRESSIONS, McapStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from os import PathLike
     from types import TracebackType
 
+    from numpy.typing import NDArray
+
     from cosim.trace.layout import Signal
 
 NED, MAP = "ned", "map"
 """Frames: x north, y east, z down, as the vehicle's equations; x east, y north, z up."""
+
+_HALF_TURN = math.sqrt(0.5)  # about the line between x and y: x <-> y, z -> -z
+_FRAME = {
+    "parent_frame_id": MAP,
+    "child_frame_id": NED,
+    "translation": {"x": 0.0, "y": 0.0, "z": 0.0},
+    "rotation": {"x": _HALF_TURN, "y": _HALF_TURN, "z": 0.0, "w": 0.0},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,15 +105,13 @@ class TraceWriter:
         self._interval = flush_interval_s
         self._open = False
         entries = _strings(layout.RUN, run)
-        try:
-            method = CompressionType[compression.upper()]
-        except KeyError:
+        if compression not in COMPRESSIONS:
             raise InputError(
                 "unknown compression",
                 where="TraceWriter",
-                expected="zstd, lz4 or none",
+                expected=", ".join(COMPRESSIONS),
                 got=repr(compression),
-            ) from None
+            )
         if self.path.is_dir():
             raise InputError("the trace's path is a directory", where=str(self.path))
         try:
@@ -112,14 +124,12 @@ class TraceWriter:
                 got=str(error),
             ) from error
         self._open = True
-        self._writer = Writer(
-            self._stream, chunk_size=chunk_bytes, compression=method, enable_data_crcs=True
-        )
+        self._writer = McapStream(self._stream, chunk_bytes, compression)
         with self._disk():
-            self._writer.start(profile="", library="auv-cosim")
-            self._writer.add_metadata(layout.RUN, entries)
+            self._writer.start("auv-cosim")
+            self._writer.metadata(layout.RUN, entries)
             for item in attachments:
-                self._writer.add_attachment(0, 0, item.name, item.media_type, item.data)
+                self._writer.attachment(item.name, item.media_type, item.data)
             self._stream.flush()
         self._flushed = time.monotonic()
 
@@ -198,6 +208,79 @@ class TraceWriter:
             )
         self._add(topic_id, log_time_ns, encoder(values), publish_time_ns, sequence)
 
+    def write_rows(self, parts: Sequence[Rows | Poses]) -> None:
+        """Write many rows of several topics, in order of log time, then of rank.
+
+        The file is the same as if they had been written one by one in that order.
+
+        Raises
+        ------
+        InputError : as `write`.
+        """
+        records: list[Records] = []
+        for part in parts:
+            if part.log_ns.size:
+                records += self._poses(part) if isinstance(part, Poses) else self._rows(part)
+        if not records:
+            return
+        low = min(int(min(r.log_ns.min(), r.publish_ns.min())) for r in records)
+        if low < 0 or any(r.sequence.max() >= 2**32 or r.sequence.min() < 0 for r in records):
+            raise InputError(
+                "time or sequence number out of range",
+                where="trace",
+                expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
+            )
+        block = in_order(records)
+        with self._disk():
+            self._writer.add(block)
+        if time.monotonic() - self._flushed >= self._interval:
+            self.flush()
+
+    def _rows(self, part: Rows) -> list[Records]:
+        encoder = self._encoders.get(part.topic_id)
+        if encoder is None:
+            raise InputError(
+                "unknown topic",
+                where="write_rows",
+                expected="an id from add_topic",
+                got=repr(part.topic_id),
+            )
+        if len(part.values) != part.log_ns.size:
+            raise InputError(
+                "rows and their times do not match",
+                where="write_rows",
+                expected=f"{part.log_ns.size} rows, one per time",
+                got=str(len(part.values)),
+            )
+        if encoder.fixed and isinstance(part.values, np.ndarray):
+            return [
+                _records(
+                    part, part.topic_id, np.arange(len(part.values)), encoder.many(part.values)
+                )
+            ]
+        encoded = [encoder(row) for row in part.values]
+        lengths = np.array([len(data) for data in encoded])
+        records = []
+        for length in np.unique(lengths).tolist():
+            mine = np.flatnonzero(lengths == length)
+            data = np.frombuffer(b"".join(encoded[i] for i in mine.tolist()), np.uint8)
+            records.append(_records(part, part.topic_id, mine, data.reshape(mine.size, length)))
+        return records
+
+    def _poses(self, part: Poses) -> list[Records]:
+        records = []
+        if layout.FRAME_TOPIC not in self._topics:
+            first = Rows(-1, part.log_ns[:1], (), rank=_head(part.rank))
+            topic_id = self._foxglove_topic(layout.FRAME_TOPIC, "foxglove.FrameTransform")
+            encoded = foxglove.encoded("foxglove.FrameTransform", int(part.log_ns[0]), _FRAME)
+            line = np.frombuffer(encoded, np.uint8)[None, :]
+            records.append(_records(first, topic_id, np.zeros(1, np.intp), line))
+        topic_id = self._foxglove_topic(layout.POSE_TOPIC, "foxglove.PoseInFrame")
+        whole = Rows(-1, part.log_ns, (), rank=part.rank)
+        for mine, data in pose_messages(NED, part.log_ns, part.values[:, :3], part.values[:, 3]):
+            records.append(_records(whole, topic_id, mine, data))
+        return records
+
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write to `/log` (`foxglove.Log`).
 
@@ -215,12 +298,10 @@ class TraceWriter:
                 expected=", ".join(foxglove.LEVELS),
                 got=repr(level),
             )
-        self._foxglove(
-            layout.LOG_TOPIC,
-            "foxglove.Log",
-            time_ns,
-            {"level": foxglove.LEVELS[level], "name": name, "message": message},
-        )
+        topic_id = self._foxglove_topic(layout.LOG_TOPIC, "foxglove.Log")
+        fields = {"level": foxglove.LEVELS[level], "name": name, "message": message}
+        data = foxglove.encoded("foxglove.Log", int(time_ns), fields)
+        self._add(topic_id, time_ns, data, None, 0)
 
     def pose(self, time_ns: int, x: float, y: float, z: float, psi: float) -> None:
         """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`.
@@ -230,39 +311,21 @@ class TraceWriter:
         expects) to `ned` is written to `/tf`: choose `map` as the display frame and down is
         down.
         """
-        if layout.FRAME_TOPIC not in self._topics:
-            half = math.sqrt(0.5)  # half a turn about the line between x and y: x <-> y, z -> -z
-            self._foxglove(
-                layout.FRAME_TOPIC,
-                "foxglove.FrameTransform",
-                time_ns,
-                {
-                    "parent_frame_id": MAP,
-                    "child_frame_id": NED,
-                    "translation": {"x": 0.0, "y": 0.0, "z": 0.0},
-                    "rotation": {"x": half, "y": half, "z": 0.0, "w": 0.0},
-                },
-            )
-        turn = {"x": 0.0, "y": 0.0, "z": math.sin(psi / 2), "w": math.cos(psi / 2)}
-        self._foxglove(
-            layout.POSE_TOPIC,
-            "foxglove.PoseInFrame",
-            time_ns,
-            {"frame_id": NED, "pose": {"position": {"x": x, "y": y, "z": z}, "orientation": turn}},
-        )
+        row = np.array([[x, y, z, psi]], np.float64)
+        self.write_rows([Poses(np.array([time_ns], np.int64), row)])
 
     def flush(self) -> None:
         """Close the chunk in progress and hand everything to the operating system."""
         with self._disk():
-            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.flush()
         self._flushed = time.monotonic()
 
     def finish(self, result: Mapping[str, str]) -> Path:
         """Write `cosim.result`, close the file and rename it; returns the final path."""
         entries = _strings(layout.RESULT, result)
         with self._disk():
-            self._writer.flush()  # type: ignore[no-untyped-call]  # so that cosim.result comes after the last message
-            self._writer.add_metadata(layout.RESULT, entries)
+            self._writer.flush()  # so that cosim.result comes after the last message
+            self._writer.metadata(layout.RESULT, entries)
             self._end()
             self.partial_path.replace(self.path)
         return self.path
@@ -289,7 +352,7 @@ class TraceWriter:
             self.close()
 
     def _end(self) -> None:
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
         self._stream.flush()
         os.fsync(self._stream.fileno())
         self._stream.close()
@@ -311,20 +374,16 @@ class TraceWriter:
             )
         data = files.SerializeToString(deterministic=True)
         with self._disk():
-            schema_id = self._writer.register_schema(schema_name, "protobuf", data)
-            topic_id = self._writer.register_channel(topic, "protobuf", schema_id, dict(metadata))
+            schema_id = self._writer.schema(schema_name, "protobuf", data)
+            topic_id = self._writer.channel(topic, "protobuf", schema_id, dict(metadata))
         self._topics[topic] = topic_id
         return topic_id
 
-    def _foxglove(self, topic: str, schema: str, time_ns: int, fields: Mapping[str, Any]) -> None:
+    def _foxglove_topic(self, topic: str, schema: str) -> int:
         topic_id = self._topics.get(topic)
         if topic_id is None:
             topic_id = self._register(topic, schema, foxglove.descriptors(schema), {})
-        seconds, nanos = divmod(int(time_ns), 10**9)
-        message = foxglove.message_type(schema)(
-            timestamp={"seconds": seconds, "nanos": nanos}, **fields
-        )
-        self._add(topic_id, time_ns, message.SerializeToString(deterministic=True), None, 0)
+        return topic_id
 
     def _add(
         self, topic_id: int, log_ns: int, data: bytes, publish_ns: int | None, sequence: int
@@ -347,7 +406,7 @@ class TraceWriter:
                 got=f"log time {log_ns}, publish time {publish}, sequence {sequence}",
             )
         with self._disk():
-            self._writer.add_message(topic_id, log_ns, data, publish, sequence)
+            self._writer.message(topic_id, log_ns, publish, sequence, data)
         if time.monotonic() - self._flushed >= self._interval:
             self.flush()
 
@@ -370,6 +429,23 @@ class TraceWriter:
                 got=str(error),
                 hint="make room on the disk; what was written before is in the .partial file",
             ) from error
+
+
+def _records(part: Rows, topic_id: int, mine: NDArray[np.intp], data: NDArray[np.uint8]) -> Records:
+    rank = np.asarray(part.rank, np.int64)
+    return Records(
+        channel=topic_id,
+        log_ns=part.log_ns[mine],
+        publish_ns=part.publish_ns[mine],
+        sequence=part.sequence[mine],
+        data=data,
+        rank=rank[mine] if rank.ndim == 2 else rank,
+    )
+
+
+def _head(rank: NDArray[np.int64] | tuple[int, ...]) -> NDArray[np.int64] | tuple[int, ...]:
+    """The rank of the first row alone."""
+    return rank if isinstance(rank, tuple) else rank[:1]
 
 
 def _strings(where: str, entries: Mapping[str, str]) -> dict[str, str]:

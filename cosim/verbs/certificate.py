@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cosim import show
+from cosim.carried import certificate_in
 from cosim.errors import CheckFailedError
-from cosim.hinf import check_certificate, read_certificate
+from cosim.hinf import check_certificate
 from cosim.verbs.common import JsonOption, answer
 
 certificate_app = typer.Typer(
@@ -19,24 +21,35 @@ certificate_app = typer.Typer(
 
 @certificate_app.command()
 def check(
-    file: Annotated[Path, typer.Argument(help="What --save of design or analyse wrote.")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="What --save wrote, or what carries a certificate: an FMU, a trace."),
+    ],
     *,
     as_json: JsonOption = False,
 ) -> None:
     """Prove a certificate's claim again from the file alone: no solver, no rounding.
 
-    Exit code 0 if the claim is proved, 1 if it is not, 2 if the file is no certificate.
+    Of a controller FMU or a trace the certificate that it carries is proved, and that it is
+    about their gain: the start values of K[i,j], or the gain that flew.
+
+    Exit code 0 if the claim is proved, 1 if it is not, 2 if there is no certificate.
     """
-    checked = check_certificate(read_certificate(file))
+    carried = certificate_in(file)
+    checked = check_certificate(carried.data)
+    if checked.valid and carried.mismatch is not None:
+        checked = replace(checked, valid=False, reason=carried.mismatch)
     answer(
         as_json,
         lambda: {
             "file": str(file),
+            "carrier": carried.carrier,
+            "sha256": carried.sha256,
             "valid": checked.valid,
             "reason": checked.reason,
             "claim": checked.claim,
         },
-        lambda: show.certificate_view(str(file), checked),
+        lambda: show.certificate_view(str(file), checked, carried),
     )
     if not checked.valid:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -21,6 +21,7 @@ from cosim.hinf import (
     certified_delay,
     design_to_json,
     greatest_delay,
+    nominal_gamma,
     with_delays,
 )
 from cosim.hinf import analyse as make_analysis
@@ -55,6 +56,13 @@ def design(
     delay_limit: Annotated[
         float, typer.Option(help="Where the search for a greatest delay ends [s].")
     ] = DELAY_LIMIT,
+    price: Annotated[
+        bool,
+        typer.Option(
+            "--uncertainty-price",
+            help="Certify the same gain without uncertainty as well: what gamma pays for it.",
+        ),
+    ] = False,
     save: Annotated[
         Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
     ] = None,
@@ -96,6 +104,7 @@ def design(
             found = reach.design
         else:
             found = make_design(system, *scalars, gamma=goal, gain=gain, search=search)
+        nominal = nominal_gamma(found) if price else None
     if save is not None:
         write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
     refutation = None if reach is None else reach.refutation
@@ -104,8 +113,8 @@ def design(
         write(kept, json.dumps(refutation, indent=1, allow_nan=False) + "\n")
     answer(
         as_json,
-        lambda: design_json(name, found, reach, save, kept),
-        lambda: show.design_view(name, found, reach),
+        lambda: design_json(name, found, reach, save, kept, nominal),
+        lambda: show.design_view(name, found, reach, nominal),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,14 @@ from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.read import builtin_names, load
 from cosim.verbs.common import FMUS, TRACES, FmusOption, JsonOption, answer, hangar, progress
+
+
+class Engine(enum.Enum):
+    """What --engine takes."""
+
+    auto = "auto"
+    python = "python"
+    compiled = "compiled"
 
 
 def demo(
@@ -35,6 +44,10 @@ def run(
     name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
     out: Annotated[Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")] = None,
     fmus: FmusOption = FMUS,
+    engine: Annotated[
+        Engine,
+        typer.Option(help="Who carries the loop out; the results are the same, bit for bit."),
+    ] = Engine.auto,
     as_json: JsonOption = False,
 ) -> None:
     """Fly a scenario and write its trace.
@@ -47,7 +60,7 @@ def run(
     check_room(trace)
     with progress() as tell:
         prepared = prepare(loaded, hangar(fmus, loaded.folder), progress=tell)
-        outcome = fly(prepared, trace, progress=tell)
+        outcome = fly(prepared, trace, progress=tell, engine=engine.value)
     answer(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)

@@ -85,7 +85,12 @@ SPEC = ComponentSpec(
     ),
     variables=tuple(_variables()),
     behaviour="fmu_src.auv_plant.behaviour:AuvPlant",
-    sources=("cosim.models.auv", "cosim.models.delay_line", "fmu_src.auv_plant.behaviour"),
+    sources=(
+        "cosim.models.auv",
+        "cosim.models.delay_line",
+        "fmu_src.python_shell.delay_plant",
+        "fmu_src.auv_plant.behaviour",
+    ),
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,
     step_size=0.05,

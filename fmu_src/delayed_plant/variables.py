@@ -87,8 +87,10 @@ def delayed_plant_spec(
         variables=tuple(table),
         behaviour="fmu_src.delayed_plant.behaviour:DelayedPlant",
         sources=(
+            "cosim.models.products",
             "cosim.models.delayed_linear",
             "cosim.models.delay_line",
+            "fmu_src.python_shell.delay_plant",
             "fmu_src.delayed_plant.behaviour",
         ),
         readme=Path(__file__).with_name("readme.md"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import math
 from typing import Any
 
@@ -22,15 +23,26 @@ class StateFeedback:
         self._limits: list[str] = constants["limits"]  # a parameter per output, or empty
         self._mapped: bool = constants["mapped"]
 
+    def constants(self, v: Any) -> tuple[Any, Any]:
+        """The gain K, and the map from commanded accelerations to forces or None."""
+        rows, columns = range(len(self._outputs)), range(len(self._measured))
+        gain = [[v[f"K[{i + 1},{j + 1}]"] for j in columns] for i in rows]
+        if not self._mapped:
+            return gain, None
+        return gain, [[v[f"thrust_map[{i + 1},{j + 1}]"] for j in rows] for i in rows]
+
+    def law(self, v: Any, c: tuple[Any, Any], ns: Any) -> dict[str, Any]:
+        """Outputs for the inputs in `v`; `ns` provides `min` and `max`."""
+        x = [v[name] for name in self._measured]
+        reference = [0.0 if name is None else v[name] for name in self._reference]
+        values = command(c[0], x, reference, c[1])
+        if self._limits:
+            values = limited(values, [v[name] for name in self._limits], ns)
+        return dict(zip(self._outputs, values, strict=True))
+
     def initialise(self, v: dict[str, float], start: float) -> None:
         """Take gain, map, limits and sample time from `v`; the outputs start at zero."""
-        rows, columns = range(len(self._outputs)), range(len(self._measured))
-        self._gain = [[v[f"K[{i + 1},{j + 1}]"] for j in columns] for i in rows]
-        self._map = (
-            [[v[f"thrust_map[{i + 1},{j + 1}]"] for j in rows] for i in rows]
-            if self._mapped
-            else None
-        )
+        self._constants = self.constants(v)
         self._sample_time = v["sample_time"]
         self._time = self._start = start
         self._samples = 0
@@ -48,12 +60,7 @@ class StateFeedback:
         else:
             due = True
         if due:
-            x = [v[name] for name in self._measured]
-            reference = [0.0 if name is None else v[name] for name in self._reference]
-            values = command(self._gain, x, reference, self._map)
-            if self._limits:
-                values = limited(values, [v[name] for name in self._limits])
-            v.update(zip(self._outputs, values, strict=True))
+            v.update(self.law(v, self._constants, builtins))
         self._time = end
 
     def refresh(self, v: dict[str, float]) -> None:

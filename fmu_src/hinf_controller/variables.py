@@ -1,18 +1,26 @@
-"""FMI variables of the state feedback: HinfController for the vehicle, PaperController."""
+"""FMI variables of the state feedback: HinfController for the vehicle, PaperController.
+
+Their gains are those of the certificates beside this file: `auv.json` proves the design of the
+built-in system `auv`, `paper.json` what the printed gain of section 5 guarantees.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.models.auv import STATE, TABLE_1, inertia
-from cosim.models.paper_example import PRINTED_K
 from fmu_src.spec import ComponentSpec, Variable
 
-DEFAULT_GAIN = (-0.06, -0.53)
-"""Start values of K on position and on speed; a design replaces them (HinfController)."""
+LIMITS = (2500.0, 2500.0)
+"""Largest thrust along each axis [N] and largest moment [N m] of the vehicle."""
 
-_SOURCES = ("cosim.models.feedback", "fmu_src.hinf_controller.behaviour")
+_SOURCES = (
+    "cosim.models.products",
+    "cosim.models.feedback",
+    "fmu_src.hinf_controller.behaviour",
+)
 _BEHAVIOUR = "fmu_src.hinf_controller.behaviour:StateFeedback"
 _README = Path(__file__).with_name("readme.md")
 _FORCE = (("force.x", "N"), ("force.y", "N"), ("force.z", "N"), ("moment.z", "N.m"))
@@ -40,7 +48,28 @@ def _sample_time(start: float) -> Variable:
     )
 
 
-def _vehicle() -> ComponentSpec:
+def _limits(values: Sequence[float]) -> list[Variable]:
+    texts = (
+        ("limit.force", "largest thrust along each axis", "N"),
+        ("limit.moment", "largest moment", "N.m"),
+    )
+    return [
+        Variable(name, "parameter", text, unit, value, minimum=0.0)
+        for (name, text, unit), value in zip(texts, values, strict=True)
+    ]
+
+
+def vehicle_spec(
+    name: str,
+    certificate: bytes,
+    *,
+    sample_time: float = 0.05,
+    limits: Sequence[float] = LIMITS,
+) -> ComponentSpec:
+    """A controller of the vehicle with the gain (4, 8) that `certificate` proves.
+
+    `limits` : of each thrust [N] and of the moment [N m]; `sample_time` [s].
+    """
     table = [
         Variable(name, "input", f"measured {name}", unit, discrete=False)
         for name, unit in zip(STATE, _UNITS, strict=True)
@@ -54,9 +83,7 @@ def _vehicle() -> ComponentSpec:
         Variable(name, "output", f"commanded {name}, held between samples", unit, discrete=True)
         for name, unit in _FORCE
     ]
-    position, speed = DEFAULT_GAIN
-    K = [[position if j == i else speed if j == i + 4 else 0.0 for j in range(8)] for i in range(4)]
-    table += _gain(K)
+    table += _gain(json.loads(certificate)["K"])
     table += [
         Variable(
             f"thrust_map[{i},{j}]",
@@ -68,15 +95,9 @@ def _vehicle() -> ComponentSpec:
         for i, row in enumerate(inertia(TABLE_1), 1)
         for j, value in enumerate(row, 1)
     ]
-    table += [
-        Variable(
-            "limit.force", "parameter", "largest thrust along each axis", "N", 2500.0, minimum=0.0
-        ),
-        Variable("limit.moment", "parameter", "largest moment", "N.m", 2500.0, minimum=0.0),
-        _sample_time(0.05),
-    ]
+    table += [*_limits(limits), _sample_time(sample_time)]
     return ComponentSpec(
-        name="HinfController",
+        name=name,
         description="Sampled H-infinity state feedback of the vehicle, Eq. (8), with thrust limits",
         variables=tuple(table),
         behaviour=_BEHAVIOUR,
@@ -91,13 +112,25 @@ def _vehicle() -> ComponentSpec:
             "limits": ["limit.force", "limit.force", "limit.force", "limit.moment"],
             "mapped": True,
         },
+        certificate=certificate,
     )
 
 
 def feedback_spec(
-    name: str, K: Sequence[Sequence[float]], *, description: str, sample_time: float, stop: float
+    name: str,
+    certificate: bytes,
+    *,
+    description: str,
+    sample_time: float = 0.0,
+    limits: Sequence[float] = (),
+    stop: float = 10.0,
 ) -> ComponentSpec:
-    """A controller u = K x for a system in the letters of Eq. (7), K of shape (m, n)."""
+    """A controller u = K x for a system in the letters of Eq. (7).
+
+    Its gain (m, n) is the one that `certificate` proves; `limits` holds one bound per command,
+    or nothing.
+    """
+    K = json.loads(certificate)["K"]
     m, n = len(K), len(K[0])
     measured = [f"x[{j}]" for j in range(1, n + 1)]
     outputs = [f"u[{i}]" for i in range(1, m + 1)]
@@ -105,7 +138,12 @@ def feedback_spec(
     table += [
         Variable(u, "output", f"command {u}, held between samples", discrete=True) for u in outputs
     ]
-    table += [*_gain(K), _sample_time(sample_time)]
+    table += _gain(K)
+    table += [
+        Variable(f"limit.{u}", "parameter", f"largest command {u}", None, value, minimum=0.0)
+        for u, value in zip(outputs if limits else (), limits, strict=True)
+    ]
+    table.append(_sample_time(sample_time))
     return ComponentSpec(
         name=name,
         description=description,
@@ -119,17 +157,20 @@ def feedback_spec(
             "measured": measured,
             "reference": [None] * n,
             "outputs": outputs,
-            "limits": [],
+            "limits": [f"limit.{u}" for u in outputs] if limits else [],
             "mapped": False,
         },
+        certificate=certificate,
     )
 
 
-SPEC = _vehicle()
+def _beside(file: str) -> bytes:
+    return Path(__file__).with_name(file).read_bytes()
+
+
+SPEC = vehicle_spec("HinfController", _beside("auv.json"))
 PAPER_SPEC = feedback_spec(
     "PaperController",
-    [PRINTED_K],
+    _beside("paper.json"),
     description="Sampled state feedback of the paper's section 5 with its printed gain",
-    sample_time=0.0,
-    stop=10.0,
 )

@@ -54,6 +54,7 @@ def guid(spec: ComponentSpec) -> str:
             "script": _script(spec, "", unnamed).encode(),
             "modelDescription.xml": _description(spec, ""),
             **documentation_files(spec),
+            **spec.resource_files(),
         }
     )
 
@@ -91,6 +92,7 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
             }
     files["modelDescription.xml"] = _description(spec, identity)
     files.update(documentation_files(spec))
+    files.update(spec.resource_files())
     return deterministic_zip(files, destination / f"{spec.name}.fmu")
 
 

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from cosim.models.waves import Component, Gains, accelerations, at_depth, gains, sea
 
-_SPECTRA = {1: "jonswap", 2: "pierson-moskowitz"}
+SPECTRA = {1: "jonswap", 2: "pierson-moskowitz"}
 _EXPLICIT = 0
-_OUTPUTS = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
+OUTPUTS = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
 
 
 class WaveField:
     """Accelerations of the water at the present time; nothing depends on any step size."""
 
     def __init__(self, constants: dict[str, Any]) -> None:
-        self._slots: int = constants["slots"]
+        self.slots: int = constants["slots"]
+
+    @staticmethod
+    def factors(v: Any) -> Gains:
+        """The factors on u, v, w, r of a field given outright."""
+        return Gains(*(v[f"gain.{axis}"] for axis in "uvwr"))
+
+    @classmethod
+    def gains(cls, v: Any, ns: Any) -> Gains:
+        """The factors of a sea that travels in one direction; `ns` provides `sin`, `cos`."""
+        by_direction = gains(v["direction"], v["yaw_gain"], ns)
+        return Gains(*(a * b for a, b in zip(cls.factors(v), by_direction, strict=True)))
 
     def initialise(self, v: dict[str, float], start: float) -> None:
         """Draw the sea, or take the explicit components; fills the outputs.
@@ -25,16 +37,15 @@ class WaveField:
         ValueError : a wave height, period, spectrum or number of components out of range.
         """
         self._components: list[Component] = []
-        own = [v[f"gain.{axis}"] for axis in "uvwr"]
         if v["spectrum"] == _EXPLICIT:
-            for k in range(1, self._slots + 1):
+            for k in range(1, self.slots + 1):
                 if v[f"amplitude[{k}]"] != 0.0:
                     self._components.append(
                         Component(v[f"omega[{k}]"], v[f"amplitude[{k}]"], v[f"phase[{k}]"])
                     )
-            self._gains = Gains(*own)
+            self._gains = self.factors(v)
         else:
-            spectrum = _SPECTRA[int(v["spectrum"])]
+            spectrum = SPECTRA[int(v["spectrum"])]
             elevation = sea(
                 v["Hs"],
                 v["Tp"],
@@ -44,8 +55,7 @@ class WaveField:
                 seed=int(v["seed"]),
             )
             self._components = at_depth(elevation, v["depth"])
-            by_direction = gains(v["direction"], v["yaw_gain"])
-            self._gains = Gains(*(a * b for a, b in zip(own, by_direction, strict=True)))
+            self._gains = self.gains(v, math)
         self._publish(v, start)
 
     def advance(self, v: dict[str, float], end: float) -> None:
@@ -57,7 +67,7 @@ class WaveField:
 
     def _publish(self, v: dict[str, float], t: float) -> None:
         values = accelerations(t, self._components, self._gains)
-        for name, value in zip(_OUTPUTS, values, strict=True):
+        for name, value in zip(OUTPUTS, values, strict=True):
             v[name] = float(value)
 
     def snapshot(self) -> dict[str, Any]:

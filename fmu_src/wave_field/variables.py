@@ -88,7 +88,7 @@ SPEC = ComponentSpec(
     ),
     variables=tuple(_variables()),
     behaviour="fmu_src.wave_field.behaviour:WaveField",
-    sources=("cosim.models.waves", "fmu_src.wave_field.behaviour"),
+    sources=("cosim.models.products", "cosim.models.waves", "fmu_src.wave_field.behaviour"),
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,
     step_size=0.05,

@@ -1,24 +1,29 @@
-"""What the master adds to a communication step, in one run on one machine.
+"""What a master costs per communication step, in one run on one machine.
 
-The vehicle, its controller and the sea, wired without links, each at 0.05 s:
+Two tiny FMUs in C, N signals each way, a step of 1 ms, held inputs (Jacobi). Variants:
 
-* steps: the three FMUs stepped by bare fmpy, nothing exchanged: the bound for any master;
-* fmpy: the loop a user writes with fmpy, one getReal and one setReal per connection group;
-* ours: the master without a trace, and with one.
+* c_bound: a loop in C for these two FMUs alone; nothing is recorded;
+* compiled, python_engine: this project's engines, no link, every signal recorded in memory;
+* compiled_links_recorded: packet links with jitter and loss both ways, recorded in memory;
+* compiled_links_mcap: the same, with the trace on disk;
+* fmpy_per_signal, fmpy_batched: the loop that a user writes with fmpy, nothing recorded;
+* peers, where they are installed.
 
-Prints a table, and JSON with --json. Figures are ratios to the bound; the microseconds beside
-them hold for this machine alone.
+`python -m tests.benchmarks.loop --json` prints {"us_per_step": {VARIANT: {"1": x, ...}}}.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
 import statistics
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import fmpy
 from fmpy.fmi2 import FMU2Slave
@@ -30,6 +35,8 @@ from cosim.master import (
     Component,
     Connection,
     Endpoint,
+    EngineName,
+    Link,
     Observer,
     System,
     TraceRecorder,
@@ -37,29 +44,28 @@ from cosim.master import (
     simulate,
 )
 from cosim.master.wiring import Station
+from cosim.network import Jitter, PacketLink
 from cosim.trace import TraceWriter
-from fmu_src.build import ensure_all
 
-STEP, STEPS, REPEATS = 0.05, 1200, 5
-STATE = ("eta.x", "eta.y", "eta.z", "eta.psi", "nu.u", "nu.v", "nu.w", "nu.r")
-FORCE = ("force.x", "force.y", "force.z", "moment.z")
-WAVES = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
-GROUPS = (
-    ("AuvPlant", STATE, "HinfController"),
-    ("HinfController", FORCE, "AuvPlant"),
-    ("WaveField", WAVES, "AuvPlant"),
-)
-NAMES = ("AuvPlant", "HinfController", "WaveField")
+if __package__:
+    from tests.benchmarks.tiny_fmu import tiny_fmu
+else:
+    from tiny_fmu import tiny_fmu
+
+SIGNALS = (1, 6, 20)
+STEP = 1e-3
+REPEATS = 5
+_MS = 1_000_000
 
 
-def bare(folder: Path, *, exchange: bool) -> float:
-    """Seconds for the run by fmpy's own calls."""
-    slaves, references = {}, {}
-    for name in NAMES:
-        model = fmpy.read_model_description(str(folder / f"{name}.fmu"))
+def pair(fmu: Path) -> list[FMU2Slave]:
+    """Two initialised slaves by fmpy."""
+    model = fmpy.read_model_description(str(fmu))
+    slaves = []
+    for name in ("a", "b"):
         slave = FMU2Slave(
             guid=model.guid,
-            unzipDirectory=fmpy.extract(str(folder / f"{name}.fmu")),
+            unzipDirectory=fmpy.extract(str(fmu)),
             modelIdentifier=model.coSimulation.modelIdentifier,
             instanceName=name,
         )
@@ -67,100 +73,153 @@ def bare(folder: Path, *, exchange: bool) -> float:
         slave.setupExperiment(startTime=0.0)
         slave.enterInitializationMode()
         slave.exitInitializationMode()
-        slaves[name] = slave
-        references[name] = {v.name: v.valueReference for v in model.modelVariables}
-    wires = [
-        (
-            slaves[a],
-            [references[a][n] for n in names],
-            slaves[b],
-            [references[b][n] for n in names],
-        )
-        for a, names, b in GROUPS
-    ]
+        slaves.append(slave)
+    return slaves
+
+
+def c_bound(fmu: Path, n: int) -> float:
+    """Seconds per step of the loop in C."""
+    a, b = pair(fmu)
+    steps = 2_000_000
+    references = (ctypes.c_uint * (2 * n))(*range(2 * n))
+    out, into = ctypes.addressof(references), ctypes.addressof(references) + 4 * n
+
+    def address(slave: FMU2Slave, name: str) -> int | None:
+        return ctypes.cast(slave.dll[name], ctypes.c_void_p).value
+
+    calls = ("fmi2GetReal", "fmi2SetReal", "fmi2DoStep")
+    arguments: list[Any] = []
+    for slave in (a, b):
+        arguments += [ctypes.c_void_p(address(slave, name)) for name in calls]
+        arguments.append(ctypes.c_void_p(slave.component))
+    arguments += [ctypes.c_void_p(out), ctypes.c_void_p(into), ctypes.c_double(STEP)]
+    loop = a.dll["bare_loop"]
     began = time.perf_counter()
-    for k in range(STEPS):
-        if exchange:
-            values = [source.getReal(out) for source, out, _, _ in wires]
-            for (_, _, target, into), row in zip(wires, values, strict=True):
-                target.setReal(into, row)
-        for slave in slaves.values():
-            slave.doStep(k * STEP, STEP)
+    failed = loop(*arguments, ctypes.c_long(steps))
     spent = time.perf_counter() - began
-    for slave in slaves.values():
-        slave.terminate()
-        slave.freeInstance()
-    return spent
+    if failed:
+        raise SystemExit("the bare loop failed")
+    return spent / steps
 
 
-def ours(folder: Path, *, trace: bool) -> float:
-    """Seconds for the run by this project's master."""
-    components = {name: Component(describe_fmu(folder / f"{name}.fmu")) for name in NAMES}
+def by_fmpy(fmu: Path, n: int, *, batched: bool) -> float:
+    """Seconds per step of a loop over fmpy's own methods."""
+    a, b = pair(fmu)
+    steps = 20_000
+    out, into = list(range(n)), list(range(n, 2 * n))
+    began = time.perf_counter()
+    for k in range(steps):
+        if batched:
+            ya, yb = a.getReal(out), b.getReal(out)
+            b.setReal(into, ya)
+            a.setReal(into, yb)
+        else:
+            ya = [a.getReal([i])[0] for i in out]
+            yb = [b.getReal([i])[0] for i in out]
+            for i, x, y in zip(into, ya, yb, strict=True):
+                b.setReal([i], [x])
+                a.setReal([i], [y])
+        for slave in (a, b):
+            slave.doStep(k * STEP, STEP)
+    return (time.perf_counter() - began) / steps
+
+
+def ours(
+    fmu: Path, n: int, *, engine: EngineName, steps: int, links: bool = False, trace: bool = False
+) -> float:
+    """Seconds per step of this project's master."""
+    described = describe_fmu(fmu)
+    ways = {}
+    if links:
+        ways = {
+            name: PacketLink(
+                name, 10 * _MS, 0, 30 * _MS, Jitter("uniform", width_ns=20 * _MS), loss=0.05
+            )
+            for name in ("up", "down")
+        }
+    channels: dict[str, Link] = dict(ways)
     connections = [
-        Connection(Endpoint(a, name), Endpoint(b, name)) for a, names, b in GROUPS for name in names
+        Connection(Endpoint(s, f"x[{i}]"), Endpoint(t, f"u[{i}]"), link if links else None)
+        for s, t, link in (("a", "b", "up"), ("b", "a", "down"))
+        for i in range(1, n + 1)
     ]
-    step = round(STEP * 1e9)
-    timetable = make_timetable({}, step, step * STEPS, "align")
-    system = System(components, connections, {}, {}, timetable, 1e9)
+    # on the grid, so that a step is a step
+    timetable = make_timetable(channels, _MS, _MS * steps, "grid")
+    components = {name: Component(described) for name in ("a", "b")}
+    system = System(components, connections, channels, {}, timetable, 1e9)
     watch = Stopwatch()
     if not trace:
-        simulate(system, [watch])
-        return time.perf_counter() - watch.began
+        simulate(system, [watch], engine=engine)
+        return watch.seconds / steps
     with (
         tempfile.TemporaryDirectory() as scratch,
         TraceWriter(Path(scratch, "run.mcap"), run={}) as writer,
     ):
-        simulate(system, [TraceRecorder(writer, system), watch])
+        simulate(system, [TraceRecorder(writer, system), watch], engine=engine)
         writer.finish({})
-        return time.perf_counter() - watch.began
+        return (time.perf_counter() - watch.began) / steps
 
 
 class Stopwatch(Observer):
-    """Starts when the slaves are loaded and initialised, as for bare fmpy."""
+    """From the first point, all slaves initialised, to the last."""
 
     began = 0.0
+    seconds = 0.0
 
     def begin(self, stations: Sequence[Station]) -> None:
         """Start."""
-        del stations
+        # memory is handed out when it is first touched: not the master's cost
+        for station in stations:
+            station.rows[:] = station.rows.copy()
         self.began = time.perf_counter()
 
-    def point(self, k: int) -> None:
-        """Look on."""
+    def span(self, first: int, last: int) -> None:
+        """Stop, so far."""
+        del first, last
+        self.seconds = time.perf_counter() - self.began
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Look on."""
 
 
+VARIANTS: dict[str, Callable[[Path, int], float]] = {
+    "c_bound": c_bound,
+    "compiled": partial(ours, engine="compiled", steps=400_000),
+    "compiled_links_recorded": partial(ours, engine="compiled", steps=400_000, links=True),
+    "compiled_links_mcap": partial(ours, engine="compiled", steps=40_000, links=True, trace=True),
+    "python_engine": partial(ours, engine="python", steps=40_000),
+    "fmpy_batched": partial(by_fmpy, batched=True),
+    "fmpy_per_signal": partial(by_fmpy, batched=False),
+}
+
+
 def main() -> None:
     """Measure, print."""
+    seconds: dict[str, dict[int, list[float]]] = {v: {n: [] for n in SIGNALS} for v in VARIANTS}
     with tempfile.TemporaryDirectory() as scratch:
-        folder = ensure_all(Path(scratch), NAMES)[0].path.parent
-        cases: dict[str, Callable[[], float]] = {
-            "steps alone": lambda: bare(folder, exchange=False),
-            "loop by fmpy": lambda: bare(folder, exchange=True),
-            "ours": lambda: ours(folder, trace=False),
-            "ours, with trace": lambda: ours(folder, trace=True),
-        }
-        seconds: dict[str, list[float]] = {name: [] for name in cases}
+        fmus = {n: tiny_fmu(n, Path(scratch)) for n in SIGNALS}
         for _ in range(REPEATS):  # interleaved: a slow spell of the machine hits all alike
-            for name, case in cases.items():
-                seconds[name].append(case())
-    median = {name: statistics.median(values) for name, values in seconds.items()}
-    bound = median["steps alone"]
-    rows = [
-        {"case": name, "us_per_step": 1e6 * value / STEPS, "ratio_to_steps": value / bound}
-        for name, value in median.items()
-    ]
+            for n in SIGNALS:
+                for variant, case in VARIANTS.items():
+                    seconds[variant][n].append(case(fmus[n], n))
+    table = {
+        variant: {str(n): 1e6 * statistics.median(cases[n]) for n in SIGNALS}
+        for variant, cases in seconds.items()
+    }
     if "--json" in sys.argv:
-        print(json.dumps({"benchmark": "loop", "steps": STEPS, "rows": rows}, indent=1))
+        print(json.dumps({"us_per_step": table}, indent=1))
         return
-    table = Table(title=f"{STEPS} communication steps, median of {REPEATS}", title_justify="left")
-    for column in ("case", "us per step", "ratio to steps alone"):
-        table.add_column(column, justify="left" if column == "case" else "right")
-    for row in rows:
-        table.add_row(str(row["case"]), f"{row['us_per_step']:.1f}", f"{row['ratio_to_steps']:.2f}")
-    Console().print(table)
+    view = Table(title="microseconds per communication step", title_justify="left")
+    view.add_column("variant")
+    for n in SIGNALS:
+        view.add_column(f"{n} each way", justify="right")
+        view.add_column("to C", justify="right", style="dim")
+    for variant, row in table.items():
+        cells = []
+        for n in SIGNALS:
+            cells += [f"{row[str(n)]:.3f}", f"{row[str(n)] / table['c_bound'][str(n)]:.1f}"]
+        view.add_row(variant, *cells)
+    Console().print(view)
 
 
 if __name__ == "__main__":

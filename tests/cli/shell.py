@@ -18,7 +18,14 @@ from unittest.mock import patch
 
 from cosim.cli import main
 
-BUILT_IN = ("auv-acoustic", "auv-acoustic-naive", "auv-direct", "paper-example")
+BUILT_IN = (
+    "auv-acoustic",
+    "auv-acoustic-naive",
+    "auv-direct",
+    "auv-worst-case",
+    "paper-example",
+    "paper-worst-case",
+)
 COMMAND = Path(sys.executable).with_name("cosim")
 SCENARIOS = Path(__file__).parents[1] / "scenario"
 

@@ -20,6 +20,7 @@ USAGE = [
     ["design", "--json"],
     ["design", "paper", "--gamma", "much", "--json"],
     ["trace", "--json"],
+    ["fmu", "controller", "--json"],
     ["trace", "info", "--json"],
     ["trace", "frobnicate", "--json"],
 ]

@@ -80,7 +80,9 @@ def test_people_read_the_same_figures() -> None:
     assert "seen.mcap" in flown.out
 
 
-@pytest.mark.parametrize("verb", [[], ["trace"]], ids=["cosim", "cosim trace"])
+@pytest.mark.parametrize(
+    "verb", [[], ["trace"], ["fmu"]], ids=["cosim", "cosim trace", "cosim fmu"]
+)
 def test_no_verb_prints_help(verb: list[str], tmp_path: Path) -> None:
     """Without any verb the verbs are listed, and nothing is complained about."""
     result = cosim(*verb, cwd=tmp_path)

@@ -14,14 +14,19 @@ if TYPE_CHECKING:
 
 
 class RawFmu:
-    """One instance; use as a context manager."""
+    """One instance; use as a context manager.
 
-    def __init__(self, path: Path, instance: str = "it") -> None:
+    `beside` another one of the same FMU it runs on the same loaded library.
+    """
+
+    def __init__(self, path: Path, instance: str = "it", beside: RawFmu | None = None) -> None:
         self.model = read_model_description(str(path))
         self.reference = {v.name: v.valueReference for v in self.model.modelVariables}
         self.logged: list[tuple[int, str]] = []
-        self._folder = tempfile.mkdtemp()
-        fmpy.extract(str(path), unzipdir=self._folder)
+        self._guest = beside is not None
+        self._folder = tempfile.mkdtemp() if beside is None else beside._folder
+        if beside is None:
+            fmpy.extract(str(path), unzipdir=self._folder)
         self.fmu = fmi2.FMU2Slave(
             guid=self.model.guid,
             unzipDirectory=self._folder,
@@ -43,7 +48,8 @@ class RawFmu:
 
     def __exit__(self, *_: object) -> None:
         self.fmu.freeInstance()
-        shutil.rmtree(self._folder)
+        if not self._guest:
+            shutil.rmtree(self._folder)
 
     def put(self, values: dict[str, float]) -> None:
         """Write Reals by name."""

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from fmu_src.spec import ComponentSpec
 
 NAMES = sorted(CATALOGUE)
+PAPER = CATALOGUE["PaperController"]
 ROOT = Path(__file__).resolve().parents[2]
 
 # What each unit is made of, spelled out a second time: force = mass length / time^2, ...
@@ -71,6 +72,7 @@ def test_fmpy_finds_nothing_to_complain_about(fmus: Path, name: str) -> None:
 def test_two_builds_give_the_same_bytes(fmus: Path, tmp_path: Path) -> None:
     """Another process, another folder, another hash seed: one SHA-256."""
     command = [sys.executable, str(ROOT / "build_fmu.py"), "--out", str(tmp_path)]
+    command += ["--flavour", "python"]
     done = subprocess.run(  # noqa: S603 - our own script
         command,
         check=True,
@@ -207,6 +209,7 @@ def changed() -> list[Any]:
         "constants": dataclasses.replace(spec, constants={**spec.constants, "more": 1}),
         "sources": dataclasses.replace(spec, sources=(*spec.sources, "cosim.models.auv")),
         "readme": dataclasses.replace(spec, readme=CATALOGUE["AuvPlant"].readme),
+        "certificate": dataclasses.replace(spec, certificate=PAPER.certificate),
     }
     different: dict[str, Any] = {
         "unit": "m",
@@ -228,6 +231,13 @@ def changed() -> list[Any]:
 def test_guid_changes_with_the_specification(spec: ComponentSpec) -> None:
     """Whatever of a component changes, its GUID does."""
     assert package.guid(spec) != package.guid(CATALOGUE["DelayedPlant"])
+
+
+def test_guid_changes_with_one_byte_of_the_certificate() -> None:
+    """The proof is part of the FMU, down to the last digit."""
+    assert PAPER.certificate is not None
+    other = dataclasses.replace(PAPER, certificate=PAPER.certificate.replace(b"8", b"9", 1))
+    assert package.guid(other) != package.guid(PAPER)
 
 
 def test_guid_changes_with_a_source(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from driven import DRIVE, drive, started
 from fmpy import simulate_fmu
 from raw_fmu import RawFmu, matrices
 from truth.dde import Hold, solve
@@ -29,31 +30,6 @@ SIMPLEST = {
     "initial.x[2]": 0.0,
 }
 """DelayedPlant as x' = -x(t-1), history 1."""
-
-DRIVE = {
-    "AuvPlant": ("force.x", lambda t: 400 * math.sin(t), {"initial.nu.r": 0.05}),
-    "HinfController": ("eta.y", lambda t: math.cos(3 * t), {"sample_time": 0.07}),
-    "DelayedPlant": ("u[1]", lambda t: math.sin(2 * t), {"delay.d": 0.23}),
-    "PaperController": ("x[2]", lambda t: math.sin(2 * t), {}),
-    "WaveField": (None, lambda _t: 0.0, {"Hs": 2.5}),
-}
-"""For each FMU an input, how it moves, and parameters that are not the default."""
-
-
-def started(path: Path, name: str, instance: str = "it") -> RawFmu:
-    return RawFmu(path / f"{name}.fmu", instance).initialise(dict(DRIVE[name][2]))
-
-
-def drive(raw: RawFmu, name: str, first: int, last: int, h: float = 0.05) -> list[list[float]]:
-    """Steps first to last - 1; every output after each."""
-    port, wave, _ = DRIVE[name]
-    rows = []
-    for k in range(first, last):
-        if port is not None:
-            raw.put({port: wave(k * h)})
-        raw.step(k * h, h)
-        rows.append(raw.get(*raw.outputs()))
-    return rows
 
 
 @pytest.mark.parametrize("h", [1.0, 0.25, 0.1])

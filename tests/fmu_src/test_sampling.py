@@ -84,12 +84,16 @@ def test_sample_time_far_below_the_step_costs_nothing() -> None:
 def test_vehicle_controller_maps_and_limits() -> None:
     """Force = M K (x - reference), each within its limit: one axis by hand."""
     values = {v.name: v.start for v in VEHICLE_SPEC.variables}
+    values |= {name: 0.0 for name in values if name.startswith("K[")}
+    values |= {"K[1,1]": -0.06, "K[3,3]": -0.06}
     values |= {"sample_time": 0.0, "eta.x": 1.0, "reference.x": 3.0, "eta.z": 1000.0}
     feedback = StateFeedback(dict(VEHICLE_SPEC.constants))
     feedback.initialise(values, 0.0)
     assert values["force.x"] == 0.0
     feedback.advance(values, 0.1)
     surge_mass = 5454 + 500 * 5.3**3 * 7.6e-3
-    assert values["force.x"] == pytest.approx(surge_mass * -0.06 * (1.0 - 3.0), rel=1e-12)
+    assert values["force.x"] == pytest.approx(
+        surge_mass * values["K[1,1]"] * (1.0 - 3.0), rel=1e-12
+    )
     assert values["force.z"] == -2500.0
     assert values["moment.z"] == 0.0

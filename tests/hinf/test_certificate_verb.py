@@ -13,6 +13,7 @@ import pytest
 from solved import solved
 
 from cosim import cli
+from cosim.hinf import certificate_hash
 from cosim.hinf.certificate import certificate_to_json
 from cosim.models import paper_example
 
@@ -55,7 +56,14 @@ def test_a_certificate_is_proved_from_its_file(
     code, out, err = cosim("certificate", "check", path, "--json")
     assert (code, err) == (0, "")
     said = json.loads(out)
-    assert said == {"file": path, "valid": True, "reason": None, "claim": certificate["claim"]}
+    assert said == {
+        "file": path,
+        "carrier": "file",
+        "sha256": certificate_hash(certificate),
+        "valid": True,
+        "reason": None,
+        "claim": certificate["claim"],
+    }
     assert Fraction(said["claim"]["gamma"]) == Fraction(5.05)
     code, out, _ = cosim("certificate", "check", path)
     assert code == 0

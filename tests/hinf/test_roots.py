@@ -117,6 +117,34 @@ def test_roots_next_to_a_fast_mode_stay_apart() -> None:
     np.testing.assert_allclose(characteristic_roots(loop, 2), exact, atol=1e-9)
 
 
+@pytest.mark.parametrize("far", [1e3, 1e6])
+def test_units_of_the_states_do_not_matter(far: float) -> None:
+    """The benchmark in units that lie far apart has the same roots, to 1e-10."""
+    T = np.diag([1.0, far])
+    loop = benchmark(1.0)
+    turned = ClosedLoop([T @ A @ np.linalg.inv(T) for A in loop.A], loop.delays)
+    exact = characteristic_roots(loop, 6)
+    np.testing.assert_allclose(characteristic_roots(turned, 6), exact, atol=1e-10)
+
+
+def test_close_roots_of_a_long_delay() -> None:
+    """Weakly coupled, 16 s late: many roots near the axis; the first few by a hand's Newton."""
+    A, B = [[-3.4, -0.8], [0.8, -2.4]], [[0, 0.35], [0, 0]]
+    C, d = [[-0.07, -0.6], [-0.07, 0.4]], [0.01, 16.2]
+    loop = ClosedLoop([A, C, B], [0, *d])
+    found = characteristic_roots(loop, 5)
+
+    def f(s: complex) -> complex:
+        c, b = np.exp(-s * d[0]), np.exp(-s * d[1])
+        return (s + 3.4 + 0.07 * c) * (s + 2.4 - 0.4 * c) - (-0.8 - 0.6 * c + 0.35 * b) * (
+            0.8 - 0.07 * c
+        )
+
+    for s in found:
+        assert abs(f(s) / ((f(s + 1e-6) - f(s - 1e-6)) / 2e-6)) < 1e-9
+    assert roots_right_of(loop, found[0].real + 1e-6) == 0
+
+
 def test_three_delays_against_a_separate_newton() -> None:
     """Three incommensurate delays: det H, expanded by hand, vanishes at every root; none missed."""
     a, b, c, d = -0.5, -1.1, 0.7, -0.4

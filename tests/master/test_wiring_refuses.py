@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from coupled import end, ns, rewritten, section_5, system
 
-from cosim.errors import ComponentError, InputError
+from cosim.errors import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Endpoint, make_timetable, simulate
 from cosim.network import PacketLink, TransportLink
@@ -181,40 +181,6 @@ def test_overflow_inside_a_step_is_divergence(fmus: Path) -> None:
     assert run.reason is not None
     assert "no longer finite" in run.reason
     assert run.points_ns.tolist() == [0]
-
-
-class Breaking:
-    """Makes a station's slave fail at a point, before the row is complete."""
-
-    def __init__(self, station: str, method: str, at: int) -> None:
-        self.station, self.method, self.at = station, method, at
-
-    def begin(self, stations: Any) -> None:
-        mine = next(s for s in stations if s.name == self.station)
-        real = getattr(mine, self.method)
-
-        def broken(k: int) -> None:
-            if k == self.at:
-                raise ComponentError("broken", where=self.station)
-            real(k)
-
-        setattr(mine, self.method, broken)
-
-    def point(self, k: int) -> None:
-        assert k < self.at
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        pass
-
-
-@pytest.mark.parametrize("method", ["send", "receive"])
-def test_row_that_was_broken_off_does_not_count(fmus: Path, method: str) -> None:
-    """A failure in an exchange leaves the rows before it, and only those."""
-    run = simulate(section_5(fmus, step=0.1, stop=1.0), [Breaking("controller", method, 4)])
-    assert run.ending == "failed"
-    assert run.points_ns.tolist() == [k * ns(0.1) for k in range(4)]
-    assert run.signal("plant", "x[1]").size == 4
-    assert np.all(run.signal("plant", "x[1]") != 0.0)
 
 
 def test_fixed_step_fmu_is_refused_where_steps_vary(fmus: Path, tmp_path: Path) -> None:

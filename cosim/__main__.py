@@ -1,0 +1,5 @@
+"""`python -m cosim`: the command without its script."""
+
+from cosim.entry import main
+
+main()

@@ -1,0 +1,189 @@
+"""The ZIP file of an FMU, read within bounds: nothing in it is trusted, nothing is unpacked."""
+
+from __future__ import annotations
+
+import re
+import stat
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+
+from cosim.errors import InputError
+from cosim.fmu.inspect.finding import Finding, finding, printable
+
+MOST_BYTES = 4 << 30  # unpacked in all; the largest FMUs of practice have about 1 GiB
+MOST_ENTRIES = 100_000
+_BOMB_BYTES = 64 << 20  # below this size no ratio harms
+_BOMB_RATIO = 250  # deflate reaches 1032; text of numbers about 10
+_CHUNK = 1 << 20
+_ALLOWED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_LEADING = re.compile(r"^(?:[A-Za-z]:|[/\\])")
+# what zipfile raises for a damaged file, by what is damaged
+BROKEN = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    OSError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    IndexError,
+    OverflowError,
+)
+
+
+class Archive:
+    """An open FMU; `open_archive` makes it.
+
+    Attributes
+    ----------
+    path : the file.
+    entries : path inside -> entry, files only, the first of each name.
+    findings : what is wrong with the ZIP itself.
+    sound : whether it may be unpacked.
+    """
+
+    def __init__(self, path: Path, zipped: zipfile.ZipFile) -> None:
+        self.path = path
+        self._zip = zipped
+        self.findings: list[Finding] = []
+        entries: dict[str, zipfile.ZipInfo] = {}
+        folded: dict[str, str] = {}
+        every = zipped.infolist()
+        for info in every:
+            name = info.orig_filename
+            self.findings += _path_findings(name)
+            self.findings += _entry_findings(info)
+            if name.endswith("/"):
+                continue
+            if name in entries:
+                self.findings.append(finding("entry-twice", name, "the entry is there twice"))
+                continue
+            entries[name] = info
+            other = folded.setdefault(name.casefold(), name)
+            if other != name:
+                self.findings.append(finding("entry-case", name, f"differs from {other} by case"))
+        self.entries = MappingProxyType(entries)
+        self.unpacked_bytes = sum(info.file_size for info in every)
+        if self.unpacked_bytes > MOST_BYTES or len(every) > MOST_ENTRIES:
+            size = f"{len(every)} entries of {self.unpacked_bytes} bytes in all"
+            limit = f"at most {MOST_ENTRIES} of {MOST_BYTES}"
+            self.findings.append(finding("archive-bomb", path.name, f"{size}; {limit}"))
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing speaks against unpacking it."""
+        return not any(each.level == "error" for each in self.findings)
+
+    def read(self, name: str, most: int = MOST_BYTES) -> bytes | None:
+        """The content of an entry; None if it is damaged, encrypted or larger than `most` bytes."""
+        info = self.entries[name]
+        if info.file_size > most:
+            return None
+        try:
+            with self._zip.open(info) as stream:
+                content = stream.read(most + 1)
+        except BROKEN:
+            return None
+        return content if len(content) <= most else None
+
+    def read_all(self) -> None:
+        """Read every entry once, and find those that do not unpack to what was packed."""
+        if not self.sound:
+            return
+        for name, info in self.entries.items():
+            try:
+                with self._zip.open(info) as stream:
+                    read = 0
+                    while chunk := stream.read(_CHUNK):
+                        read += len(chunk)
+                if read != info.file_size:
+                    raise EOFError(f"{read} bytes instead of {info.file_size}")
+            except BROKEN as error:
+                self.findings.append(finding("entry-damaged", name, str(error)))
+
+    def unpack(self, folder: Path) -> None:
+        """Write every entry under `folder`.
+
+        Raises
+        ------
+        InputError : it is not `sound`, or an entry is damaged.
+        """
+        if not self.sound:
+            raise InputError("this archive is not unpacked", where=str(self.path))
+        try:
+            self._zip.extractall(folder)
+        except BROKEN as error:
+            raise InputError(
+                "this archive does not unpack", where=str(self.path), got=printable(str(error))
+            ) from error
+
+
+@contextmanager
+def open_archive(path: Path) -> Iterator[Archive]:
+    """An FMU's archive, closed at the end.
+
+    Raises
+    ------
+    InputError : no such file, no ZIP file, or one without modelDescription.xml.
+    """
+    where = str(path)
+    if not path.is_file():
+        raise InputError("no such FMU", where=where)
+    try:
+        zipped = zipfile.ZipFile(path)
+    except BROKEN as error:
+        raise InputError(
+            "not an FMU",
+            where=where,
+            expected="a ZIP archive with modelDescription.xml",
+            got=printable(str(error)) or type(error).__name__,
+        ) from error
+    with zipped:
+        archive = Archive(path, zipped)
+        if "modelDescription.xml" not in archive.entries:
+            raise InputError(
+                "not an FMU",
+                where=where,
+                expected="modelDescription.xml at the top of the archive",
+                got=_instead(archive.entries),
+            )
+        yield archive
+
+
+def _instead(names: MappingProxyType[str, zipfile.ZipInfo]) -> str:
+    """What stands there instead of modelDescription.xml."""
+    near = [n for n in names if n.lower().replace("\\", "/").endswith("modeldescription.xml")]
+    if near:
+        return f"{printable(near[0])}: the archive was packed from the wrong folder or spelled so"
+    return f"{len(names)} files, none of this name"
+
+
+def _path_findings(name: str) -> Iterator[Finding]:
+    parts = name.replace("\\", "/").split("/")
+    if "\\" in name:
+        yield finding("path-backslash", name, "the path has a backslash")
+    if _LEADING.match(name) or ".." in parts:
+        yield finding("path-escapes", name, "the path leaves the folder of the FMU")
+    if not name or any(ord(c) < 32 or ord(c) == 127 for c in name):
+        yield finding("path-control", name, "the path is empty or has a control character")
+
+
+def _entry_findings(info: zipfile.ZipInfo) -> Iterator[Finding]:
+    name = info.orig_filename
+    if info.flag_bits & 0x1:
+        yield finding("entry-encrypted", name, "the entry is encrypted")
+    if info.compress_type not in _ALLOWED:
+        yield finding("entry-method", name, f"packed by ZIP method {info.compress_type}")
+    if stat.S_ISLNK(info.external_attr >> 16):
+        yield finding("entry-link", name, "the entry is a symbolic link")
+    ratio = info.file_size / max(info.compress_size, 1)
+    if info.file_size > _BOMB_BYTES and ratio > _BOMB_RATIO:
+        size = f"{info.compress_size} bytes unpack to {info.file_size}"
+        yield finding("archive-bomb", name, size)

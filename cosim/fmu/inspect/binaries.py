@@ -1,0 +1,179 @@
+"""Checks of the binaries: where they are, what they are built for, what they need and offer."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import PurePosixPath
+
+from cosim.fmu.inspect.declared import Declared
+from cosim.fmu.inspect.finding import Finding, finding
+from cosim.fmu.inspect.functions import functions
+from cosim.fmu.inspect.image import Image
+from cosim.fmu.inspect.library import Binary
+from cosim.fmu.inspect.platforms import FMI2, Platform, named_by_tuple, this_libc, this_machine
+
+ROOT = "binaries/"
+_SUFFIXES = (".so", ".dll", ".dylib")
+_SYSTEM = re.compile(
+    # Linux: the C library, its parts, and the compiler's; what every distribution has
+    r"(lib(c|m|dl|rt|pthread|util|resolv|gcc_s|stdc\+\+|atomic|gomp|gfortran|quadmath)\.so(\.\d+)*"
+    r"|ld-linux.*\.so\.\d|linux-vdso\.so\.\d"
+    # Windows: the system's own, and the runtimes that come with it or by the redistributable
+    r"|(kernel32|user32|gdi32|advapi32|shell32|ole32|oleaut32|ws2_32|shlwapi|bcrypt|crypt32|ntdll"
+    r"|msvcrt|ucrtbase|comdlg32|winmm|version|iphlpapi|psapi|dbghelp|rpcrt4|secur32|userenv"
+    r"|netapi32|imm32|setupapi)\.dll"
+    r"|api-ms-win-.*\.dll|(vcruntime|msvcp|msvcr|concrt|vcomp)\d+(_\d)?\.dll"
+    # macOS
+    r"|/usr/lib/.*|/System/Library/.*)",
+    re.IGNORECASE,
+)
+_DEBUG = re.compile(r"(ucrtbased|(msvcp|msvcr|vcruntime)\d+(_\d)?d)\.dll", re.IGNORECASE)
+_BESIDE = re.compile(r"\$ORIGIN|\$\{ORIGIN\}|@loader_path|@rpath")
+_MANY_SYMBOLS = 20
+_OLD_LIBC = (2, 28)  # of systems that are still maintained in 2025
+
+
+def binary_entries(names: Iterable[str]) -> list[tuple[str, str]]:
+    """(folder, path) of every library in a folder of binaries, also in folders below."""
+    found = []
+    for name in sorted(names):
+        parts = name.split("/")
+        if name.startswith(ROOT) and len(parts) >= 3 and name.endswith(_SUFFIXES):
+            found.append((parts[1], name))
+    return found
+
+
+def platform_of(folder: str) -> Platform | None:
+    """What the name of a folder stands for, in the words of FMI 1 and 2 or of FMI 3."""
+    return FMI2.get(folder) or named_by_tuple(folder)
+
+
+def binary_findings(
+    model: Declared, names: Sequence[str], binaries: Sequence[Binary], *, sources: bool
+) -> Iterator[Finding]:
+    """Everything about the folders of binaries and their content."""
+    inside: Mapping[str, set[str]] = defaultdict(set)
+    for name in names:
+        parts = name.split("/")
+        if name.startswith(ROOT) and len(parts) >= 3:
+            inside[parts[1]].add("/".join(parts[2:]))
+    identifiers = {i.identifier for i in model.interfaces if i.identifier}
+    if not inside:
+        code = "binary-sources-only" if sources else "binary-none"
+        what = "sources" if sources else "neither binaries nor sources"
+        yield finding(code, ROOT, f"there are {what}")
+    here = False
+    for folder, files in sorted(inside.items()):
+        yield from _folder(folder, model.major)
+        built_for = platform_of(folder)
+        if built_for is None:
+            continue
+        wanted = {identifier + built_for.suffix for identifier in identifiers}
+        here = here or (built_for == this_machine() and wanted <= files)
+        for name in sorted(wanted - files):
+            got = ", ".join(sorted(files)[:5])
+            yield finding("binary-name", ROOT + folder, f"{name} is missing; there is {got}")
+    if inside and not here:
+        machine = this_machine()
+        what = f"no binary for {machine.architecture} {machine.system}"
+        yield finding("binary-here", ROOT, what)
+    for binary in binaries:
+        yield from _binary(model, binary, inside[binary.folder])
+
+
+def _folder(folder: str, major: int) -> Iterator[Finding]:
+    where = ROOT + folder
+    if folder in FMI2:
+        if major == 3:
+            what = f"FMI 3 calls it {FMI2[folder].architecture}-{FMI2[folder].system}"
+            yield finding("binary-folder", where, what)
+    elif named_by_tuple(folder) is None:
+        yield finding("binary-folder", where, f"{folder!r} names no platform")
+    elif major < 3:
+        yield finding("binary-folder-tuple", where, "a folder as FMI 3 names it")
+
+
+def _binary(model: Declared, binary: Binary, beside: set[str]) -> Iterator[Finding]:
+    where = binary.name
+    if binary.damage is not None:
+        yield finding("binary-damaged", where, binary.damage)
+        return
+    expected = platform_of(binary.folder)
+    image = next((i for i in binary.images if i.platform == expected), None)
+    if image is None:
+        if expected is not None:
+            built = ", ".join(
+                f"{i.platform.architecture} {i.platform.system}" for i in binary.images
+            )
+            yield finding("binary-platform", where, f"{binary.images[0].format} for {built}")
+        image = binary.images[0]
+    stem = PurePosixPath(binary.name).stem
+    interfaces = [i for i in model.interfaces if i.identifier == stem]
+    if interfaces:
+        yield from _exports(model, binary, image)
+        if image.needs_python:
+            told = all(i.says("needsExecutionTool") for i in interfaces)
+            count = sum(name.startswith(("Py", "_Py")) for name in image.imports)
+            what = f"it takes {count} functions from a Python interpreter"
+            yield finding("needs-python", where, what, level="note" if told else "warning")
+    yield from _needs(binary, image, beside)
+
+
+def _exports(model: Declared, binary: Binary, image: Image) -> Iterator[Finding]:
+    stem = PurePosixPath(binary.name).stem
+    core: set[str] = set()
+    others: set[str] = set()
+    for interface in model.interfaces:
+        if interface.identifier == stem:
+            wanted = functions(model.major, interface.kind, stem)
+            core |= wanted.core
+            others |= wanted.others
+    for name in sorted(core - image.exports):
+        yield finding("function-missing", binary.name, f"{name} is not exported")
+    if absent := sorted(others - core - image.exports):
+        what = f"{len(absent)} functions are not exported: {', '.join(absent[:6])}"
+        yield finding("function-optional", binary.name, what)
+    foreign = image.exports - image.functions
+    if len(foreign) > _MANY_SYMBOLS and image.format != "PE":
+        what = f"it exports {len(foreign)} symbols besides FMI's"
+        yield finding("symbols-open", binary.name, what)
+
+
+def _needs(binary: Binary, image: Image, beside: set[str]) -> Iterator[Finding]:
+    where = binary.name
+    present = {name.lower() for name in beside}
+    for library in image.libraries:
+        yield from _library(where, image, library, present)
+    for path in image.search:
+        if path.startswith("/"):
+            yield finding("library-path", where, f"it looks for libraries in {path}")
+    if image.libc is not None and image.libc > _OLD_LIBC:
+        version = ".".join(map(str, image.libc))
+        yield finding("libc-version", where, f"it needs glibc {version} or newer")
+        here = this_libc()
+        if here is not None and image.platform == this_machine() and image.libc > here:
+            have = ".".join(map(str, here))
+            yield finding("libc-here", where, f"it needs glibc {version}, this machine has {have}")
+    if image.executable_stack:
+        yield finding("stack-executable", where, "it asks for an executable stack")
+
+
+def _library(where: str, image: Image, library: str, present: set[str]) -> Iterator[Finding]:
+    """One library that it needs: of the system, packed beside it, or missing."""
+    base = PurePosixPath(library).name
+    if _DEBUG.fullmatch(base):
+        yield finding("library-debug", where, f"it needs {base}")
+    elif _SYSTEM.fullmatch(library):
+        return
+    elif base.lower() in present:
+        reached = any(_BESIDE.search(path) for path in (*image.search, library))
+        if image.format != "PE" and not reached:
+            yield finding("library-unreached", where, f"{base} is packed beside it")
+    elif library.startswith("/"):
+        yield finding("library-path", where, f"it needs {library}")
+    elif "python" in base.lower():
+        yield finding("needs-python", where, f"it needs {base} of the system", level="note")
+    else:
+        yield finding("library-absent", where, f"it needs {base}")

@@ -1,0 +1,75 @@
+"""What an inspection finds: a code, how grave, where, what, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from cosim.fmu.inspect.rules import RULES
+
+Level = Literal["error", "warning", "note"]
+LEVELS: tuple[Level, ...] = ("error", "warning", "note")
+_MOST_OF_ONE_CODE = 25
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing found.
+
+    Attributes
+    ----------
+    code : its name in `RULES`.
+    level : error (breaks the standard, or cannot work), warning (works in some tools only, or
+        is likely a mistake), note (worth knowing).
+    where : file inside the FMU, with the line, variable or symbol.
+    what : the fact.
+    """
+
+    code: str
+    level: Level
+    where: str
+    what: str
+
+    @property
+    def why(self) -> str:
+        """Why it matters, and what to do."""
+        return RULES[self.code].why
+
+    def to_json(self) -> dict[str, str]:
+        """The finding as the command line prints it."""
+        return {
+            "code": self.code,
+            "level": self.level,
+            "where": self.where,
+            "what": self.what,
+            "why": self.why,
+        }
+
+
+def finding(code: str, where: str, what: str, *, level: Level | None = None) -> Finding:
+    """A finding at its usual level, or at `level`."""
+    return Finding(code, level or RULES[code].level, where, printable(what))
+
+
+def printable(text: str, most: int = 400) -> str:
+    """What stood in a foreign file, fit for a terminal: one line, no control characters."""
+    clean = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return clean if len(clean) <= most else f"{clean[:most]}… ({len(clean)} characters)"
+
+
+def ordered(findings: Iterable[Finding]) -> list[Finding]:
+    """Errors first, then in the order found; each once; a flood of one code is cut and counted."""
+    kept: list[Finding] = []
+    counts: dict[tuple[str, Level], int] = {}
+    for each in dict.fromkeys(findings):
+        kind = (each.code, each.level)
+        counts[kind] = counts.get(kind, 0) + 1
+        if counts[kind] <= _MOST_OF_ONE_CODE:
+            kept.append(Finding(each.code, each.level, printable(each.where), each.what))
+    kept += [
+        Finding(code, level, "", f"and {n - _MOST_OF_ONE_CODE} more of this kind")
+        for (code, level), n in counts.items()
+        if n > _MOST_OF_ONE_CODE
+    ]
+    return sorted(kept, key=lambda each: LEVELS.index(each.level))

@@ -1,0 +1,109 @@
+"""The functions that a binary must export, from the headers of the FMI standards.
+
+`core` functions are those without which nothing runs; the standards ask for all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Functions(NamedTuple):
+    """Names to export: those that every run needs, and the others."""
+
+    core: frozenset[str]
+    others: frozenset[str]
+
+
+def _names(prefix: str, text: str) -> frozenset[str]:
+    return frozenset(prefix + name for name in text.split())
+
+
+_FMI1 = {
+    "model exchange": (
+        (
+            "InstantiateModel FreeModelInstance SetTime SetContinuousStates "
+            "CompletedIntegratorStep Initialize GetDerivatives EventUpdate GetContinuousStates "
+            "Terminate GetReal SetReal"
+        ),
+        (
+            "GetModelTypesPlatform GetVersion SetDebugLogging GetEventIndicators "
+            "GetNominalContinuousStates GetStateValueReferences "
+            "GetInteger GetBoolean GetString SetInteger SetBoolean SetString"
+        ),
+    ),
+    "co-simulation": (
+        "InstantiateSlave InitializeSlave TerminateSlave FreeSlaveInstance DoStep GetReal SetReal",
+        (
+            "GetTypesPlatform GetVersion SetDebugLogging ResetSlave SetRealInputDerivatives "
+            "GetRealOutputDerivatives CancelStep GetStatus GetRealStatus GetIntegerStatus "
+            "GetBooleanStatus GetStringStatus "
+            "GetInteger GetBoolean GetString SetInteger SetBoolean SetString"
+        ),
+    ),
+}
+_FMI2_COMMON = (
+    (
+        "Instantiate FreeInstance SetupExperiment EnterInitializationMode ExitInitializationMode "
+        "Terminate Reset GetReal GetInteger GetBoolean GetString SetReal SetInteger SetBoolean "
+        "SetString"
+    ),
+    (
+        "GetTypesPlatform GetVersion SetDebugLogging GetFMUstate SetFMUstate FreeFMUstate "
+        "SerializedFMUstateSize SerializeFMUstate DeSerializeFMUstate GetDirectionalDerivative"
+    ),
+)
+_FMI2 = {
+    "model exchange": (
+        (
+            "EnterEventMode NewDiscreteStates EnterContinuousTimeMode CompletedIntegratorStep "
+            "SetTime SetContinuousStates GetDerivatives GetEventIndicators GetContinuousStates "
+            "GetNominalsOfContinuousStates"
+        ),
+        "",
+    ),
+    "co-simulation": (
+        "DoStep",
+        (
+            "SetRealInputDerivatives GetRealOutputDerivatives CancelStep GetStatus GetRealStatus "
+            "GetIntegerStatus GetBooleanStatus GetStringStatus"
+        ),
+    ),
+}
+_FMI3_TYPES = (
+    "Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String Binary Clock"
+)
+_FMI3_COMMON = (
+    "FreeInstance EnterInitializationMode ExitInitializationMode Terminate Reset",
+    "GetVersion SetDebugLogging EnterEventMode GetNumberOfVariableDependencies "
+    "GetVariableDependencies GetFMUState SetFMUState FreeFMUState SerializedFMUStateSize "
+    "SerializeFMUState DeserializeFMUState GetDirectionalDerivative GetAdjointDerivative "
+    "EnterConfigurationMode ExitConfigurationMode GetIntervalDecimal GetIntervalFraction "
+    "GetShiftDecimal GetShiftFraction SetIntervalDecimal SetIntervalFraction SetShiftDecimal "
+    "SetShiftFraction EvaluateDiscreteStates UpdateDiscreteStates "
+    + " ".join(f"Get{kind} Set{kind}" for kind in _FMI3_TYPES.split()),
+)
+_FMI3 = {
+    "model exchange": (
+        (
+            "InstantiateModelExchange EnterContinuousTimeMode CompletedIntegratorStep SetTime "
+            "SetContinuousStates GetContinuousStateDerivatives GetContinuousStates "
+            "GetNumberOfContinuousStates GetNumberOfEventIndicators"
+        ),
+        "GetEventIndicators GetNominalsOfContinuousStates",
+    ),
+    "co-simulation": ("InstantiateCoSimulation DoStep", "EnterStepMode GetOutputDerivatives"),
+    "scheduled execution": ("InstantiateScheduledExecution ActivateModelPartition", ""),
+}
+
+
+def functions(major: int, kind: str, identifier: str) -> Functions:
+    """What a binary of this version of FMI exports for this kind of use."""
+    if major == 1:
+        core, others = _FMI1[kind]
+        prefix = f"{identifier}_fmi"
+        return Functions(_names(prefix, core), _names(prefix, others))
+    common, own = (_FMI2_COMMON, _FMI2) if major == 2 else (_FMI3_COMMON, _FMI3)
+    prefix = f"fmi{major}"
+    core, others = own[kind]
+    return Functions(_names(prefix, f"{common[0]} {core}"), _names(prefix, f"{common[1]} {others}"))

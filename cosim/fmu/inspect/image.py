@@ -1,0 +1,66 @@
+"""What the loader of an operating system would see in a library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cosim.fmu.inspect.platforms import Platform
+
+MOST_SYMBOLS = 500_000
+
+
+class NotALibraryError(Exception):
+    """A file in the format of libraries that is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """One architecture of a library.
+
+    Attributes
+    ----------
+    format : ELF, PE or Mach-O.
+    platform : what it is built for; the system of an ELF file is taken to be Linux.
+    exports : symbols it offers.
+    imports : symbols it takes from elsewhere (of PE files, of any library).
+    libraries : what it names as needed.
+    search : where it tells the loader to look for them.
+    versions : library -> highest symbol version needed, as libc.so.6 -> GLIBC_2.17.
+    executable_stack : whether it asks for one.
+    """
+
+    format: str
+    platform: Platform
+    exports: frozenset[str]
+    imports: frozenset[str]
+    libraries: tuple[str, ...]
+    search: tuple[str, ...] = ()
+    versions: tuple[tuple[str, str], ...] = ()
+    executable_stack: bool = False
+
+    @property
+    def functions(self) -> frozenset[str]:
+        """The exports that are FMI's: fmi2DoStep, and Model_fmiDoStep in FMI 1."""
+        return frozenset(n for n in self.exports if n.startswith("fmi") or "_fmi" in n)
+
+    @property
+    def libc(self) -> tuple[int, ...] | None:
+        """The GNU C library that it needs at least."""
+        found = [
+            version_key(version)
+            for _, version in self.versions
+            if version.startswith("GLIBC_") and version != "GLIBC_PRIVATE"
+        ]
+        return max(found, default=None)
+
+    @property
+    def needs_python(self) -> bool:
+        """Whether it takes functions from a Python interpreter that it does not load itself."""
+        python = any(name.startswith(("_Py", "Py")) for name in self.imports)
+        return python and not any("python" in name.lower() for name in self.libraries)
+
+
+def version_key(version: str) -> tuple[int, ...]:
+    """GLIBC_2.17 as (2, 17)."""
+    numbers = version.partition("_")[2].split(".")
+    return tuple(int(n) for n in numbers if n.isdigit())

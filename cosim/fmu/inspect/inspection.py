@@ -1,0 +1,140 @@
+"""Everything that can be known of an FMU without loading its binary."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim.fmu.inspect.archive import Archive, open_archive
+from cosim.fmu.inspect.binaries import binary_entries, binary_findings
+from cosim.fmu.inspect.content import BUILD, SOURCES, TERMINALS, content_findings
+from cosim.fmu.inspect.declared import XML, Declared, known_version, read_declared
+from cosim.fmu.inspect.finding import Finding, finding, ordered
+from cosim.fmu.inspect.library import Binary, read_binary
+from cosim.fmu.inspect.markup import MOST_XML, parse_xml, schema_findings
+from cosim.fmu.inspect.second_opinion import second_opinion
+from cosim.fmu.inspect.structure import structure_findings
+from cosim.fmu.inspect.variables import model_findings
+
+_SCHEMAS = {
+    1: "fmi1/fmiModelDescription.xsd",
+    2: "fmi2/fmi2ModelDescription.xsd",
+    3: "fmi3/fmi3ModelDescription.xsd",
+}
+_MOST_BINARY = 512 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What an FMU is, and what is wrong with it.
+
+    Attributes
+    ----------
+    path, sha256, size : the file [bytes].
+    names : every path inside, sorted.
+    unpacked : their size [bytes].
+    sound : whether the archive may be unpacked.
+    model : the description, or None if it cannot be read.
+    binaries : every library by its headers.
+    findings : errors first.
+    """
+
+    path: Path
+    sha256: str
+    size: int
+    names: tuple[str, ...]
+    unpacked: int
+    sound: bool
+    model: Declared | None
+    binaries: tuple[Binary, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def valid(self) -> bool:
+        """Whether no finding is an error."""
+        return not any(each.level == "error" for each in self.findings)
+
+    def extended(self, more: Iterable[Finding]) -> Inspection:
+        """The same with further findings."""
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return Inspection(**values | {"findings": tuple(ordered([*self.findings, *more]))})
+
+
+def inspect_fmu(path: Path) -> Inspection:
+    """Read an FMU of any version of FMI; nothing is unpacked, nothing of it is run.
+
+    Raises
+    ------
+    InputError : no such file, no ZIP file, no modelDescription.xml, or another XML in its place.
+    """
+    with open_archive(path) as archive:
+        archive.read_all()
+        findings = list(archive.findings)
+        xml = archive.read(XML, MOST_XML)
+        model = None
+        root, found = parse_xml(xml, XML)
+        findings += found
+        if root is not None and xml is not None:
+            model, found = _describe(root, xml)
+            findings += found
+        names = sorted(archive.entries)
+        binaries = [
+            read_binary(folder, name, content)
+            for folder, name in binary_entries(names)
+            if (content := archive.read(name, _MOST_BINARY)) is not None
+        ]
+        if model is not None:
+            build, found = _further(archive, model)
+            findings += found
+            sources = any(name.startswith(SOURCES) for name in names)
+            findings += binary_findings(model, names, binaries, sources=sources)
+            findings += content_findings(model, names, build)
+        with path.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return Inspection(
+            path=path,
+            sha256=digest,
+            size=path.stat().st_size,
+            names=tuple(names),
+            unpacked=archive.unpacked_bytes,
+            sound=archive.sound,
+            model=model,
+            binaries=tuple(binaries),
+            findings=tuple(ordered(findings)),
+        )
+
+
+def _describe(root: Any, xml: bytes) -> tuple[Declared | None, list[Finding]]:
+    version = root.get("fmiVersion")
+    if root.tag != "fmiModelDescription":
+        return None, [finding("xml-schema", XML, f"the root element is {root.tag!s}")]
+    if not known_version(version):
+        return None, [finding("version-unknown", XML, f"fmiVersion is {version!r}")]
+    model = read_declared(root)
+    findings = schema_findings(root, _SCHEMAS[model.major], XML)
+    own = [*model_findings(model), *structure_findings(model)]
+    if not findings:
+        # FMPy ends at the first reference to nothing: what it then says is known already
+        second = list(second_opinion(xml))
+        graver = any(each.level == "error" for each in own)
+        findings += [each for each in second if not (graver and each.code == "fmpy-refuses")]
+    return model, findings + own
+
+
+def _further(archive: Archive, model: Declared) -> tuple[Any, list[Finding]]:
+    """The other XML files of FMI 3, held against their schemas; the build description's root."""
+    build = None
+    findings: list[Finding] = []
+    schemas = ((BUILD, "fmi3BuildDescription"), (TERMINALS, "fmi3TerminalsAndIcons"))
+    for name, schema in schemas:
+        if model.major != 3 or name not in archive.entries:
+            continue
+        root, found = parse_xml(archive.read(name, MOST_XML), name)
+        findings += found
+        if root is not None:
+            findings += schema_findings(root, f"fmi3/{schema}.xsd", name)
+            build = root if name == BUILD else build
+    return build, findings

@@ -1,0 +1,113 @@
+"""Mach-O libraries (macOS), by macholib."""
+
+from __future__ import annotations
+
+import io
+from itertools import islice
+from types import MappingProxyType
+from typing import Any
+
+from macholib.mach_o import (
+    LC_DYLD_EXPORTS_TRIE,
+    LC_DYLD_INFO,
+    LC_DYLD_INFO_ONLY,
+    LC_LOAD_DYLIB,
+    LC_LOAD_WEAK_DYLIB,
+    LC_REEXPORT_DYLIB,
+    LC_RPATH,
+    MH_BUNDLE,
+    MH_DYLIB,
+    MH_MAGIC_64,
+    nlist,
+    nlist_64,
+)
+from macholib.MachO import MachO
+
+from cosim.fmu.inspect.export_trie import exported_names
+from cosim.fmu.inspect.image import MOST_SYMBOLS, Image, NotALibraryError
+from cosim.fmu.inspect.platforms import Platform
+
+_MACHINES = MappingProxyType({0x01000007: "x86_64", 7: "x86", 0x0100000C: "aarch64"})
+_N_STAB, _N_TYPE, _N_EXT = 0xE0, 0x0E, 0x01
+_UNDEFINED = 0
+
+
+class _FromMemory(MachO):  # type: ignore[misc]
+    """macholib opens files by name only; this one has the bytes."""
+
+    def __init__(self, stream: io.BytesIO) -> None:
+        self.graphident = self.filename = self.loader_path = ""
+        self.fat = None
+        self.headers: list[Any] = []
+        self.allow_unknown_load_commands = True
+        self.load(stream)
+
+
+def read_macho(stream: io.BytesIO) -> list[Image]:
+    """The images in a Mach-O file: one, or one for each architecture of a universal file.
+
+    Raises
+    ------
+    NotALibraryError : it is a program or an object file.
+    """
+    return [_image(header, stream) for header in islice(_FromMemory(stream).headers, 16)]
+
+
+def _image(header: Any, stream: io.BytesIO) -> Image:
+    if header.header.filetype not in (MH_DYLIB, MH_BUNDLE):
+        raise NotALibraryError(f"a Mach-O file of type {int(header.header.filetype)}, no library")
+    libraries, search = [], []
+    trie: tuple[int, int] | None = None
+    for load, command, data in header.commands:
+        if load.cmd in (LC_LOAD_DYLIB, LC_LOAD_WEAK_DYLIB, LC_REEXPORT_DYLIB):
+            libraries.append(_path(data))
+        elif load.cmd == LC_RPATH:
+            # the path starts `path` bytes from the command, of which macholib cut the headers
+            search.append(_path(data[max(0, int(command.path) - 12) :]))
+        elif load.cmd in (LC_DYLD_INFO, LC_DYLD_INFO_ONLY):
+            trie = int(command.export_off), int(command.export_size)
+        elif load.cmd == LC_DYLD_EXPORTS_TRIE:
+            trie = int(command.dataoff), int(command.datassize)
+    exports, imports = _symbols(header, stream)
+    if trie is not None:
+        stream.seek(header.offset + trie[0])
+        exports |= {name.removeprefix("_") for name in exported_names(stream.read(trie[1]))}
+    machine = int(header.header.cputype)
+    return Image(
+        format="Mach-O",
+        platform=Platform("darwin", _MACHINES.get(machine, f"cpu {machine:#x}")),
+        exports=exports,
+        imports=imports,
+        libraries=tuple(libraries),
+        search=tuple(search),
+    )
+
+
+def _symbols(header: Any, stream: io.BytesIO) -> tuple[frozenset[str], frozenset[str]]:
+    """External symbols, defined and undefined, without the underscore that C puts before.
+
+    A stripped library keeps only the undefined ones: its exports stand in the trie alone.
+    """
+    table = header.getSymbolTableCommand()
+    if table is None:
+        return frozenset(), frozenset()
+    stream.seek(header.offset + int(table.stroff))
+    strings = stream.read(int(table.strsize))
+    stream.seek(header.offset + int(table.symoff))
+    entry = nlist_64 if header.MH_MAGIC == MH_MAGIC_64 else nlist
+    exports: set[str] = set()
+    imports: set[str] = set()
+    for _ in range(min(int(table.nsyms), MOST_SYMBOLS)):
+        symbol = entry.from_fileobj(stream, _endian_=header.endian)
+        kind = int(symbol.n_type)
+        if kind & _N_STAB or not kind & _N_EXT:
+            continue
+        start = int(symbol.n_un)
+        name = strings[start : strings.find(b"\0", start)].decode("utf-8", "replace")
+        undefined = kind & _N_TYPE == _UNDEFINED
+        (imports if undefined else exports).add(name.removeprefix("_"))
+    return frozenset(exports), frozenset(imports)
+
+
+def _path(data: bytes) -> str:
+    return bytes(data).partition(b"\0")[0].decode("utf-8", "replace")

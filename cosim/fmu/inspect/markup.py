@@ -1,0 +1,61 @@
+"""XML of an FMU: parsed without entities and without the network, held against the XSD."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from lxml import etree
+
+from cosim.fmu.inspect.finding import Finding, finding, printable
+
+MOST_XML = 256 << 20
+_SCHEMAS = Path(fmpy.__file__).with_name("schema")
+
+
+def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
+    """The root element, or None; and what is wrong.
+
+    Parameters
+    ----------
+    content : None for what could not be read (its archive says why, or it is too large).
+    name : path inside the FMU.
+    """
+    if content is None:
+        return None, [finding("xml-large", name, f"more than {MOST_XML} bytes, or damaged")]
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+    )
+    try:
+        root = etree.fromstring(content, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        return None, [finding("xml-malformed", _line(name, error), str(error))]
+    if root.getroottree().docinfo.doctype:
+        return None, [finding("xml-doctype", name, "it has a document type declaration")]
+    return root, []
+
+
+def schema_findings(root: Any, schema: str, name: str) -> list[Finding]:
+    """What breaks the schema, a path under FMPy's folder of XSDs.
+
+    The schemas are those of the FMI project, as FMPy ships them.
+    """
+    xsd = _schema(schema)
+    if xsd.validate(root):
+        return []
+    return [
+        finding("xml-schema", f"{name}:{error.line}", printable(error.message))
+        for error in xsd.error_log
+    ]
+
+
+@cache
+def _schema(schema: str) -> Any:
+    return etree.XMLSchema(file=str(_SCHEMAS / schema))
+
+
+def _line(name: str, error: Exception) -> str:
+    line = getattr(error, "lineno", None)
+    return name if line is None else f"{name}:{line}"

@@ -1,0 +1,293 @@
+"""Runs one FMU and writes down what happens; started by `run` in a process of its own.
+
+    python -P probe.py FOLDER REQUEST EVENTS
+
+REQUEST is a JSON file (see `run.request`). Each event is appended to EVENTS as one line of
+JSON and flushed at once, so that the last line tells where the FMU ended the process. This file
+imports nothing of the project: whatever the FMU does to this process, it does to it alone.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy import fmi1, fmi2, fmi3
+from fmpy.logging import addLoggerProxy
+
+_LEVELS = ("info", "warning", "warning", "error", "fatal", "info")
+_MOST_MESSAGES = 50
+
+
+class Journal:
+    """The events, on disk as they happen."""
+
+    def __init__(self, path: str) -> None:
+        self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+        self._messages = 0
+        self.stage = ""
+
+    def write(self, **event: Any) -> None:
+        """Append an event."""
+        os.write(self._file, json.dumps(event).encode() + b"\n")
+
+    def enter(self, stage: str) -> None:
+        """What is tried next."""
+        self.stage = stage
+        self.write(stage=stage)
+
+    def log(self, level: int, text: bytes | None) -> None:
+        """A message of the FMU; of a flood the first ones."""
+        self._messages += 1
+        if self._messages <= _MOST_MESSAGES:
+            name = _LEVELS[level] if 0 <= level < len(_LEVELS) else "error"
+            message = (text or b"").decode("utf-8", "replace").strip()
+            self.write(log=name, text=message[:2000], stage=self.stage)
+
+
+class Driver:
+    """An FMU of any version and kind behind the same few calls."""
+
+    def __init__(self, request: dict[str, Any], folder: str, journal: Journal) -> None:
+        self.request = request
+        self.journal = journal
+        self.major, self.kind = request["major"], request["kind"]
+        classes = {
+            (1, "co-simulation"): fmi1.FMU1Slave,
+            (1, "model exchange"): fmi1.FMU1Model,
+            (2, "co-simulation"): fmi2.FMU2Slave,
+            (2, "model exchange"): fmi2.FMU2Model,
+            (3, "co-simulation"): fmi3.FMU3Slave,
+            (3, "model exchange"): fmi3.FMU3Model,
+            (3, "scheduled execution"): fmi3.FMU3ScheduledExecution,
+        }
+        self.fmu: Any = classes[self.major, self.kind](
+            guid=request["token"],
+            unzipDirectory=folder,
+            modelIdentifier=request["identifier"],
+            instanceName="probe",
+            libraryPath=request["library"],
+            requireFunctions=False,
+        )
+        self.t = request["start"]
+
+    @property
+    def continuous(self) -> bool:
+        """Whether this side integrates."""
+        return bool(self.kind == "model exchange")
+
+    def instantiate(self) -> None:
+        """Create the instance, its log going to the journal."""
+        if self.major == 3:
+            self.fmu.instantiate(loggingOn=True, logMessage=self._log3)
+            return
+        module, prefix = (fmi2, "fmi2") if self.major == 2 else (fmi1, "fmi1")
+        logger = getattr(module, f"{prefix}CallbackLoggerTYPE")
+        callbacks = getattr(module, f"{prefix}CallbackFunctions")()
+        callbacks.logger = logger(self._log12)
+        callbacks.allocateMemory = getattr(module, f"{prefix}CallbackAllocateMemoryTYPE")(
+            fmpy.calloc
+        )
+        callbacks.freeMemory = getattr(module, f"{prefix}CallbackFreeMemoryTYPE")(fmpy.free)
+        addLoggerProxy(ctypes.byref(callbacks))
+        self._callbacks = callbacks  # the binary keeps pointers into it
+        key = "functions" if (self.major, self.kind) == (1, "model exchange") else "callbacks"
+        if (self.major, self.kind) == (1, "co-simulation"):
+            key = "functions"
+        self.fmu.instantiate(**{key: callbacks, "loggingOn": True})
+
+    def _log12(self, _env: int, _who: bytes, status: int, _category: bytes, text: bytes) -> None:
+        self.journal.log(status, text)
+
+    def _log3(self, _env: int, status: int, _category: bytes, text: bytes) -> None:
+        self.journal.log(status, text)
+
+    def initialise(self, inside: Callable[[], None] = lambda: None) -> None:
+        """Pass through initialization, to where stepping begins; `inside` is done within."""
+        start, stop = self.request["start"], self.request["stop"]
+        self.t = start
+        if self.major == 1:
+            if self.continuous:
+                self.fmu.setTime(start)
+                self.fmu.initialize()
+            else:
+                self.fmu.initialize(tStart=start, stopTime=stop)
+        else:
+            if self.major == 2:
+                self.fmu.setupExperiment(startTime=start, stopTime=stop)
+                self.fmu.enterInitializationMode()
+            else:
+                self.fmu.enterInitializationMode(startTime=start, stopTime=stop)
+            inside()
+            self.fmu.exitInitializationMode()
+        if self.continuous:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Events until none is left, then continuous time."""
+        for _ in range(100):
+            if self.major == 1:
+                self.fmu.eventUpdate()
+                return
+            update = (
+                self.fmu.newDiscreteStates if self.major == 2 else (self.fmu.updateDiscreteStates)
+            )
+            if not update()[0]:
+                break
+        self.fmu.enterContinuousTimeMode()
+
+    def step(self, h: float) -> None:
+        """One communication step, or one step of Euler's method."""
+        if not self.continuous:
+            self.fmu.doStep(self.t, h)
+            self.t += h
+            return
+        n = self.request["states"]
+        x, dx = (ctypes.c_double * n)(), (ctypes.c_double * n)()
+        if n:
+            self.fmu.getContinuousStates(x, n)
+            derivatives = (
+                self.fmu.getContinuousStateDerivatives
+                if self.major == 3
+                else self.fmu.getDerivatives
+            )
+            derivatives(dx, n)
+        self.t += h
+        self.fmu.setTime(self.t)
+        if n:
+            for i in range(n):
+                x[i] += h * dx[i]
+            self.fmu.setContinuousStates(x, n)
+        ended = self.fmu.completedIntegratorStep()
+        if self.major > 1 and ended[0]:
+            self.fmu.enterEventMode()
+            self._settle()
+
+    def read(self, groups: dict[str, list[list[int]]]) -> list[float]:
+        """Values by type: type -> [value reference, number of values]."""
+        values: list[float] = []
+        for name, entries in groups.items():
+            for reference, size in entries:
+                get = getattr(self.fmu, f"get{name}")
+                found = get([reference], size) if self.major == 3 else get([reference])
+                values += [float(value) for value in found]
+        return values
+
+    def save(self) -> Any:
+        """A copy of the whole state."""
+        return self.fmu.getFMUState() if self.major == 3 else self.fmu.getFMUstate()
+
+    def restore(self, state: Any) -> None:
+        """Back to a saved state."""
+        (self.fmu.setFMUState if self.major == 3 else self.fmu.setFMUstate)(state)
+
+    def release(self, state: Any) -> None:
+        """Free a saved state."""
+        (self.fmu.freeFMUState if self.major == 3 else self.fmu.freeFMUstate)(state)
+
+    def through_bytes(self, state: Any) -> Any:
+        """A state made from the bytes of a state."""
+        if self.major == 3:
+            return self.fmu.deserializeFMUState(self.fmu.serializeFMUState(state))
+        return self.fmu.deSerializeFMUstate(self.fmu.serializeFMUstate(state))
+
+
+def main() -> None:
+    """Read the request, run it, write down the events."""
+    folder, request_file, events = sys.argv[1:]
+    request = json.loads(Path(request_file).read_text("utf-8"))
+    journal = Journal(events)
+    try:
+        _run(request, folder, journal)
+    except fmi1.FMICallException as error:
+        journal.write(refused=str(error), stage=journal.stage)
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is the finding
+        journal.write(broken=f"{type(error).__name__}: {error}", stage=journal.stage)
+    journal.write(end=True)
+
+
+def _run(request: dict[str, Any], folder: str, journal: Journal) -> None:
+    journal.enter("load")
+    driver = Driver(request, folder, journal)
+    journal.enter("instantiate")
+    driver.instantiate()
+    journal.enter("initialise")
+    driver.initialise(lambda: _compare_starts(driver, request, journal))
+    if request["kind"] != "scheduled execution":
+        _fly(driver, request, journal)
+    journal.enter("terminate")
+    driver.fmu.terminate()
+    journal.enter("free")
+    driver.fmu.freeInstance()
+
+
+def _compare_starts(driver: Driver, request: dict[str, Any], journal: Journal) -> None:
+    """What the parameters are where nothing was set, against their description."""
+    for name, kind, reference, start in request["starts"]:
+        value = driver.read({kind: [[reference, 1]]})[0]
+        if not math.isclose(value, start, rel_tol=1e-6, abs_tol=1e-300):
+            journal.write(start=name, said=start, got=repr(value))
+
+
+def _fly(driver: Driver, request: dict[str, Any], journal: Journal) -> None:
+    outputs, h, n = request["outputs"], request["step"], request["steps"]
+
+    def steps(count: int) -> list[float]:
+        seen: list[float] = []
+        for _ in range(count):
+            driver.step(h)
+            seen += driver.read(outputs)
+        return seen
+
+    def repeated(name: str, begin: Callable[[], None], reference: list[float]) -> None:
+        begin()
+        if not _same(reference, steps(n)):
+            journal.write(differs=name)
+
+    journal.enter("first outputs")
+    driver.read(outputs)
+    journal.enter("step")
+    first = steps(n)
+    journal.write(steps=n, t=driver.t, finite=all(map(math.isfinite, first)))
+    if request["state"]:
+        journal.enter("save the state")
+        state, t = driver.save(), driver.t
+        onward = steps(n)
+
+        def back(which: Any) -> None:
+            driver.restore(which)
+            driver.t = t
+            if driver.continuous:
+                driver.fmu.setTime(t)
+
+        journal.enter("restore the state")
+        repeated("state", lambda: back(state), onward)
+        if request["serialize"]:
+            journal.enter("serialize the state")
+            copy = driver.through_bytes(state)
+            repeated("serialized", lambda: back(copy), onward)
+            driver.release(copy)
+        driver.release(state)
+    if request["reset"]:
+        journal.enter("reset")
+        driver.fmu.reset()
+        driver.initialise()
+        repeated("reset", lambda: None, first)
+
+
+def _same(a: list[float], b: list[float]) -> bool:
+    """Bit for bit, what is not a number equal to what is not."""
+    return len(a) == len(b) and all(
+        x == y or (math.isnan(x) and math.isnan(y)) for x, y in zip(a, b, strict=True)
+    )
+
+
+if __name__ == "__main__":
+    main()

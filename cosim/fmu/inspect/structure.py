@@ -1,0 +1,65 @@
+"""Checks of ModelStructure: what it points to, and what it leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from cosim.fmu.inspect.declared import XML, Declared, Unknown, Variable
+from cosim.fmu.inspect.finding import Finding, finding
+
+_KNOWNS = ("input", "independent")
+_SETTABLE = ("parameter", "structuralParameter", "calculatedParameter")
+
+
+def structure_findings(model: Declared) -> Iterator[Finding]:
+    """References, dependencies, and outputs that are missing."""
+    if model.major == 1:
+        return
+    pointed = model.pointed()
+    states = {v.derivative for v in model.variables if v.derivative is not None}
+    has_inputs = any(v.causality == "input" for v in model.variables)
+    open_outputs = []
+    for unknown in model.structure:
+        where = f"{XML}:{unknown.line} {unknown.role}"
+        target = pointed.get(unknown.target) if unknown.target is not None else None
+        if target is None:
+            what = f"it points to {unknown.target}, and there is no such variable"
+            yield finding("structure-dangling", where, what)
+        else:
+            where = f"{where} {target.name}"
+            if unknown.role == "output" and target.causality != "output":
+                what = f"{target.name} is of causality {target.causality}"
+                yield finding("structure-outputs", where, what)
+            if unknown.role == "output" and unknown.dependencies is None and has_inputs:
+                open_outputs.append(target.name)
+        yield from _dependencies(unknown, where, pointed, states)
+    listed = {u.target for u in model.structure if u.role == "output"}
+    for v in model.variables:
+        key = v.index if model.major == 2 else v.reference
+        if v.causality == "output" and key not in listed:
+            what = f"output {v.name} is not in ModelStructure"
+            yield finding("structure-outputs", v.where, what)
+    if open_outputs:
+        named = ", ".join(open_outputs[:5]) + (", …" if len(open_outputs) > 5 else "")
+        what = f"{len(open_outputs)} outputs say nothing of their dependencies: {named}"
+        yield finding("dependency-open", XML, what)
+
+
+def _dependencies(
+    unknown: Unknown, where: str, pointed: Mapping[int, Variable], states: set[int]
+) -> Iterator[Finding]:
+    given, kinds = unknown.dependencies, unknown.kinds
+    if kinds is not None and (given is None or len(kinds) != len(given)):
+        counted = "no dependencies" if given is None else f"{len(given)} dependencies"
+        yield finding("dependency-kind", where, f"{len(kinds)} kinds for {counted}")
+    for number in given or ():
+        known = pointed.get(number)
+        if known is None:
+            yield finding("dependency-dangling", where, f"dependency {number} is no variable")
+        elif known.causality not in _KNOWNS and number not in states and not known.clocks:
+            at_start = unknown.role == "initial" and known.causality != "output"
+            parameter = known.causality in _SETTABLE or known.type == "Clock"
+            if not at_start and not parameter:
+                yield finding(
+                    "dependency-known", where, f"{known.name} is of causality {known.causality}"
+                )

@@ -1,0 +1,41 @@
+"""How much of a certified gamma is paid for the uncertainty."""
+
+from __future__ import annotations
+
+from cosim.hinf.synthesis import Design, design
+from cosim.models.delay_system import Delay, DelaySystem
+
+
+def without_uncertainty(system: DelaySystem) -> DelaySystem:
+    """The nominal system: E and every H removed."""
+    delays = [Delay(x.d, x.A, None, x.feedback, x.any_age) for x in system.delays]
+    return DelaySystem(
+        system.A,
+        system.B,
+        system.C,
+        system.D,
+        system.D1,
+        system.D2,
+        delays=delays,
+        name=system.name,
+    )
+
+
+def nominal_gamma(found: Design) -> float | None:
+    """The least certified gamma of the same K at the same k1, k2, with nothing uncertain.
+
+    What lies between it and `found.gamma` is paid for E, H; what lies between the exact norm
+    and it is the conservatism of the condition. Costs about as much as half a design.
+
+    Returns
+    -------
+    None where only stability is certified; `found.gamma` where nothing is uncertain.
+
+    Raises
+    ------
+    NotAchievableError : no proof was found.
+    """
+    if found.gamma is None or not found.system.E.size:
+        return found.gamma
+    nominal = without_uncertainty(found.system)
+    return design(nominal, found.k1, found.k2, gain=found.K).gamma

@@ -1,0 +1,15 @@
+"""What carries a run out: the same results bit for bit, at different speeds."""
+
+from cosim.master.engine.choice import Engine, EngineChoice, EngineName, build, choose
+from cosim.master.engine.program import Halt, Program, make_program
+
+__all__ = [
+    "Engine",
+    "EngineChoice",
+    "EngineName",
+    "Halt",
+    "Program",
+    "build",
+    "choose",
+    "make_program",
+]

@@ -1,0 +1,70 @@
+"""Which engine a run gets, and why: said in the result and in the trace."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Literal, NamedTuple, Protocol
+
+from cosim.errors import InputError
+from cosim.master.engine.program import Halt, Program
+from cosim.master.engine.python import PythonEngine
+
+EngineName = Literal["auto", "python", "compiled"]
+
+WORTH_COMPILING = 50_000
+"""Communication points from which on half a second of loading is earned back."""
+
+
+class EngineChoice(NamedTuple):
+    """The engine of a run and why it is that one."""
+
+    name: str
+    reason: str
+
+
+class Engine(Protocol):
+    """Carries a program out."""
+
+    def where(self) -> tuple[int, bool]:
+        """The point that is being worked on, and whether its row is complete."""
+
+    def advance(self, first: int, last: int) -> Halt | None:
+        """Exchange at the points first to last - 1, and step from each but the run's last."""
+
+
+def choose(asked: EngineName, points: int) -> EngineChoice:
+    """The engine for a run of so many points.
+
+    Raises
+    ------
+    InputError : the compiled engine is asked for, and numba is not installed.
+    """
+    if asked == "python":
+        return EngineChoice("python", "asked for")
+    compiled = find_spec("numba") is not None
+    if asked == "compiled":
+        if not compiled:
+            raise InputError(
+                "the compiled engine needs numba",
+                where="engine",
+                hint="pip install 'auv-cosim[fast]', or take the engine python",
+            )
+        return EngineChoice("compiled", "asked for")
+    if not compiled:
+        return EngineChoice("python", "numba is not installed (extra: fast)")
+    if points < WORTH_COMPILING:
+        return EngineChoice(
+            "python", f"{points} points are too few to earn back the loading of a compiled engine"
+        )
+    return EngineChoice("compiled", f"{points} points")
+
+
+def build(name: str, program: Program) -> Engine:
+    """The engine of that name."""
+    if name == "python":
+        return PythonEngine(program)
+    from cosim.master.engine.compiled import (  # noqa: PLC0415 - loading it takes half a second
+        CompiledEngine,
+    )
+
+    return CompiledEngine(program)

@@ -1,0 +1,58 @@
+"""Rows and log lines on their way to whoever looks on, in the order in which they came about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from cosim.master.wiring import Station
+
+
+class Observer(Protocol):
+    """Looks on while a run goes."""
+
+    def begin(self, stations: Sequence[Station]) -> None:
+        """Before the first point, all slaves initialised."""
+
+    def span(self, first: int, last: int) -> None:
+        """Rows first to last - 1 of every station are complete; called in order, no gaps."""
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """A component, or the loop, has said something."""
+
+
+class Journal:
+    """What is said during a stretch, handed on at its place between the rows."""
+
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self._observers = observers
+        self._lines: list[tuple[int, int, str, str, str]] = []
+        self._told = 0
+        self.where: Callable[[], tuple[int, int]] = lambda: (0, 0)
+        """Number of complete rows, and the time [ns], at any moment."""
+
+    def note(self, name: str, level: str, message: str) -> None:
+        """A component, or the loop, says something now."""
+        rows, time_ns = self.where()
+        self._lines.append((rows, time_ns, level, name, message))
+
+    def hand_on(self, complete: int, *, said_after: bool = True) -> None:
+        """Rows up to `complete`, and what was said before them, and after the last one."""
+        lines, self._lines = self._lines, []
+        for rows, time_ns, level, name, message in lines:
+            if rows > complete or (rows == complete and not said_after):
+                break
+            self._span(rows)
+            for observer in self._observers:
+                observer.log(time_ns, level, name, message)
+        self._span(complete)
+
+    def close(self) -> None:
+        """What was said last, when no more rows are to come."""
+        self.hand_on(self._told)
+
+    def _span(self, until: int) -> None:
+        if until > self._told:
+            for observer in self._observers:
+                observer.span(self._told, until)
+            self._told = until

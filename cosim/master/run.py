@@ -1,0 +1,58 @@
+"""What came of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.master.engine import EngineChoice
+from cosim.master.wiring import Station
+
+Ending = Literal["finished", "diverged", "failed"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened.
+
+    Attributes
+    ----------
+    ending : "finished" at the end; "diverged" when an output left the allowed range or
+        the numbers; "failed" when a component refused for another reason.
+    reason : in words, None when finished.
+    points_ns : the points reached [ns], int64 (k,).
+    stations : the rows, of which the first k are valid.
+    engine : which engine carried the run out, and why that one.
+    """
+
+    ending: Ending
+    reason: str | None
+    points_ns: NDArray[np.int64]
+    stations: tuple[Station, ...]
+    engine: EngineChoice
+
+    def signal(self, component: str, variable: str) -> NDArray[np.float64]:
+        """Values of an output or a connected input at the points reached, shape (k,).
+
+        Raises
+        ------
+        InputError : no such component, or the variable was not part of the run.
+        """
+        names = {s.name: s for s in self.stations}
+        station = names.get(component)
+        if station is None:
+            raise InputError.unknown("component", component, names)
+        reached = self.points_ns.size
+        for ports, rows in (
+            (station.output_ports, station.outputs),
+            (station.input_ports, station.inputs(reached)),
+        ):
+            for j, port in enumerate(ports):
+                if port.name == variable:
+                    return rows[:reached, j]
+        known = [p.name for p in (*station.output_ports, *station.input_ports)]
+        raise InputError.unknown("signal", variable, known, where=f"component {component!r}")

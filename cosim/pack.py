@@ -1,0 +1,170 @@
+"""From a saved design to a controller FMU: gain, limits, certificate and page baked in."""
+
+from __future__ import annotations
+
+import keyword
+import math
+import re
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.hinf import certificate_bytes, certificate_hash, check_certificate
+from cosim.hinf.system_json import system_from_json
+from cosim.models.delay_system import DelaySystem
+from fmu_src.hinf_controller.variables import LIMITS, feedback_spec, vehicle_spec
+from fmu_src.python_shell.package import build_python_fmu
+from fmu_src.spec import ComponentSpec
+
+Form = Literal["vehicle", "system"]
+"""Measured eta, nu to thrust; or measured x[j] to u[i], in the letters of Eq. (7)."""
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A controller FMU that was made.
+
+    Attributes
+    ----------
+    path : the file.
+    name : its model name.
+    form : which variables it has.
+    K : (m, n) its gain.
+    claim : what its certificate proves.
+    sha256 : of its certificate.
+    """
+
+    path: Path
+    name: str
+    form: Form
+    K: list[list[float]]
+    claim: dict[str, Any]
+    sha256: str
+
+
+def pack_controller(
+    data: Any,
+    path: Path,
+    *,
+    where: str,
+    sample_time: float | None = None,
+    limits: Sequence[float] | None = None,
+) -> Packed:
+    """Write the FMU of a proved gain.
+
+    Parameters
+    ----------
+    data : a design or certificate, as JSON values; its proof is checked first.
+    path : the FMU to be written; its stem gives the model name.
+    where : where `data` is from, for messages.
+    sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
+        point) for any other system.
+    limits : the vehicle: of each thrust [N] and of the moment [N m]; otherwise one per command,
+        none by default.
+
+    Raises
+    ------
+    InputError : no certificate, a proof that does not hold, nothing to feed back, numbers that
+        do not fit, or a file that cannot be written.
+    """
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+    system = system_from_json(data["system"])
+    m = system.B.shape[1]
+    if m == 0:
+        raise InputError(
+            "there is no gain to pack",
+            where=where,
+            expected="a system with a control input (B)",
+            got="the analysis of a system as it is",
+        )
+    form: Form = "vehicle" if is_vehicle(system) else "system"
+    spec = _spec(form, model_name(path), data, _checked(sample_time, limits, form, m))
+    try:
+        with tempfile.TemporaryDirectory(prefix="cosim-pack-") as folder:
+            built = build_python_fmu(spec, Path(folder, "fmu"))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(built, path)
+    except OSError as error:
+        raise InputError("the FMU cannot be written", where=str(path), got=str(error)) from error
+    return Packed(path, spec.name, form, data["K"], proof.claim, certificate_hash(data))
+
+
+def is_vehicle(system: DelaySystem) -> bool:
+    """Whether x = (eta, nu) and u is an acceleration, as in the built-in system `auv`."""
+    if system.B.shape != (8, 4):
+        return False
+    zero, one = np.zeros((4, 4)), np.eye(4)
+    return np.array_equal(system.A, np.block([[zero, one], [zero, zero]])) and np.array_equal(
+        system.B, np.vstack([zero, one])
+    )
+
+
+def model_name(path: Path) -> str:
+    """The stem of a path as a name that FMI, C and Python take.
+
+    Raises
+    ------
+    InputError : nothing is left of it.
+    """
+    name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
+    if not name:
+        raise InputError(
+            "this file name gives no model name",
+            where=str(path),
+            expected="a name with ASCII letters or digits",
+            hint="another file: --out",
+        )
+    return f"M_{name}" if name[0].isdigit() or keyword.iskeyword(name) else name
+
+
+@dataclass(frozen=True)
+class _Settings:
+    sample_time: float
+    limits: tuple[float, ...]
+
+
+def _checked(
+    sample_time: float | None, limits: Sequence[float] | None, form: Form, m: int
+) -> _Settings:
+    usual = (0.05, LIMITS) if form == "vehicle" else (0.0, ())
+    chosen = usual[0] if sample_time is None else sample_time
+    bounds = usual[1] if limits is None else tuple(limits)
+    if not (math.isfinite(chosen) and chosen >= 0):
+        raise InputError(
+            "not a sample time", where="--sample-time", expected="seconds >= 0", got=repr(chosen)
+        )
+    wanted = 2 if form == "vehicle" else m
+    fits = len(bounds) == wanted or (form == "system" and not bounds)
+    if not fits or not all(math.isfinite(value) and value >= 0 for value in bounds):
+        raise InputError(
+            "the limits do not fit the controller",
+            where="--limits",
+            expected="largest thrust [N] and largest moment [N m]"
+            if form == "vehicle"
+            else f"{m} numbers >= 0, one per command",
+            got=", ".join(map(repr, bounds)),
+        )
+    return _Settings(chosen, bounds)
+
+
+def _spec(form: Form, name: str, data: dict[str, Any], settings: _Settings) -> ComponentSpec:
+    certificate = certificate_bytes(data)
+    if form == "vehicle":
+        return vehicle_spec(
+            name, certificate, sample_time=settings.sample_time, limits=settings.limits
+        )
+    return feedback_spec(
+        name,
+        certificate,
+        description="Sampled state feedback with a certified gain, Eq. (8)",
+        sample_time=settings.sample_time,
+        limits=settings.limits,
+    )

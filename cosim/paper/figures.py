@@ -1,0 +1,93 @@
+"""Figures 1 to 3: rows, and the curves of ours in their place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.models import paper_example as printed
+from cosim.models.auv import TABLE_1
+from cosim.paper.flight import Flight, fly
+from cosim.paper.row import FIGURES, How, Row, Verdict
+
+_END, _POINTS = 10.0, 401
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What Figures 2 and 3 show, simulated here.
+
+    flight : from x = (10, 10), F = 0.5 sin t, w = sin t, d = 0.3 s.
+    settled : from then on |x| stays below what w keeps up, a tenth of the initial |x| [s].
+    """
+
+    flight: Flight
+    settled: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values: the curves themselves."""
+        f = self.flight
+        return {
+            "t": [round(v, 6) for v in f.t.tolist()],
+            "x1": [round(v, 9) for v in f.x[:, 0].tolist()],
+            "x2": [round(v, 9) for v in f.x[:, 1].tolist()],
+            "u": [round(v, 9) for v in f.u.tolist()],
+            "w": [round(v, 9) for v in f.w.tolist()],
+        }
+
+
+def curves() -> Curves:
+    """The run of section 5, its open choices as `figure_rows` says them."""
+    flight = fly(
+        initial=printed.INITIAL_STATE,
+        frequency=1.0,
+        amplitude=printed.F_AMPLITUDE,
+        end=_END,
+        points=_POINTS,
+    )
+    size = abs(flight.x).max(axis=1)
+    late = [t for t, s in zip(flight.t, size, strict=True) if s > size[0] / 10]
+    return Curves(flight, max(late))
+
+
+def figure_rows(drawn: Curves) -> list[Row]:
+    """One row per figure."""
+    f = drawn.flight
+    return [
+        Row(
+            FIGURES,
+            "Figure 1, the AUV model",
+            "a drawing of the frames",
+            f"our drawing: the hull of {TABLE_1['length']:g} m in the earth and body frames",
+            None,
+            Verdict.NOT_COMPARABLE,
+            "The text has the caption alone, and nothing depends on the picture.",
+        ),
+        Row(
+            FIGURES,
+            "Figure 2, the curve of state variables",
+            "a picture without numbers in the text",
+            f"our run: from (10, 10) below a tenth of that after {drawn.settled:.2f} s; then "
+            f"|x| ≤ {_tail(abs(f.x).max(axis=1), f.t):.3f}",
+            How.MEASURED,
+            Verdict.NOT_COMPARABLE,
+            "Printed K, d = 0.3 s, F = 0.5 sin t. The text gives no w(0) and no φ(t) for t < 0: "
+            "here w = sin t and φ = (10, 10).",
+            value=drawn.settled,
+        ),
+        Row(
+            FIGURES,
+            "Figure 3, the curve of control u(t)",
+            "a picture without numbers in the text",
+            f"our run: u(0) = {f.u[0]:.3f}, largest |u| {abs(f.u).max():.3f}; after 5 s "
+            f"|u| ≤ {_tail(abs(f.u), f.t):.3f}",
+            How.MEASURED,
+            Verdict.NOT_COMPARABLE,
+            "u = K x of the run of Figure 2.",
+            value=float(abs(f.u).max()),
+        ),
+    ]
+
+
+def _tail(size: Any, t: Any) -> float:
+    return float(size[t >= _END / 2].max())

@@ -1,0 +1,112 @@
+"""The report as one HTML page that stands alone: pictures inside, no network."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from cosim.paper import pictures
+from cosim.paper.report import AUTHOR, TITLE, Report
+from cosim.paper.row import (
+    EXAMPLE,
+    FIGURES,
+    HOW_MEANING,
+    MEANING,
+    SECTIONS,
+    TABLE,
+    Verdict,
+)
+from cosim.paper.table_2 import ORDER
+from cosim.paper.typeset import typeset
+
+_TONES = {
+    Verdict.HOLDS: "good",
+    Verdict.CORRECTED: "mended",
+    Verdict.DOES_NOT: "bad",
+    Verdict.IMPOSSIBLE: "worst",
+    Verdict.NOT_COMPARABLE: "open",
+}
+
+
+@dataclass(frozen=True)
+class _Picture:
+    title: str
+    text: str
+    source: str
+    wide: bool = False
+
+
+def page(report: Report) -> str:
+    """HTML text, the same for the same report.
+
+    Raises
+    ------
+    InputError : matplotlib is not installed.
+    """
+    environment = Environment(
+        loader=PackageLoader("cosim.paper", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["typeset"] = typeset
+    return environment.get_template("page.html.j2").render(
+        title=TITLE,
+        author=AUTHOR,
+        summary=report.summary,
+        counts=report.counts,
+        tones=_TONES,
+        meaning=MEANING,
+        how=HOW_MEANING,
+        sections=[(name, [row for row in report.rows if row.section == name]) for name in SECTIONS],
+        table_section=TABLE,
+        table=report.table2,
+        order=ORDER,
+        pictures=_pictures(report),
+    )
+
+
+def _pictures(report: Report) -> dict[str, list[_Picture]]:
+    """By section."""
+    return {
+        EXAMPLE: [
+            _Picture(
+                "The gain that is claimed, and the one that is there",
+                "The nominal loop with the printed K at d = 0.3 s. At high frequency every loop of "
+                "this plant has the gain ‖D1‖ = 5.",
+                _uri(pictures.gain_curve()),
+            )
+        ],
+        TABLE: [
+            _Picture(
+                "Table 2, printed and computed",
+                "Logarithmic in the delay. An arrow: certified for every constant delay.",
+                _uri(pictures.delays(report.table2)),
+            )
+        ],
+        FIGURES: [
+            _Picture(
+                "In place of Figure 1: the frames",
+                "Four degrees of freedom, from above and from the side.",
+                _uri(pictures.frames()),
+                wide=True,
+            ),
+            _Picture(
+                "In place of Figure 2: the curve of state variables",
+                "Printed K, d = 0.3 s, φ = (10, 10), F = 0.5 sin t, w = sin t.",
+                _uri(pictures.states(report.curves)),
+            ),
+            _Picture(
+                "In place of Figure 3: the curve of control u(t)",
+                "u = K x of the same run.",
+                _uri(pictures.control(report.curves)),
+            ),
+        ],
+    }
+
+
+def _uri(svg: str) -> str:
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8")).decode("ascii")

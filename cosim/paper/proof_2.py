@@ -1,0 +1,124 @@
+"""The steps of Theorem 2's proof in fractions, at numbers that were drawn once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, mirrored, zeros
+from cosim.paper.omega import Data, Reading, Unknowns, omega
+from cosim.paper.theorem_1 import Loop, drawn_loop
+
+INPUTS, LEFT, RIGHT = 2, 2, 2
+"""Inputs, columns of E, rows of H."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Numbers for the proof of Theorem 2: Theorem 1's, and K, F, eps besides."""
+
+    loop: Loop
+    data: Data
+    K: Exact
+    F: Exact
+    eps: Fraction
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """X, Rbar, Qbar, Y, eps of the proof's last step."""
+        X = inverse(self.loop.P)
+        return Unknowns(X, inverse(self.loop.R), X @ self.loop.Q @ X, self.K @ X, self.eps)
+
+
+def drawn_proof() -> Proof:
+    """Sizes that differ, k1 and k2 that are not 1: no slip is hidden by the numbers."""
+    loop, draw = drawn_loop(), Draw(20)
+    n, q = loop.C.shape
+    p = loop.D.shape[0]
+    data = Data(
+        A=draw.matrix(n, n),
+        A1=draw.matrix(n, n),
+        B=draw.matrix(n, INPUTS),
+        C=draw.matrix(n, q),
+        D=draw.matrix(p, n),
+        D1=draw.matrix(p, q),
+        D2=draw.matrix(p, INPUTS),
+        E=draw.matrix(n, LEFT),
+        H=draw.matrix(RIGHT, n),
+        H1=draw.matrix(RIGHT, n),
+        # numbers that doubles hold exactly, for the comparison with the LMI of the design
+        d=Fraction(3, 8),
+        k1=Fraction(5, 8),
+        k2=Fraction(1, 4),
+        gamma=Fraction(7, 2),
+    )
+    F = draw.matrix(LEFT, RIGHT) / Fraction(9)
+    return Proof(loop, data, draw.matrix(INPUTS, n), F, Fraction(3, 4))
+
+
+def psi(v: Proof) -> Exact:
+    """Psi below Eq. (16), as printed."""
+    s, P, Q, R, K = v.data, v.loop.P, v.loop.Q, v.loop.R, v.K
+    n, _, q, p, _, _, _ = s.sizes
+    BK = s.B @ K
+    rows: list[list[Any]] = [
+        [
+            s.A.T @ P + P @ s.A + Q + 2 * s.k1 * P + BK.T @ P + P @ BK,
+            P @ s.A1 - s.k1 * P + s.k2 * P,
+            P @ s.C,
+            s.D.T + (s.D2 @ K).T,
+            s.d * (s.A + BK).T,
+            s.d * s.k1 * P,
+        ],
+        [-Q - 2 * s.k2 * P, zeros(n, q), zeros(n, p), s.d * s.A1.T, s.d * s.k2 * P],
+        [-s.gamma * identity(q), s.D1.T, s.d * s.C.T, zeros(q, n)],
+        [-s.gamma * identity(p), zeros(p, n), zeros(p, n)],
+        [-s.d * inverse(R), zeros(n, n)],
+        [-s.d * R],
+    ]
+    whole: Exact = np.block(mirrored(rows))
+    return whole
+
+
+def lambda_18(v: Proof) -> Exact:
+    """Lambda of Eq. (18), as printed."""
+    s, P, eps = v.data, v.loop.P, v.eps
+    n, _, q, p, _, _, r = s.sizes
+    EE = eps * s.E @ s.E.T
+    inside, places = psi(v), [0, *accumulate(s.sizes)]
+    x, slope = slice(0, n), slice(places[4], places[5])
+    inside[x, x] = inside[x, x] + P @ EE @ P
+    inside[x, slope] = s.d * (s.A + s.B @ v.K).T + s.d * P @ EE
+    inside[slope, x] = inside[x, slope].T
+    inside[slope, slope] = inside[slope, slope] + s.d * s.d * EE
+    column = np.vstack([s.H.T, s.H1.T, zeros(q + p + 2 * n, r)])
+    whole: Exact = np.block([[inside, column], [column.T, -eps * identity(r)]])
+    return whole
+
+
+def congruent(v: Proof) -> Exact:
+    """Eq. (18) between diag(P^-1, P^-1 / k2, I, I, I, R^-1, I)."""
+    s = v.data
+    n, _, q, p, _, _, r = s.sizes
+    X = inverse(v.loop.P)
+    parts = [X, X / s.k2, identity(q), identity(p), identity(n), inverse(v.loop.R), identity(r)]
+    T = block_diag(*parts)
+    whole: Exact = T.T @ lambda_18(v) @ T
+    return whole
+
+
+def differing_blocks(v: Proof, reading: Reading) -> list[str]:
+    """Names of the blocks of Eq. (14) that are not what the congruence gives."""
+    truth, places = congruent(v), [0, *accumulate(v.data.sizes)]
+    bad = []
+    for i, row in enumerate(omega(v.data, v.unknowns, reading)):
+        for j, block in enumerate(row, start=i):
+            part = truth[places[i] : places[i + 1], places[j] : places[j + 1]]
+            if not is_zero(part - block):
+                bad.append(f"Ω{i + 1}{j + 1}")
+    return bad

@@ -1,0 +1,174 @@
+"""Rows of Theorem 2's proof, Eqs. (14) and (16)-(18): each step redone in fractions.
+
+At numbers that were drawn, the congruence of the proof is applied to Eq. (18), and each block
+of the result compared with the one that Eq. (14) prints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from cosim.hinf.exact_lmi import ExactVariables, minus_omega
+from cosim.models.delay_system import Delay, DelaySystem
+from cosim.paper.exact import (
+    Exact,
+    fraction,
+    is_zero,
+    mirrored,
+    rational,
+    rational_matrix,
+    schur,
+    zeros,
+)
+from cosim.paper.omega import CORRECTED, PRINTED, Reading, omega
+from cosim.paper.proof_2 import LEFT, Proof, differing_blocks, drawn_proof, lambda_18, psi
+from cosim.paper.row import THEOREM_2, How, Row, Verdict
+from cosim.paper.theorem_1 import theta
+
+
+def theorem_2_rows() -> list[Row]:
+    """The steps of the proof, and the LMI that is built here."""
+    v = drawn_proof()
+    blocks = sum(len(row) for row in omega(v.data, v.unknowns))
+    printed, corrected = differing_blocks(v, PRINTED), differing_blocks(v, CORRECTED)
+    others = [name for name in printed if name not in {"Ω12", "Ω25"}]
+    only_12 = "Ω25" not in differing_blocks(v, Reading(omega_12=False))
+    return [
+        _eq_16(v),
+        _eq_18(v),
+        Row(
+            THEOREM_2,
+            "Eq. (14): all blocks but Ω12 and Ω25",
+            "Ω11 ... Ω77",
+            f"{blocks - 2 - len(others)} of {blocks - 2} equal the congruence applied to Eq. (18)",
+            How.COMPUTED,
+            Verdict.HOLDS if not others else Verdict.DOES_NOT,
+            "In fractions, at numbers drawn once.",
+        ),
+        Row(
+            THEOREM_2,
+            "Eq. (14): Ω12",
+            "k2 A1 X - k1 k2⁻¹ X + X",
+            "k2⁻¹ A1 X - k1 k2⁻¹ X + X",
+            How.CERTIFIED,
+            _slip("Ω12", printed, corrected),
+            "Row 2 of Eq. (18) is multiplied by k2⁻¹ P⁻¹, so P A1 becomes k2⁻¹ A1 X. The two "
+            "agree for k2 = ±1 alone.",
+        ),
+        Row(
+            THEOREM_2,
+            "Eq. (14): Ω25",
+            "d k2⁻¹ X A1",
+            "d k2⁻¹ X A1ᵀ",
+            How.CERTIFIED,
+            _slip("Ω25", printed, corrected) if only_12 else Verdict.DOES_NOT,
+            "Row 2 of Eq. (18) holds d A1ᵀ there; the transpose was lost on the way.",
+        ),
+        _own_lmi(v),
+    ]
+
+
+def _slip(name: str, printed: list[str], corrected: list[str]) -> Verdict:
+    if name not in printed:
+        return Verdict.HOLDS
+    return Verdict.DOES_NOT if name in corrected else Verdict.CORRECTED
+
+
+def _eq_16(v: Proof) -> Row:
+    """Theta of Theorem 1 at A + dA + BK, A1 + dA1, D + D2 K, M1 = k1 P, M2 = k2 P."""
+    s, P = v.data, v.loop.P
+    n, _, q, p, _, _, r = s.sizes
+    uncertain = replace(
+        v.loop,
+        A=s.A + s.E @ v.F @ s.H + s.B @ v.K,
+        A1=s.A1 + s.E @ v.F @ s.H1,
+        C=s.C,
+        D=s.D + s.D2 @ v.K,
+        D1=s.D1,
+        M1=s.k1 * P,
+        M2=s.k2 * P,
+        d=s.d,
+        gamma=s.gamma,
+    )
+    left = np.vstack([P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
+    right = np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
+    change = left @ v.F @ right
+    agrees = is_zero(theta(uncertain) - psi(v) - change - change.T)
+    return Row(
+        THEOREM_2,
+        "Eq. (16)",
+        "Ψ + column F(t) row + its transpose",
+        "equal to Θ of Theorem 1 with M1 = k1 P, M2 = k2 P",
+        How.COMPUTED,
+        Verdict.HOLDS if agrees else Verdict.DOES_NOT,
+        "In fractions, at numbers drawn once.",
+    )
+
+
+def _eq_18(v: Proof) -> Row:
+    s = v.data
+    n, _, q, p, _, _, r = s.sizes
+    left = np.vstack([v.loop.P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
+    right = np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
+    eq_17 = psi(v) + v.eps * left @ left.T + right.T @ right / v.eps
+    agrees = is_zero(schur(lambda_18(v), 4 * n + q + p) - eq_17)
+    return Row(
+        THEOREM_2,
+        "Eqs. (17), (18)",
+        "Λ < 0",
+        "its Schur complement is Eq. (17)",
+        How.COMPUTED,
+        Verdict.HOLDS if agrees else Verdict.DOES_NOT,
+        "In fractions, at numbers drawn once.",
+    )
+
+
+def _own_lmi(v: Proof) -> Row:
+    """`cosim.hinf.exact_lmi`, its rows x_d divided by k2, against the corrected Omega."""
+    s, u = v.data, v.unknowns
+
+    def doubles(matrix: Exact) -> Any:
+        return matrix.astype(np.float64)
+
+    delay = Delay(float(s.d), doubles(s.A1), doubles(s.H1))
+    system = DelaySystem(
+        A=doubles(s.A),
+        B=doubles(s.B),
+        C=doubles(s.C),
+        D=doubles(s.D),
+        D1=doubles(s.D1),
+        D2=doubles(s.D2),
+        E=doubles(s.E),
+        H=doubles(s.H),
+        delays=[delay],
+    )
+    variables = ExactVariables(
+        X=rational_matrix(u.X),
+        Q=(rational_matrix(u.Q),),
+        R=(rational_matrix(u.R),),
+        k1=(rational(s.k1),),
+        k2=(rational(s.k2),),
+        eps=rational(u.eps),
+        gamma=rational(s.gamma),
+    )
+    lower = minus_omega(system, rational_matrix(u.Y), variables).lower
+    rows = len(lower)
+    entries = [fraction(lower[max(i, j)][min(i, j)]) for i in range(rows) for j in range(rows)]
+    ours = np.array(entries, dtype=object).reshape(rows, rows)
+    n = s.sizes[0]
+    scale = np.array([Fraction(1)] * n + [1 / s.k2] * n + [Fraction(1)] * (rows - 2 * n))
+    ours = -(scale[:, None] * ours * scale[None, :])
+    agrees = is_zero(ours - np.block(mirrored(omega(s, u))))
+    return Row(
+        THEOREM_2,
+        "the LMI that cosim design proves",
+        "Eq. (14)",
+        "equal to Eq. (14) with Ω12 and Ω25 corrected, entry by entry",
+        How.COMPUTED,
+        Verdict.CORRECTED if agrees else Verdict.DOES_NOT,
+        "In fractions; so every number below is about the theorem that the proof proves.",
+    )

@@ -1,0 +1,130 @@
+"""Inputs that follow a given signal: the path of a reference, the worst case of a design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription
+from cosim.hinf import Design, WorstCase, close, worst_case
+from cosim.master import Endpoint
+from cosim.models.delay_system import DelaySystem
+from cosim.scenario.matching import endpoint, members
+from cosim.scenario.schema import DisturbancePart, PathPart
+
+Signals = dict[Endpoint, NDArray[np.float64]]
+"""Input -> its values at the communication points."""
+
+
+def along_path(path: PathPart, seconds: NDArray[np.float64], *, at_rest: bool) -> Signals:
+    """The reference at the points `seconds`; zero for a run `at_rest`."""
+    points = np.array(path.points)
+    base = endpoint(path.target)
+    driven = {}
+    for j, axis in enumerate(path.axes):
+        values = (
+            np.zeros(seconds.size) if at_rest else _along(points, j, seconds, path.interpolation)
+        )
+        driven[Endpoint(base.component, f"{base.variable}.{axis}")] = values
+    return driven
+
+
+def _along(
+    points: NDArray[np.float64], axis: int, seconds: NDArray[np.float64], interpolation: str
+) -> NDArray[np.float64]:
+    times, values = points[:, 0], points[:, 1 + axis]
+    if times.size == 1:
+        return np.full(seconds.size, values[0])
+    place = np.clip(np.searchsorted(times, seconds, side="right") - 1, 0, times.size - 2)
+    share = np.clip((seconds - times[place]) / (times[place + 1] - times[place]), 0.0, 1.0)
+    if interpolation == "smooth":
+        share = share * share * (3.0 - 2.0 * share)
+    along: NDArray[np.float64] = values[place] + share * (values[place + 1] - values[place])
+    return along
+
+
+def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
+    """The harmonic that the design's nominal loop amplifies most.
+
+    Raises
+    ------
+    InputError : the norm is attained at no finite frequency, and none is given.
+    """
+    omega = design.norm_frequency if part.omega is None else part.omega
+    if omega is None:
+        raise InputError(
+            "the norm of this loop is that of D1, approached as the frequency grows: no "
+            "disturbance attains it",
+            where="disturbance",
+            expected="a peak at a finite frequency",
+            got=f"|D1| = {np.linalg.norm(design.system.D1, 2):g}",
+            hint="give a frequency: omega = ... [rad/s]",
+        )
+    return worst_case(close(design.system, design.K), omega)
+
+
+def blank_push(system: DelaySystem) -> WorstCase:
+    """No disturbance, of the size that a design of `system` will have.
+
+    Raises
+    ------
+    InputError : the system has no gain from w to z, hence no worst case.
+    """
+    if not system.has_performance:
+        raise InputError(
+            "this design has no worst case",
+            where="disturbance",
+            expected="a system with w and z: C, and D, D1 or D2",
+            got=f"{system.name or 'a system'} without them: stability alone is certified",
+        )
+    zero = (0.0,) * system.C.shape[1]
+    return WorstCase(0.0, zero, zero, 0.0)
+
+
+def pushed(
+    part: DisturbancePart,
+    found: WorstCase,
+    fmus: Mapping[str, FmuDescription],
+    seconds: NDArray[np.float64],
+) -> Signals:
+    """The worst case at the points `seconds`, from 0 to the end T of the run.
+
+    The sinusoid swells and fades as sin(pi t / T). A hard start and end would cost a share of
+    1/T of the gain, by the transient and by what has not come out when the run ends; so it is
+    1/T^2.
+
+    Raises
+    ------
+    InputError : the target has another number of inputs than w has entries, or the step is
+        too long for the frequency.
+    """
+    base = endpoint(part.target)
+    if base.component not in fmus:
+        raise InputError.unknown("component", base.component, fmus, where="disturbance.target")
+    names = list(members(fmus[base.component], base.variable, "input").values())
+    if len(names) != len(found.amplitude):
+        raise InputError(
+            "the target does not fit the disturbance of the design",
+            where="disturbance.target",
+            expected=f"{len(found.amplitude)} inputs, one per entry of w",
+            got=f"{part.target}: {', '.join(names) or 'no input'}",
+        )
+    longest = float(np.diff(seconds).max())
+    if found.omega * longest > math.pi:
+        raise InputError(
+            "the communication step is too long for the worst case",
+            where="run.step",
+            expected=f"less than {math.pi / found.omega:.4g} s, half a period of "
+            f"{found.omega:.4g} rad/s",
+            got=f"{longest:g} s",
+            hint="a tenth of that: the disturbance is held between two points",
+        )
+    swell = part.amplitude * np.sin(math.pi * seconds / seconds[-1])
+    return {
+        Endpoint(base.component, name): swell * size * np.cos(found.omega * seconds + phase)
+        for name, size, phase in zip(names, found.amplitude, found.phase, strict=True)
+    }

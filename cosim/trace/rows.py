@@ -1,0 +1,53 @@
+"""Many rows at once, for `TraceWriter.write_rows`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+
+@dataclass
+class Rows:
+    """Rows of one topic.
+
+    Attributes
+    ----------
+    topic_id : as `add_topic` returned it.
+    log_ns : instants [ns], int64 (m,); of delivery, on a link.
+    values : (m, signals), doubles, or m lists of values of the signals' own kinds.
+    publish_ns : instants of sending [ns]; the log times by default.
+    sequence : sequence numbers; zeros by default.
+    rank : orders what has the same log time: the smaller first key comes first, then the second
+        decides, and so on; a tuple for all rows, or int64 (m, keys).
+    """
+
+    topic_id: int
+    log_ns: Integers
+    values: NDArray[np.float64] | Sequence[Sequence[Any]]
+    publish_ns: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
+    sequence: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
+    rank: Integers | tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        if self.publish_ns.size == 0:
+            self.publish_ns = self.log_ns
+        if self.sequence.size == 0:
+            self.sequence = np.zeros(self.log_ns.size, np.int64)
+
+
+@dataclass
+class Poses:
+    """Poses of the vehicle: x, y, z [m] and psi [rad], (m, 4), as `TraceWriter.pose` takes one.
+
+    `log_ns` and `rank` as for `Rows`.
+    """
+
+    log_ns: Integers
+    values: NDArray[np.float64]
+    rank: Integers | tuple[int, ...] = (0,)

@@ -1,0 +1,63 @@
+"""What the certificate of a controller says, for the FMU's documentation page."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+from decimal import ROUND_CEILING, Context, Decimal
+from fractions import Fraction
+from typing import Any
+
+from .spec import CERTIFICATE
+
+_UP = Context(prec=10, rounding=ROUND_CEILING)
+
+
+def certified_section(certificate: bytes, file: str) -> str:
+    """HTML: the claim in words, what it rests on, and how anyone checks it.
+
+    Parameters
+    ----------
+    certificate : its JSON, as it lies in the FMU.
+    file : name of the FMU, for the command that checks it.
+    """
+    data = json.loads(certificate)
+    items = "".join(f"<li>{html.escape(line)}</li>\n" for line in _claims(data))
+    digest = hashlib.sha256(certificate).hexdigest()
+    return (
+        "<h2>What is certified</h2>\n"
+        "<p>Proved in exact rational arithmetic for the start values of <code>K[i,j]</code>, "
+        f"double by double, about the system that the certificate describes:</p>\n<ul>\n{items}"
+        "</ul>\n<p>Any other K voids this, and so do measurements older, commands limited, or "
+        "states outside what the design allows for. The proof is "
+        f"<code>{CERTIFICATE}</code> in this FMU (SHA-256 <code>{digest}</code>); it can be "
+        f"checked without a solver: <code>cosim certificate check {html.escape(file)}</code>.</p>\n"
+    )
+
+
+def _claims(data: dict[str, Any]) -> list[str]:
+    claim = data["claim"]
+    lines = ["asymptotically stable"]
+    if claim["gamma"] is not None:
+        gamma = _not_below(Fraction(claim["gamma"]))
+        lines.append(f"gain from disturbance w to output z at most gamma = {gamma}")
+    if claim["uncertain"]:
+        lines.append("for every uncertainty F(t) with F'F <= I")
+    for number, delay in enumerate(claim["delays"], 1):
+        text = f"delay {number} with d = {delay['d']:g} s, age {delay['age']}"
+        if delay["feedback"]:
+            text += "; the control acts through it: it is the age of the measurements"
+        lines.append(text)
+    if not any(delay["feedback"] for delay in claim["delays"]):
+        lines.append(
+            "feedback without any delay: what sampling and a link add to it is not covered"
+        )
+    return lines
+
+
+def _not_below(value: Fraction) -> str:
+    """A double as what it is, any other number rounded up."""
+    if Fraction(float(value)) == value:
+        return repr(float(value))
+    return str(_UP.divide(Decimal(value.numerator), Decimal(value.denominator)))

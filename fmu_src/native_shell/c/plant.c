@@ -1,0 +1,112 @@
+/* A delay equation between communication points, inputs held. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "arithmetic.h"
+#include "behaviour.h"
+#include "delay_line.h"
+#include "model.h"
+#include "variable.h"
+
+static const size_t OTHERS = MODEL_OTHERS, INPUTS = MODEL_INPUTS, DELAYS = MODEL_DELAYS;
+static const size_t CONSTANTS = MODEL_CONSTANTS;
+
+struct Behaviour {
+    DelayLine line;
+    double constants[AT_LEAST_ONE(MODEL_CONSTANTS)];
+    double held[AT_LEAST_ONE(MODEL_INPUTS)]; /* inputs of the last step */
+    int stepped;                             /* there was one */
+};
+
+Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
+
+void behaviour_free(Behaviour *b) {
+    if (b) delay_line_free(&b->line);
+    free(b);
+}
+
+/* Parameters to constants and an empty history. */
+static int prepare(Behaviour *b, const double *v, double start, Message *why) {
+    const char *objection = model_objection(v);
+    if (objection) return say(why, "%s", objection);
+    model_constants(v, b->constants);
+    for (size_t i = 0; i < CONSTANTS; i++)
+        if (!isfinite(b->constants[i]))
+            return say(why, "the parameters give a coefficient that is not finite");
+    double initial[MODEL_STATES], delay[AT_LEAST_ONE(MODEL_DELAYS)];
+    for (size_t i = 0; i < MODEL_STATES; i++) initial[i] = v[model_initials[i]];
+    for (size_t k = 0; k < DELAYS; k++) delay[k] = v[model_delays[k]];
+    b->stepped = 0;
+    return delay_line_start(&b->line, initial, delay, v[MODEL_STEP], start, why);
+}
+
+static int others(const Behaviour *b, double *v, Message *why) {
+    double out[AT_LEAST_ONE(MODEL_OTHERS)];
+    model_outputs(b->line.x, v, b->constants, out);
+    for (size_t i = 0; i < OTHERS; i++)
+        if (!isfinite(out[i]))
+            return say(why, "%s is not finite", model_variables[model_others[i]].name);
+    for (size_t i = 0; i < OTHERS; i++) v[model_others[i]] = out[i];
+    return 1;
+}
+
+static int publish(const Behaviour *b, double *v, Message *why) {
+    if (!others(b, v, why)) return 0;
+    for (size_t i = 0; i < MODEL_STATES; i++) v[model_states[i]] = b->line.x[i];
+    return 1;
+}
+
+int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
+    return prepare(b, v, start, why) && publish(b, v, why);
+}
+
+int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
+    double inputs[AT_LEAST_ONE(MODEL_INPUTS)];
+    int jump = !b->stepped;
+    for (size_t i = 0; i < INPUTS; i++) {
+        inputs[i] = v[model_inputs[i]];
+        jump |= inputs[i] != b->held[i];
+    }
+    int same = b->stepped && memcmp(inputs, b->held, INPUTS * sizeof *inputs) == 0;
+    Mark mark = delay_line_mark(&b->line);
+    Held held = {v, b->constants};
+    if (!delay_line_advance(&b->line, end, &held, jump, same, why) || !publish(b, v, why)) {
+        delay_line_return(&b->line, &mark);
+        return 0;
+    }
+    delay_line_forget(&b->line);
+    memcpy(b->held, inputs, INPUTS * sizeof *inputs);
+    b->stepped = 1;
+    return 1;
+}
+
+int behaviour_refresh(Behaviour *b, double *v, Message *why) { return others(b, v, why); }
+
+void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
+    double inputs[AT_LEAST_ONE(MODEL_INPUTS)], changed[AT_LEAST_ONE(MODEL_OTHERS)];
+    for (size_t i = 0; i < INPUTS; i++) inputs[i] = change[model_inputs[i]];
+    model_outputs_change(b->line.x, v, b->constants, inputs, changed);
+    for (size_t i = 0; i < OTHERS; i++) out[model_others[i]] = changed[i];
+}
+
+size_t behaviour_size(const Behaviour *b) {
+    return 1 + INPUTS + delay_line_size(&b->line);
+}
+
+void behaviour_save(const Behaviour *b, double *to) {
+    *to++ = b->stepped;
+    for (size_t i = 0; i < INPUTS; i++) *to++ = b->stepped ? b->held[i] : 0.0;
+    delay_line_save(&b->line, to);
+}
+
+int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t count,
+                      Message *why) {
+    if (count < 1 + INPUTS) return say(why, "the saved inputs are missing");
+    if (!prepare(b, v, 0.0, why)) return 0;
+    size_t before = 1 + INPUTS;
+    if (!delay_line_restore(&b->line, from + before, count - before, why)) return 0;
+    b->stepped = from[0] != 0.0;
+    memcpy(b->held, from + 1, INPUTS * sizeof *b->held);
+    return 1;
+}

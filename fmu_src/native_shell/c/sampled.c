@@ -1,0 +1,82 @@
+/* A law taken at t = start + k sample_time and held: what is sampled at a communication point
+   is seen at the next one. As fmu_src/hinf_controller/behaviour.py. */
+
+#include <stdlib.h>
+
+#include "arithmetic.h"
+#include "behaviour.h"
+#include "model.h"
+#include "variable.h"
+
+struct Behaviour {
+    double constants[MODEL_CONSTANTS > 0 ? MODEL_CONSTANTS : 1];
+    double start;
+    double samples; /* taken so far */
+};
+
+Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
+
+void behaviour_free(Behaviour *b) { free(b); }
+
+int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
+    (void)why;
+    model_constants(v, b->constants);
+    b->start = start;
+    b->samples = 0.0;
+    for (size_t i = 0; i < MODEL_OUTPUTS; i++) v[model_outputs[i]] = 0.0;
+    return 1;
+}
+
+int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
+    double period = v[MODEL_SAMPLE_TIME], samples = b->samples;
+    int due = 1;
+    if (period > 0.0) {
+        /* an instant that rounding alone puts before `end` belongs to the next step */
+        double near = greater(1e-9 * greater(period, 1e-3), 16.0 * spacing(end));
+        double taken = ceil((end - near - b->start) / period);
+        if (!isfinite(taken))
+            return say(why, "samples %s s apart cannot be counted up to t = %s s",
+                       shortest(period).text, shortest(end).text);
+        due = taken > samples;
+        samples = greater(taken, samples);
+    }
+    if (due) {
+        double out[MODEL_OUTPUTS];
+        model_law(v, b->constants, out);
+        for (size_t i = 0; i < MODEL_OUTPUTS; i++)
+            if (!isfinite(out[i]))
+                return say(why, "%s is not finite", model_variables[model_outputs[i]].name);
+        for (size_t i = 0; i < MODEL_OUTPUTS; i++) v[model_outputs[i]] = out[i];
+    }
+    b->samples = samples;
+    return 1;
+}
+
+int behaviour_refresh(Behaviour *b, double *v, Message *why) {
+    (void)b, (void)v, (void)why; /* no output depends on an input without delay */
+    return 1;
+}
+
+void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
+    (void)b, (void)v, (void)change, (void)out;
+}
+
+size_t behaviour_size(const Behaviour *b) {
+    (void)b;
+    return 2;
+}
+
+void behaviour_save(const Behaviour *b, double *to) {
+    to[0] = b->start;
+    to[1] = b->samples;
+}
+
+int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t count,
+                      Message *why) {
+    if (count != 2 || !isfinite(from[0]) || !isfinite(from[1]) || from[1] < 0.0)
+        return say(why, "the saved sampling clock does not fit this component");
+    model_constants(v, b->constants);
+    b->start = from[0];
+    b->samples = from[1];
+    return 1;
+}

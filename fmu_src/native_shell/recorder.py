@@ -1,0 +1,128 @@
+"""Equations run over recorded scalars: what Python computes, operation by operation.
+
+A component's equations are plain arithmetic. Run over `Scalar`s they leave a `Tape`, from
+which `emit` writes C that performs the same operations in the same order, so that the native
+FMU and the Python one agree to the last bit. A computer algebra system would sort and
+regroup sums and products: equal as mathematics, different in the last bits.
+
+Equal operations on equal operands are one node (common subexpressions); nothing else is
+rewritten. Control flow that depends on a value cannot be recorded and is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+CONSTANT, FIXED, VARYING = 0, 1, 2
+"""What a value depends on: nothing, parameters, or what moves during a run."""
+
+_COMMUTES = ("+", "*")
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operation: its name, the places of its operands, a constant's or symbol's text."""
+
+    operation: str
+    operands: tuple[int, ...]
+    text: str
+    level: int
+
+
+class Tape:
+    """Every operation so far, in the order in which it was first asked for."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._known: dict[tuple[Any, ...], int] = {}
+
+    def symbol(self, text: str, level: int = VARYING) -> Scalar:
+        """A value that C knows as `text`."""
+        return self._node("symbol", (), text, level)
+
+    def constant(self, value: float) -> Scalar:
+        """A number as its double.
+
+        Raises
+        ------
+        OverflowError : an integer that no double holds exactly.
+        """
+        number = float(value)
+        if number != value:
+            raise OverflowError(f"{value!r} is no double")
+        return self._node("constant", (), repr(number), CONSTANT)
+
+    def apply(self, operation: str, *operands: Any) -> Scalar:
+        """The value of an operation; operands are `Scalar`s of this tape or numbers."""
+        taken = [a if isinstance(a, Scalar) else self.constant(a) for a in operands]
+        places = tuple(a.place for a in taken)
+        level = max(self.nodes[place].level for place in places)
+        return self._node(operation, places, "", level)
+
+    def _node(self, operation: str, operands: tuple[int, ...], text: str, level: int) -> Scalar:
+        # a + b and b + a have the same bits
+        same = tuple(sorted(operands)) if operation in _COMMUTES else operands
+        key = (operation, same, text)
+        if key not in self._known:
+            self._known[key] = len(self.nodes)
+            self.nodes.append(Node(operation, operands, text, level))
+        return Scalar(self, self._known[key])
+
+
+class Scalar:
+    """A value on a `Tape`; arithmetic with it is recorded."""
+
+    __slots__ = ("place", "tape")
+
+    def __init__(self, tape: Tape, place: int) -> None:
+        self.tape, self.place = tape, place
+
+    def __add__(self, other: Any) -> Scalar:
+        return self.tape.apply("+", self, other)
+
+    def __radd__(self, other: Any) -> Scalar:
+        return self.tape.apply("+", other, self)
+
+    def __sub__(self, other: Any) -> Scalar:
+        return self.tape.apply("-", self, other)
+
+    def __rsub__(self, other: Any) -> Scalar:
+        return self.tape.apply("-", other, self)
+
+    def __mul__(self, other: Any) -> Scalar:
+        return self.tape.apply("*", self, other)
+
+    def __rmul__(self, other: Any) -> Scalar:
+        return self.tape.apply("*", other, self)
+
+    def __truediv__(self, other: Any) -> Scalar:
+        return self.tape.apply("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Scalar:
+        return self.tape.apply("/", other, self)
+
+    def __pow__(self, other: Any) -> Scalar:
+        return self.tape.apply("pow", self, other)
+
+    def __neg__(self) -> Scalar:
+        return self.tape.apply("negate", self)
+
+    def _branch(self, *_: object) -> NoReturn:
+        raise TypeError("an equation must not branch on a value: C is made from one run of it")
+
+    __bool__ = __float__ = __lt__ = __le__ = __gt__ = __ge__ = _branch
+    __eq__ = __ne__ = _branch
+    __hash__ = None  # type: ignore[assignment]
+
+
+class Functions:
+    """The namespace passed to equations: functions of recorded scalars and of numbers."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in ("sin", "cos", "exp", "log", "sqrt", "min", "max"):
+            raise AttributeError(f"{name} is no function that the C shell has")
+        return lambda *arguments: self._tape.apply(name, *arguments)

@@ -1,0 +1,50 @@
+"""Directional derivatives of recorded values, recorded in turn (forward mode)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from .emit import reachable
+from .recorder import Scalar, Tape
+
+
+def tangents(
+    tape: Tape, roots: Sequence[Scalar], seeds: Mapping[int, Scalar]
+) -> list[Scalar | None]:
+    """The derivative of each root in the direction `seeds` (place of a symbol -> its change).
+
+    None stands for a derivative that is zero whatever the values.
+
+    Raises
+    ------
+    NotImplementedError : an operation whose derivative no output needs so far.
+    """
+    moved: dict[int, Scalar | None] = {}
+    for place in reachable(tape, [root.place for root in roots], {}):
+        node = tape.nodes[place]
+        changes = [moved[p] for p in node.operands]
+        if all(change is None for change in changes):
+            moved[place] = seeds.get(place)
+        else:
+            values = [Scalar(tape, p) for p in node.operands]
+            moved[place] = _rule(node.operation, values, changes)
+    return [moved[root.place] for root in roots]
+
+
+def _rule(operation: str, values: list[Scalar], changes: list[Scalar | None]) -> Scalar | None:
+    if operation == "negate":
+        return None if changes[0] is None else -changes[0]
+    if operation in ("+", "-"):
+        a, b = changes
+        if b is None:
+            return a
+        signed = b if operation == "+" else -b
+        return signed if a is None else a + signed
+    if operation == "*":
+        products = [
+            change * other
+            for change, other in zip(changes, reversed(values), strict=True)
+            if change is not None
+        ]
+        return products[0] if len(products) == 1 else products[0] + products[1]
+    raise NotImplementedError(f"the derivative of {operation} is not recorded")

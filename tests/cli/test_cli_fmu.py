@@ -1,0 +1,88 @@
+"""`cosim fmu info` and `cosim fmu check`: answers, exit codes, help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli.shell import cosim
+from fmu.packed import described_as, files_of, pack, with_file, without
+
+
+def test_info_says_what_an_fmu_is(fmus: Path, tmp_path: Path) -> None:
+    """For people and for programs: version, kind, platforms, variables, needs."""
+    path = fmus / "AuvPlant.fmu"
+    result = cosim("fmu", "info", path, "--json", cwd=tmp_path)
+    assert result.code == 0
+    found = result.json
+    assert found["model"]["fmi_version"] == "2.0"
+    assert [kind["kind"] for kind in found["model"]["kinds"]] == ["co-simulation"]
+    assert "canGetAndSetFMUstate" in found["model"]["kinds"][0]["capabilities"]
+    assert {b["folder"] for b in found["binaries"]} == {"linux64", "win64"}
+    assert sum(v["count"] for v in found["model"]["variables"]) == 56
+    assert found["findings"]["error"] == found["findings"]["warning"] == 0
+    seen = cosim("fmu", "info", path, cwd=tmp_path)
+    assert seen.code == 0
+    for words in ("AuvPlant", "co-simulation", "ELF for x86_64 linux", "a Python host", "kg.m2"):
+        assert words in seen.out
+
+
+def test_check_of_a_sound_fmu_with_and_without_running_it(fmus: Path, tmp_path: Path) -> None:
+    """Exit code 0, notes only; --run adds what was done."""
+    path = fmus / "WaveField.fmu"
+    quiet = cosim("fmu", "check", path, "--json", cwd=tmp_path)
+    assert (quiet.code, quiet.json["valid"], quiet.json["run"]) == (0, True, False)
+    ran = cosim("fmu", "check", path, "--run", cwd=tmp_path)
+    assert ran.code == 0
+    assert "sound" in ran.out
+    assert "run-done" in ran.out
+
+
+def test_check_that_finds_errors_leaves_with_1(fmus: Path, tmp_path: Path) -> None:
+    """Each finding has code, level, place, fact and reason."""
+    files = files_of(fmus / "WaveField.fmu")
+    described_as((r'causality="parameter"', 'causality="parametre"'))(files)
+    without("documentation/")(files)
+    path = pack(files, tmp_path / "wrong.fmu")
+    result = cosim("fmu", "check", path, "--json", cwd=tmp_path)
+    assert result.code == 1
+    assert result.json["valid"] is False
+    for each in result.json["findings"]:
+        assert set(each) == {"code", "level", "where", "what", "why"}
+    codes = [each["code"] for each in result.json["findings"]]
+    assert codes.index("xml-schema") < codes.index("documentation")
+    seen = cosim("fmu", "check", path, cwd=tmp_path)
+    assert seen.code == 1
+    assert "not sound" in seen.out
+    assert "modelDescription.xml:" in seen.out
+
+
+@pytest.mark.parametrize("verb", ["info", "check"])
+def test_what_is_no_fmu_leaves_with_2(tmp_path: Path, verb: str) -> None:
+    """A missing file, a text file: input errors."""
+    text = tmp_path / "text.fmu"
+    text.write_text("no")
+    for path in (text, tmp_path / "missing.fmu", tmp_path):
+        result = cosim("fmu", verb, path, "--json", cwd=tmp_path)
+        assert result.code == 2
+        assert str(path) in result.error["where"]
+
+
+def test_info_without_a_readable_description_points_to_check(fmus: Path, tmp_path: Path) -> None:
+    """There is nothing to say of it; check says what is wrong."""
+    files = files_of(fmus / "WaveField.fmu")
+    with_file("modelDescription.xml", b"<fmi")(files)
+    path = pack(files, tmp_path / "broken.fmu")
+    result = cosim("fmu", "info", path, "--json", cwd=tmp_path)
+    assert result.code == 2
+    assert result.error["hint"] == f"cosim fmu check {path}"
+    assert cosim("fmu", "check", path, cwd=tmp_path).code == 1
+
+
+def test_help_teaches(tmp_path: Path) -> None:
+    """What it looks at, when a binary is loaded, what the exit codes are."""
+    out = cosim("fmu", "check", "--help", cwd=tmp_path).out
+    for words in ("--run", "--json", "--time", "Exit code 0", "process of its own"):
+        assert words in out
+    assert "info" in cosim("fmu", "--help", cwd=tmp_path).out
+    assert cosim("fmu", "check", "x.fmu", "--time", "0", "--json", cwd=tmp_path).code == 2

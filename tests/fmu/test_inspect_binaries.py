@@ -1,0 +1,194 @@
+"""What is read off a library's headers, against folders, linkers and nm that know better."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import fmpy
+import pytest
+from fmu.packed import FMI3, compiled, described, files_of, pack
+
+from cosim.fmu.inspect import inspect_fmu
+from cosim.fmu.inspect.functions import functions
+from cosim.fmu.inspect.library import Binary, read_binary
+from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
+from fmu_src.model_description import fmi2_xml
+from fmu_src.wave_field.variables import SPEC
+
+SHIPPED = Path(fmpy.__file__).parent
+FOREIGN = [
+    *(SHIPPED / "container_fmu" / "binaries").glob("*/*"),
+    *(SHIPPED / "sundials").glob("*/sundials_core.*"),
+]
+EMPTY = "".join(
+    f"int {name}(void) {{ return 3; }}\n"
+    for name in sorted({n for part in functions(2, "co-simulation", "") for n in part})
+)
+
+
+def read(path: Path) -> Binary:
+    return read_binary("linux64", path.name, path.read_bytes())
+
+
+@pytest.mark.parametrize("path", FOREIGN, ids=lambda p: f"{p.parent.name}-{p.name}")
+def test_architecture_is_that_of_the_folder(path: Path) -> None:
+    """FMPy sorts its own libraries into folders by platform: four systems, three formats."""
+    found = read(path)
+    assert found.damage is None
+    assert named_by_tuple(path.parent.name) in [image.platform for image in found.images]
+    assert {image.format for image in found.images} == {
+        {".so": "ELF", ".dll": "PE", ".dylib": "Mach-O"}[path.suffix]
+    }
+
+
+@pytest.mark.parametrize("path", [p for p in FOREIGN if p.stem == "container_fmu"], ids=str)
+def test_functions_of_a_real_fmu_are_found_on_every_platform(path: Path) -> None:
+    """FMPy's container offers FMI 2 and 3 for co-simulation in each of its builds."""
+    (image,) = read(path).images
+    assert functions(2, "co-simulation", "").core <= image.exports
+    assert functions(3, "co-simulation", "").core <= image.exports
+    assert not image.needs_python
+
+
+def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
+    """The linker's own reader says the same, name by name."""
+    nm = shutil.which("nm")
+    if nm is None:
+        pytest.skip("needs nm")
+    source = (
+        "#include <math.h>\n#include <stdio.h>\n"
+        'double f(double x) { puts("f"); return sin(x); } static int g; int *h() { return &g; }'
+    )
+    path = compiled(tmp_path, source, "small", "-lm")
+
+    def said(option: str) -> set[str]:
+        line = [nm, "-D", option, "--format=posix", str(path)]
+        done = subprocess.run(line, check=True, capture_output=True, text=True)  # noqa: S603 - nm
+        rows = [row.split() for row in done.stdout.splitlines()]
+        return {name.partition("@")[0] for name, kind, *_ in rows if kind not in "wv"}
+
+    (image,) = read(path).images
+    assert {"f", "h"} <= image.exports
+    assert image.exports == said("--defined-only")
+    assert image.imports == said("--undefined-only")
+    assert image.libraries == ("libm.so.6", "libc.so.6")
+
+
+def packed(tmp_path: Path, library: Path, **beside: bytes) -> dict[str, list[str]]:
+    """Code -> what was found of a WaveField whose only binary is this library."""
+    files = {
+        "modelDescription.xml": fmi2_xml(SPEC, "{1}", tool="a test", needs_tool=False),
+        "documentation/index.html": b"",
+        "binaries/linux64/WaveField.so": library.read_bytes(),
+        **{f"binaries/linux64/{name}.so": content for name, content in beside.items()},
+    }
+    found: dict[str, list[str]] = {}
+    for each in inspect_fmu(pack(files, tmp_path / "WaveField.fmu")).findings:
+        if each.code != "binary-here":
+            found.setdefault(each.code, []).append(each.what)
+    return found
+
+
+def test_a_complete_library_has_nothing_to_say(tmp_path: Path) -> None:
+    """Every function of FMI 2 for co-simulation, the C library alone."""
+    assert packed(tmp_path, compiled(tmp_path, EMPTY, "all")) == {}
+
+
+def test_missing_functions_are_named(tmp_path: Path) -> None:
+    """Without doStep it is useless; without CancelStep strict importers refuse it."""
+    source = "".join(
+        line for line in EMPTY.splitlines(keepends=True) if "DoStep" not in line
+    ).replace("int fmi2CancelStep", "static int fmi2CancelStep")
+    found = packed(tmp_path, compiled(tmp_path, source, "part"))
+    assert found["function-missing"] == ["fmi2DoStep is not exported"]
+    assert found["function-optional"] == ["1 functions are not exported: fmi2CancelStep"]
+
+
+def test_python_symbols_without_a_python_are_told(tmp_path: Path) -> None:
+    """The cause of `undefined symbol: _Py_NoneStruct` in tools without Python."""
+    source = EMPTY + "extern int _Py_NoneStruct; int *take(void) { return &_Py_NoneStruct; }"
+    found = packed(tmp_path, compiled(tmp_path, source, "py"))
+    assert found["needs-python"] == ["it takes 1 functions from a Python interpreter"]
+
+
+def test_a_library_beside_must_be_reachable(tmp_path: Path) -> None:
+    """Absent, packed but not found, packed and found by $ORIGIN, an absolute path."""
+    helper = compiled(tmp_path, "int help(void) { return 1; }", "libhelp")
+    source = EMPTY + "int help(void); int use(void) { return help(); }"
+    link = [f"-L{tmp_path}", "-lhelp"]
+    plain = compiled(tmp_path, source, "plain", *link)
+    assert packed(tmp_path, plain) == {"library-absent": ["it needs libhelp.so"]}
+    beside = {"libhelp": helper.read_bytes()}
+    assert packed(tmp_path, plain, **beside) == {
+        "library-unreached": ["libhelp.so is packed beside it"]
+    }
+    origin = compiled(tmp_path, source, "origin", *link, "-Wl,-rpath,$ORIGIN")
+    assert packed(tmp_path, origin, **beside) == {}
+    absolute = compiled(tmp_path, source, "absolute", *link, "-Wl,-rpath,/opt/builder/lib")
+    assert packed(tmp_path, absolute)["library-path"] == [
+        "it looks for libraries in /opt/builder/lib"
+    ]
+
+
+def test_executable_stack_and_open_symbols(tmp_path: Path) -> None:
+    """What new systems refuse, and what clashes with others in one process."""
+    source = EMPTY + "".join(f"int helper{i};" for i in range(30))
+    found = packed(tmp_path, compiled(tmp_path, source, "stack", "-Wl,-z,execstack"))
+    assert found["stack-executable"] == ["it asks for an executable stack"]
+    assert found["symbols-open"] == ["it exports 30 symbols besides FMI's"]
+
+
+def test_program_and_object_file_are_no_libraries(tmp_path: Path) -> None:
+    """In the format of libraries, but of another kind."""
+    found = packed(tmp_path, compiled(tmp_path, "int f(void) { return 1; }", "f", "-c"))
+    assert found["binary-damaged"] == ["an ELF file of type ET_REL, not a shared object"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "source", "expected"),
+    [
+        ("x86_64-linux", "x86_64-linux/container_fmu.so", None),
+        ("aarch64-linux", "x86_64-linux/container_fmu.so", "ELF for x86_64 linux"),
+        ("x86_64-windows", "x86_64-windows/container_fmu.dll", None),
+        ("x86-windows", "x86_64-windows/container_fmu.dll", "PE for x86_64 windows"),
+        ("aarch64-darwin", "aarch64-darwin/container_fmu.dylib", None),
+        ("x86_64-darwin", "aarch64-darwin/container_fmu.dylib", "Mach-O for aarch64 darwin"),
+        ("x86_64-linux", "aarch64-darwin/container_fmu.dylib", "Mach-O for aarch64 darwin"),
+    ],
+)
+def test_binary_in_the_folder_of_another_machine(
+    tmp_path: Path, folder: str, source: str, expected: str | None
+) -> None:
+    """Architecture and system of the header, not of the name."""
+    files = described(FMI3, "documentation/index.html")
+    suffix = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}[folder.split("-")[1]]
+    content = (SHIPPED / "container_fmu" / "binaries" / source).read_bytes()
+    files[f"binaries/{folder}/New{suffix}"] = content
+    report = inspect_fmu(pack(files, tmp_path / "New.fmu"))
+    found = [f.what for f in report.findings if f.code == "binary-platform"]
+    assert found == ([] if expected is None else [expected])
+
+
+def test_glibc_newer_than_this_machine(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PythonFMU's library on a machine of 2018; the real machine's own is read as it is."""
+    path = fmus / "WaveField.fmu"
+    assert this_machine().system != "linux" or this_libc() is None or this_libc() >= (2, 17)
+    monkeypatch.setattr("cosim.fmu.inspect.binaries.this_libc", lambda: (2, 27))
+    monkeypatch.setattr(
+        "cosim.fmu.inspect.binaries.this_machine", lambda: Platform("linux", "x86_64")
+    )
+    found = [f.what for f in inspect_fmu(path).findings if f.code == "libc-here"]
+    assert found == ["it needs glibc 2.32, this machine has 2.27"]
+
+
+def test_glibc_that_is_needed(fmus: Path) -> None:
+    """PythonFMU's library names GLIBC_2.32 as its newest symbol version."""
+    content = files_of(fmus / "WaveField.fmu")["binaries/linux64/WaveField.so"]
+    (image,) = read_binary("linux64", "WaveField.so", content).images
+    assert image.libc == max(
+        tuple(map(int, word.split(b"\0")[0].split(b".")))
+        for word in content.split(b"GLIBC_")[1:]
+        if word[:1].isdigit()
+    )

@@ -1,0 +1,36 @@
+"""Each component with an input that moves and parameters that are not the default."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from raw_fmu import RawFmu
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DRIVE = {
+    "AuvPlant": ("force.x", lambda t: 400 * math.sin(t), {"initial.nu.r": 0.05}),
+    "HinfController": ("eta.y", lambda t: math.cos(3 * t), {"sample_time": 0.07}),
+    "DelayedPlant": ("u[1]", lambda t: math.sin(2 * t), {"delay.d": 0.23}),
+    "PaperController": ("x[2]", lambda t: math.sin(2 * t), {}),
+    "WaveField": (None, lambda _t: 0.0, {"Hs": 2.5}),
+}
+"""For each FMU an input, how it moves, and parameters that are not the default."""
+
+
+def started(path: Path, name: str, instance: str = "it", beside: RawFmu | None = None) -> RawFmu:
+    return RawFmu(path / f"{name}.fmu", instance, beside).initialise(dict(DRIVE[name][2]))
+
+
+def drive(raw: RawFmu, name: str, first: int, last: int, h: float = 0.05) -> list[list[float]]:
+    """Steps first to last - 1; every output after each."""
+    port, wave, _ = DRIVE[name]
+    rows = []
+    for k in range(first, last):
+        if port is not None:
+            raw.put({port: wave(k * h)})
+        raw.step(k * h, h)
+        rows.append(raw.get(*raw.outputs()))
+    return rows

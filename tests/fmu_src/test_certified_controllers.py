@@ -1,0 +1,133 @@
+"""The gains that controllers start with: still proved, still about the built-in systems."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+
+import certified_gains
+import numpy as np
+import pytest
+
+from cosim.hinf import (
+    certificate_bytes,
+    characteristic_roots,
+    check_certificate,
+    close,
+    hinf_norm,
+    system_by_name,
+)
+from cosim.hinf.system_json import system_from_json
+from cosim.models.paper_example import PRINTED_K
+from fmu_src.catalogue import CATALOGUE
+from fmu_src.certified import certified_section
+
+CARRIERS = {"HinfController": ("auv.json", "auv"), "PaperController": ("paper.json", "paper")}
+
+
+def certificate_of(name: str) -> bytes:
+    certificate = CATALOGUE[name].certificate
+    assert certificate is not None
+    return certificate
+
+
+@pytest.mark.parametrize("name", CARRIERS)
+def test_the_proof_holds(name: str) -> None:
+    """Checked again from its bytes: rational arithmetic, no solver."""
+    data = json.loads(certificate_of(name))
+    assert check_certificate(data).valid
+    assert certificate_of(name) == certificate_bytes(data)  # one certificate, one SHA-256
+
+
+@pytest.mark.parametrize("name", CARRIERS)
+def test_the_start_values_are_the_gain_of_the_proof(name: str) -> None:
+    """K[i,j] of the specification, double by double."""
+    K = json.loads(certificate_of(name))["K"]
+    starts = {v.name: v.start for v in CATALOGUE[name].variables if v.name.startswith("K[")}
+    assert starts == {f"K[{i},{j}]": v for i, row in enumerate(K, 1) for j, v in enumerate(row, 1)}
+
+
+@pytest.mark.parametrize("name", CARRIERS)
+def test_it_is_about_the_built_in_system(name: str) -> None:
+    """Every matrix and delay, to the last digits that libraries may differ in."""
+    proved = system_from_json(json.loads(certificate_of(name))["system"])
+    own = system_by_name(CARRIERS[name][1]).system
+    for letter in ("A", "B", "C", "D", "D1", "D2", "E", "H"):
+        np.testing.assert_allclose(
+            getattr(proved, letter), getattr(own, letter), rtol=1e-12, atol=0, err_msg=letter
+        )
+    for mine, theirs in zip(proved.delays, own.delays, strict=True):
+        assert (mine.d, mine.feedback, mine.any_age) == (theirs.d, theirs.feedback, theirs.any_age)
+        np.testing.assert_array_equal(mine.A, theirs.A)
+        np.testing.assert_array_equal(mine.H, theirs.H)
+
+
+@pytest.mark.parametrize("name", CARRIERS)
+def test_the_exact_norm_lies_below_gamma(name: str) -> None:
+    """By means that do not know the inequality: roots to the left, norm of the nominal loop."""
+    data = json.loads(certificate_of(name))
+    loop = close(system_by_name(CARRIERS[name][1]).system, data["K"])
+    norm = hinf_norm(loop)
+    p, q = map(int, data["claim"]["gamma"].split("/"))
+    assert norm is not None
+    assert norm.bound < p / q < 1.5 * norm.value
+    assert characteristic_roots(loop, 4)[0].real < 0.0
+
+
+def test_the_paper_controller_has_the_printed_gain() -> None:
+    """K = (0.6432 -0.5679), with the least gamma of Theorem 1 in three digits."""
+    data = json.loads(certificate_of("PaperController"))
+    assert data["K"] == [list(PRINTED_K)]
+    assert eval(data["claim"]["gamma"]) == pytest.approx(5.0455, abs=1e-4)  # noqa: S307 - p/q
+
+
+@pytest.mark.parametrize("name", CARRIERS)
+def test_the_fmu_carries_it_and_its_page_says_so(fmus: Path, name: str) -> None:
+    """resources/certificate.json byte by byte; gamma, delays, hash and what voids it in words."""
+    with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
+        carried = archive.read("resources/certificate.json")
+        page = archive.read("documentation/index.html").decode()
+    assert carried == certificate_of(name)
+    claim = json.loads(carried)["claim"]
+    p, q = map(int, claim["gamma"].split("/"))
+    assert f"gamma = {p / q!r}" in page
+    for delay in claim["delays"]:
+        assert f"d = {delay['d']:g} s, age {delay['age']}" in page
+    assert hashlib.sha256(carried).hexdigest() in page
+    assert "Any other K voids this" in page
+    assert ("feedback without any delay" in page) == (name == "PaperController")
+
+
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - set(CARRIERS)))
+def test_nothing_else_carries_one(fmus: Path, name: str) -> None:
+    """A plant or a sea claims nothing."""
+    with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
+        assert "resources/certificate.json" not in archive.namelist()
+        assert "What is certified" not in archive.read("documentation/index.html").decode()
+
+
+def test_a_bound_is_never_printed_too_small() -> None:
+    """1/3 more than 5 is no double and is rounded up; 5.05 as a double is printed as it is."""
+    data = json.loads(certificate_of("PaperController"))
+    data["claim"]["gamma"] = "16/3"
+    assert "gamma = 5.333333334<" in certified_section(json.dumps(data).encode(), "x.fmu")
+    data["claim"]["gamma"] = "2843146517341798/562949953421312"
+    data["claim"]["delays"] = []
+    assert f"gamma = {2843146517341798 / 562949953421312!r}<" in certified_section(
+        json.dumps(data).encode(), "x.fmu"
+    )
+    data["claim"]["gamma"] = None
+    assert "gamma" not in certified_section(json.dumps(data).encode(), "x.fmu")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", certified_gains.MADE_BY)
+def test_made_anew_it_promises_the_same(file: str) -> None:
+    """The program that writes the files finds gamma again within 1e-3."""
+    old = json.loads((certified_gains.FOLDER / file).read_bytes())
+    new = certified_gains.MADE_BY[file]()
+    gammas = [p / q for p, q in (map(int, d["claim"]["gamma"].split("/")) for d in (old, new))]
+    assert gammas[1] == pytest.approx(gammas[0], rel=1e-3)
+    np.testing.assert_allclose(new["K"], old["K"], atol=0.02)

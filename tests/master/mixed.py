@@ -1,0 +1,50 @@
+"""Builds the FMU of mixed.c."""
+
+from __future__ import annotations
+
+import subprocess
+import zipfile
+from pathlib import Path
+
+import fmpy
+
+_VARIABLES = (
+    ("u", "input", "continuous", '<Real start="0"/>'),
+    ("j", "input", "discrete", '<Integer start="0"/>'),
+    ("c", "input", "discrete", '<Boolean start="false"/>'),
+    ("y", "output", "continuous", "<Real/>"),
+    ("n", "output", "discrete", "<Integer/>"),
+    ("f", "output", "discrete", "<Boolean/>"),
+    ("fail_at", "parameter", "fixed", '<Real start="1e300"/>'),
+    ("status", "parameter", "fixed", '<Integer start="3"/>'),
+    ("fail_get", "parameter", "fixed", '<Boolean start="false"/>'),
+)
+
+
+def mixed_fmu(folder: Path) -> Path:
+    """mixed.fmu, compiled by the system's compiler."""
+    library = folder / f"mixed{fmpy.sharedLibraryExtension}"
+    source = Path(__file__).with_name("mixed.c")
+    command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
+    subprocess.run(command, check=True)  # noqa: S603 - our own source
+    variables = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '
+        f'variability="{variability}">{kind}</ScalarVariable>'
+        for i, (name, causality, variability, kind) in enumerate(_VARIABLES)
+    )
+    unknowns = '<Unknown index="4" dependencies="1"/>' + "".join(
+        f'<Unknown index="{i}" dependencies=""/>' for i in (5, 6)
+    )
+    description = (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<fmiModelDescription fmiVersion="2.0" modelName="mixed" guid="mixed">'
+        '<CoSimulation modelIdentifier="mixed" canHandleVariableCommunicationStepSize="true"/>'
+        f"<ModelVariables>{variables}</ModelVariables>"
+        f"<ModelStructure><Outputs>{unknowns}</Outputs>"
+        f"<InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
+    )
+    path = folder / "mixed.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
+    return path

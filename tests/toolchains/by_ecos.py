@@ -1,0 +1,48 @@
+"""Ecos, a co-simulation engine in C++, through ecospy.
+
+Its library needs the one of the package `tbb`, which stands outside the loader's path; once
+loaded, it is found by its name.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+
+from toolchains.flight import Flight, Rows, label, serve
+
+for _file in importlib.metadata.files("tbb") or ():
+    if _file.name == "libtbb.so.12":
+        ctypes.CDLL(str(_file.locate()), mode=ctypes.RTLD_GLOBAL)
+
+from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure  # noqa: E402 - needs tbb
+
+
+def fly(flight: Flight) -> Rows:
+    """Its fixed-step algorithm."""
+    EcosLib.set_log_level("warn")
+    parameters = {
+        f"{name}::{variable}": value
+        for name, part in flight.parts.items()
+        for variable, value in part.parameters.items()
+    }
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in flight.watch}
+    with EcosSimulationStructure() as structure:
+        for name, part in flight.parts.items():
+            structure.add_model(name, part.fmu)
+        for a, output, b, variable in flight.wires:
+            structure.make_real_connection(f"{a}::{output}", f"{b}::{variable}")
+        structure.add_parameter_set("flight", parameters)
+        with EcosSimulation(flight.step, structure=structure) as simulation:
+            assert simulation.init(parameter_set="flight"), EcosLib.get_last_error()
+            for _ in range(flight.steps):
+                simulation.step()
+                for part, variable in flight.watch:
+                    value = simulation.get_real(f"{part}::{variable}")
+                    rows[label(part, variable)].append(value)
+            simulation.terminate()
+    return rows
+
+
+if __name__ == "__main__":
+    serve(fly)

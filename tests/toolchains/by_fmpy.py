@@ -1,0 +1,90 @@
+"""FMPy: its loader under a plain exchange loop, and for a single FMU its own simulation."""
+
+from __future__ import annotations
+
+import shutil
+from typing import Any
+
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+from toolchains.flight import Flight, Part, Rows, label, serve
+
+
+def fly(flight: Flight) -> Rows:
+    """Couple the parts; or simulate the only one."""
+    if len(flight.parts) == 1:
+        return _simulated(flight)
+    members = {name: _Member(name, part, flight) for name, part in flight.parts.items()}
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in flight.watch}
+    for k in range(flight.steps):
+        handed = [members[a].get(output) for a, output, _, _ in flight.wires]
+        for (_, _, b, name), value in zip(flight.wires, handed, strict=True):
+            members[b].set(name, value)
+        for member in members.values():
+            member.fmu.doStep(k * flight.step_ns / 1e9, flight.step)
+        for part, variable in flight.watch:
+            rows[label(part, variable)].append(members[part].get(variable))
+    for member in members.values():
+        member.end()
+    return rows
+
+
+def _simulated(flight: Flight) -> Rows:
+    """FMPy's own loop over one FMU."""
+    ((name, part),) = flight.parts.items()
+    outputs = [variable for _, variable in flight.watch]
+    result: Any = simulate_fmu(
+        part.fmu,
+        stop_time=flight.steps * flight.step_ns / 1e9,
+        output_interval=flight.step,
+        start_values=dict(part.parameters),
+        output=outputs,
+        fmi_type="CoSimulation",
+    )
+    return {label(name, v): [float(x) for x in result[v][1:]] for v in outputs}
+
+
+class _Member:
+    """One FMU of FMI 2 or 3 through FMPy."""
+
+    def __init__(self, name: str, part: Part, flight: Flight) -> None:
+        model: Any = read_model_description(part.fmu)
+        self.references = flight.references(name)
+        self.folder = extract(part.fmu)
+        self.three = model.fmiVersion.startswith("3")
+        self.fmu: Any = (FMU3Slave if self.three else FMU2Slave)(
+            guid=model.guid,
+            unzipDirectory=self.folder,
+            modelIdentifier=model.coSimulation.modelIdentifier,
+            instanceName=name,
+        )
+        self.fmu.instantiate()
+        if not self.three:
+            self.fmu.setupExperiment(startTime=0.0)
+        for variable, value in part.parameters.items():
+            self.set(variable, value)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def get(self, variable: str) -> float:
+        """A Real output."""
+        read = self.fmu.getFloat64 if self.three else self.fmu.getReal
+        return float(read([self.references[variable]])[0])
+
+    def set(self, variable: str, value: float) -> None:
+        """An input or a parameter, by the type of the value."""
+        kind = "Integer" if isinstance(value, int) else "Real"
+        if self.three:
+            kind = "Int32" if kind == "Integer" else "Float64"
+        getattr(self.fmu, f"set{kind}")([self.references[variable]], [value])
+
+    def end(self) -> None:
+        """Terminate, free, remove."""
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+        shutil.rmtree(self.folder)
+
+
+if __name__ == "__main__":
+    serve(fly)

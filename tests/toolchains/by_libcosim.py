@@ -1,0 +1,47 @@
+"""libcosim, the co-simulation library of the Open Simulation Platform, in C++; steps are in ns."""
+
+from __future__ import annotations
+
+from libcosimpy.CosimConstants import success
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimSlave import CosimLocalSlave
+from toolchains.flight import Flight, Rows, label, serve
+
+
+def fly(flight: Flight) -> Rows:
+    """Its fixed-step algorithm: all step, then all variables are handed over."""
+    log_output_level(CosimLogLevel.WARNING)
+    execution = CosimExecution.from_step_size(flight.step_ns)
+    slaves, index, references = [], {}, {}
+    for name, part in flight.parts.items():
+        slave = CosimLocalSlave(part.fmu, name)
+        slaves.append(slave)  # the execution does not keep it
+        index[name] = execution.add_local_slave(slave)
+        references[name] = flight.references(name)
+        for variable, value in part.parameters.items():
+            initial = (
+                execution.integer_initial_value
+                if isinstance(value, int)
+                else execution.real_initial_value
+            )
+            assert initial(index[name], references[name][variable], value)
+    for a, output, b, name in flight.wires:
+        connected = execution.connect_real_variables(
+            index[a], references[a][output], index[b], references[b][name]
+        )
+        assert connected == success
+    observer = CosimObserver.create_last_value()
+    assert execution.add_observer(observer)
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in flight.watch}
+    for _ in range(flight.steps):
+        assert execution.step(), execution.status()
+        for part, variable in flight.watch:
+            (value,) = observer.last_real_values(index[part], [references[part][variable]])
+            rows[label(part, variable)].append(value)
+    return rows
+
+
+if __name__ == "__main__":
+    serve(fly)

@@ -1,0 +1,176 @@
+"""Rows written thousands at a time: the same file as one by one, and every reader takes it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from cosim.errors import InputError
+from cosim.trace import Poses, Rows, Signal, TraceWriter
+from cosim.trace.foxglove import encoded, message_type
+from cosim.trace.poses import pose_messages
+from cosim.trace.stream import McapStream
+
+MIXED = [
+    Signal("n", kind="int"),
+    Signal("on", kind="bool"),
+    Signal("x"),
+    Signal("s", kind="string"),
+]
+
+
+def messages(path: Path) -> list[tuple[Any, ...]]:
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        return [
+            (channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
+            for _, channel, m in reader.iter_messages(log_time_order=False)
+        ]
+
+
+def two_topics(writer: TraceWriter) -> tuple[int, int]:
+    a = writer.add_topic("/a", [Signal(f"x[{i}]") for i in range(20)], schema_name="t.A")
+    return a, writer.add_topic("/b", MIXED, schema_name="t.B")
+
+
+@pytest.mark.parametrize("chunk", [64, 3000, 262144])
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_blocks_write_the_file_that_single_rows_write(
+    tmp_path: Path, chunk: int, compression: str
+) -> None:
+    draw = np.random.default_rng(1)
+    times = np.sort(draw.integers(0, 10**10, 500))
+    values = draw.normal(size=(500, 20))
+    values[3, 4] = np.nan
+    late = times[::3] + 5
+    mixed = [
+        [int(i), bool(i % 2), None if i % 5 == 0 else i / 7, "x" * (i % 9)]
+        for i in range(late.size)
+    ]
+    one, many = tmp_path / "one.mcap", tmp_path / "many.mcap"
+    with TraceWriter(one, run={}, chunk_bytes=chunk, compression=compression) as writer:
+        a, b = two_topics(writer)
+        events = [(t, 1, i) for i, t in enumerate(times.tolist())]
+        events += [(t, 0, i) for i, t in enumerate(late.tolist())]
+        for t, kind, i in sorted(events):
+            if kind == 1:
+                writer.write(a, t, values[i].tolist())
+            else:
+                writer.write(b, t, mixed[i], publish_time_ns=t - 5, sequence=i)
+        writer.finish({})
+    with TraceWriter(many, run={}, chunk_bytes=chunk, compression=compression) as writer:
+        a, b = two_topics(writer)
+        writer.write_rows(
+            [
+                Rows(a, times, values, rank=(1,)),
+                Rows(b, late, mixed, late - 5, np.arange(late.size), rank=(0,)),
+            ]
+        )
+        writer.finish({})
+    assert messages(one) == messages(many)
+    assert one.read_bytes() == many.read_bytes()
+
+
+def test_stream_is_the_package_writers_byte_for_byte(tmp_path: Path) -> None:
+    """The mcap package's own writer, given the same, is the reference."""
+    draw = np.random.default_rng(2)
+    sizes = draw.integers(0, 400, 300).tolist()
+    ours, theirs = tmp_path / "ours.mcap", tmp_path / "theirs.mcap"
+    with ours.open("wb") as file:
+        stream = McapStream(file, 4096, "zstd")
+        stream.start("library")
+        stream.metadata("first", {"k": "v"})
+        stream.attachment("a.txt", "text/plain", b"text")
+        channels = [
+            stream.channel(f"/{i}", "raw", stream.schema(f"s{i}", "", b""), {}) for i in range(3)
+        ]
+        for i, size in enumerate(sizes):
+            stream.message(channels[i % 3], i, i + 1, i, bytes(size))
+        stream.flush()
+        stream.metadata("last", {})
+        stream.finish()
+    with theirs.open("wb") as file:
+        writer = Writer(file, 4096, CompressionType.ZSTD, enable_data_crcs=True)
+        writer.start("", "library")
+        writer.add_metadata("first", {"k": "v"})
+        writer.add_attachment(0, 0, "a.txt", "text/plain", b"text")
+        channels = []
+        for i in range(3):
+            schema = writer.register_schema(f"s{i}", "", b"")
+            channels.append(writer.register_channel(f"/{i}", "raw", schema, {}))
+        for i, size in enumerate(sizes):
+            writer.add_message(channels[i % 3], i, bytes(size), i + 1, i)
+        writer.flush()
+        writer.add_metadata("last", {})
+        writer.finish()
+    assert ours.read_bytes() == theirs.read_bytes()
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 2**62),
+            *[st.one_of(st.just(0.0), st.just(-0.0), st.floats(-1e9, 1e9))] * 4,
+        ),
+        min_size=1,
+        max_size=20,
+    )
+)
+def test_poses_are_byte_for_byte_what_protobuf_writes(rows: list[tuple[Any, ...]]) -> None:
+    times = np.array([row[0] for row in rows], np.int64)
+    values = np.array([row[1:] for row in rows])
+    made: dict[int, bytes] = {}
+    for mine, data in pose_messages("ned", times, values[:, :3], values[:, 3]):
+        made |= {i: line.tobytes() for i, line in zip(mine.tolist(), data, strict=True)}
+    for i, (t, x, y, z, psi) in enumerate(rows):
+        turn = {"x": 0.0, "y": 0.0, "z": math.sin(psi / 2), "w": math.cos(psi / 2)}
+        pose = {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
+        fields = {"frame_id": "ned", "pose": pose}
+        assert made[i] == encoded("foxglove.PoseInFrame", t, fields)
+        assert message_type("foxglove.PoseInFrame").FromString(made[i]).pose.position.x == x
+
+
+def test_frame_comes_before_the_first_pose(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with TraceWriter(path, run={}) as writer:
+        times = np.array([5, 7], np.int64)
+        writer.write_rows([Poses(times, np.zeros((2, 4)), rank=(1,))])
+        writer.pose(9, 1.0, 2.0, 3.0, 0.1)
+        writer.finish({})
+    assert [m[:2] for m in messages(path)] == [
+        ("/tf", 5),
+        ("/auv/pose", 5),
+        ("/auv/pose", 7),
+        ("/auv/pose", 9),
+    ]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        Rows(99, np.array([1]), np.zeros((1, 20))),
+        Rows(1, np.array([-1]), np.zeros((1, 20))),
+        Rows(1, np.array([1]), np.zeros((1, 20)), np.array([1]), np.array([2**32])),
+        Rows(1, np.array([1]), np.zeros((1, 19))),
+        Rows(1, np.array([1, 2]), np.zeros((1, 20))),
+    ],
+    ids=["unknown topic", "negative time", "sequence", "too few signals", "too few rows"],
+)
+def test_bad_rows_are_refused_and_spoil_nothing(tmp_path: Path, part: Rows) -> None:
+    path = tmp_path / "run.mcap"
+    with TraceWriter(path, run={}) as writer:
+        a, _ = two_topics(writer)
+        writer.write(a, 1, [0.0] * 20)
+        with pytest.raises(InputError):
+            writer.write_rows([part])
+        writer.finish({})
+    assert len(messages(path)) == 1
