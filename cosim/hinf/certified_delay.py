@@ -82,8 +82,10 @@ def certified_delay(
     _check(system, gamma, which, order, limit)
     search = _Search(system, K, gamma, which)
     if order and not system.delays[which].any_age:
-        search.climb(0, limit, start=0.0, step=2.0)
+        search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
         search.climb(order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.order != order:
+            search.climb(0, limit, start=search.d, step=_STEP)
         if search.d is None:
             # some loops need their delay
             search.climb(order, limit, start=system.delays[which].d, step=_STEP)
@@ -129,7 +131,9 @@ class _Search:
         delays[self._which] = replace(delays[self._which], d=d)
         return replace(self._system, delays=tuple(delays))
 
-    def climb(self, order: int, limit: float, *, start: float, step: float) -> None:
+    def climb(
+        self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
+    ) -> None:
         """From `start` upwards until a proof fails or the limit is reached, then bisect."""
         prover = Prover(self._system, self._K, order, self._gamma)
         self.failed = None
@@ -151,7 +155,7 @@ class _Search:
         while (
             self.failed is not None
             and self.d is not None
-            and self.failed - self.d > _PRECISION * self.failed
+            and self.failed - self.d > precision * self.failed
         ):
             certified(_between(self.d, self.failed))
 
