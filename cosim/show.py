@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cosim.carried import Carried
 from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
+from cosim.models.delay_system import Delay
 from cosim.pack import Packed
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
@@ -50,14 +51,11 @@ def design_view(
             f"certified, same gain, k1, k2: {design.gamma - nominal:.3g} are paid for E, H",
         )
     _yardsticks(facts, design)
+    if design.order is not None:
+        facts.add_row("condition", _condition(design.order), "")
     for i, delay in enumerate(design.system.delays):
-        kind = "any age up to it" if delay.any_age else "constant, up to it"
-        acts = ", the control acts through it" if delay.feedback else ""
-        facts.add_row(
-            f"delay {i + 1}",
-            f"{delay.d:g} s",
-            f"{kind}{acts}; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}",
-        )
+        scalars = f"; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}" if design.k2 else ""
+        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", _age(delay, up_to=design.up_to) + scalars)
     if reach is not None:
         facts.add_row("greatest delay", f"{reach.delay:.6g} s", _end(reach))
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
@@ -82,14 +80,7 @@ def analysis_view(
         facts.add_row("gamma", gamma, "certified: exact rational proof, for this gain")
     _yardsticks(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
-        kind = "any age up to it" if delay.any_age else "constant, "
-        if not delay.any_age:
-            kind += "up to it" if analysis.order == 0 else "exactly it"
-        facts.add_row(
-            f"delay {i + 1}",
-            f"{delay.d:g} s",
-            kind + (", the control acts through it" if delay.feedback else ""),
-        )
+        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", _age(delay, up_to=analysis.up_to))
     if reach is not None and reach.d is not None:
         end = (
             "certified; the search ended here, the loop may bear more"
@@ -98,6 +89,13 @@ def analysis_view(
         )
         facts.add_row("greatest delay", f"{reach.d:.7g} s", end)
     return Group(head, facts)
+
+
+def _age(delay: Delay, *, up_to: bool) -> str:
+    kind = "any age up to it" if delay.any_age else "constant, "
+    if not delay.any_age:
+        kind += "up to it" if up_to else "exactly it"
+    return kind + (", the control acts through it" if delay.feedback else "")
 
 
 def _yardsticks(facts: Table, found: Design | Analysis) -> None:

@@ -2,24 +2,20 @@
 
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.auv import AuvDesign, auv_system
+from cosim.hinf.by_order import design, greatest_delay
 from cosim.hinf.canonical import certificate_bytes, certificate_hash
 from cosim.hinf.certificate import Certificate, check_certificate, read_certificate
 from cosim.hinf.certified_delay import CertifiedDelay, certified_delay
 from cosim.hinf.closed_loop import close
 from cosim.hinf.delay_margin import delay_margin
 from cosim.hinf.envelope import Envelope
-from cosim.hinf.greatest_delay import (
-    DELAY_LIMIT,
-    GreatestDelay,
-    greatest_delay,
-    with_delays,
-)
+from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay, with_delays
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.norm_proof import norm_proved
 from cosim.hinf.roots import characteristic_roots, spectral_abscissa
 from cosim.hinf.saved import design_from_json, design_to_json
-from cosim.hinf.synthesis import Design, design
+from cosim.hinf.synthesis import Design
 from cosim.hinf.uncertainty_price import nominal_gamma, without_uncertainty
 from cosim.hinf.worst_case import WorstCase, worst_case
 from cosim.hinf.yardsticks import Yardsticks, measured

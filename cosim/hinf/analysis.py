@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.errors import InputError
 from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
-from cosim.hinf.analysis_proof import MAX_ORDER, analysis_proved
+from cosim.hinf.analysis_proof import MAX_BOX, MAX_ORDER, analysis_proved, covers_smaller
 from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
@@ -63,7 +63,7 @@ class Analysis:
     @property
     def up_to(self) -> bool:
         """Whether the proof covers every delay up to the system's, not exactly these alone."""
-        return self.order == 0 or all(delay.any_age for delay in self.system.delays)
+        return self.certificate is not None and covers_smaller(self.certificate["claim"])
 
 
 def analyse(
@@ -81,7 +81,8 @@ def analyse(
     gain : (m, n) K; None for the system as it is, u = 0.
     gamma : a bound to prove instead of the least one.
     order : 0 for Theorem 1, which holds for every constant delay up to the system's; N > 0
-        for the sharper condition, which holds for exactly these delays.
+        for the sharper condition, which holds for exactly these delays, or where that is proved
+        at the same gamma, for every one up to them (`Analysis.up_to`).
 
     Raises
     ------
@@ -110,6 +111,7 @@ def analyse(
     for level in levels:
         proof, reason = _proof(system, K, lmi, delays, level)
         if proof is not None:
+            proof = widened(system, K, lmi, level) or proof
             break
     return Analysis(
         system=system,
@@ -150,6 +152,24 @@ class Prover:
         delays = [delay.d for delay in system.delays]
         return _proof(system, self._K, self._lmi, delays, self._gamma)[0]
 
+    def widened(self, system: DelaySystem) -> dict[str, Any] | None:
+        """As `proof`, for every constant delay up to the system's; None at order 0, too."""
+        return widened(system, self._K, self._lmi, self._gamma)
+
+
+def widened(
+    system: DelaySystem, K: NDArray[np.float64], lmi: AnalysisLmi, gamma: float | None
+) -> dict[str, Any] | None:
+    """A certificate for every constant delay up to the system's; None where there is none.
+
+    None, too, where the certificate of exactly these delays covers them: at order 0.
+    """
+    box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
+    if lmi.order == 0 or not 0 < box <= MAX_BOX:
+        return None
+    delays = [delay.d for delay in system.delays]
+    return _proof(system, K, lmi, delays, gamma, down_to_zero=True)[0]
+
 
 def _proof(
     system: DelaySystem,
@@ -157,9 +177,11 @@ def _proof(
     lmi: AnalysisLmi,
     delays: Sequence[float],
     gamma: float | None,
+    *,
+    down_to_zero: bool = False,
 ) -> tuple[dict[str, Any] | None, str | None]:
     """The certificate, or why there is none."""
-    found = lmi.central(delays, gamma)
+    found = lmi.central(delays, gamma, down_to_zero=down_to_zero)
     if found is None:
         return None, "the solver finds no feasible point"
     exact = exact_analysis(system, found)

@@ -3,7 +3,8 @@
     {"kind": "analysis", "claim": {...}, "system": {...}, "K": [[...]],
      "variables": {"order": 0, "P": [["p/q", ...]], "Q": [...], "R": [...], "eps", "gamma"}}
 
-Q, R: one matrix per positive delay; Q is null where any age is allowed.
+Q, R: one matrix per positive delay; Q is null where any age is allowed. "lower", where it is
+given, has the least of each positive delay that the claim covers, null where any age is allowed.
 """
 
 from __future__ import annotations
@@ -35,11 +36,12 @@ from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_
 
 if TYPE_CHECKING:
     from cosim.hinf.analysis_lmi import AnalysisVariables
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models.delay_system import Delay, DelaySystem, Matrix
 
 KIND = "analysis"
 _KEYS = ("kind", "claim", "system", "variables", "K")
-_VARIABLES = ("order", "P", "Q", "R", "eps", "gamma")
+_REQUIRED = ("order", "P", "Q", "R", "eps", "gamma")
+_VARIABLES = (*_REQUIRED, "lower")
 
 
 def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
@@ -56,14 +58,16 @@ def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
         R=tuple(symmetric(R) for R in v.R),
         eps=None if v.eps is None or not system.E.size else exact(v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
+        lower=None if v.lower is None else tuple(None if d is None else exact(d) for d in v.lower),
     )
 
 
 def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dict[str, Any]:
     """What `check_analysis` checks, for `json.dumps`; says nothing about validity."""
+    lower = None if v.lower is None else [None if d is None else to_text(d) for d in v.lower]
     return {
         "kind": KIND,
-        "claim": analysis_claim(system, v.order, v.gamma),
+        "claim": analysis_claim(system, v),
         "system": system_to_json(system),
         "variables": {
             "order": v.order,
@@ -72,7 +76,8 @@ def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dic
             "R": [matrix_to_text(R) for R in v.R],
             "eps": None if v.eps is None else to_text(v.eps),
             "gamma": None if v.gamma is None else to_text(v.gamma),
-        },
+        }
+        | ({} if lower is None else {"lower": lower}),
         "K": gain.tolist(),
     }
 
@@ -90,7 +95,7 @@ def check_analysis(data: dict[str, Any]) -> Certificate:
     system = system_from_json(data["system"])
     gain = _gain(data["K"], system)
     v = _variables(system, data["variables"])
-    claim = analysis_claim(system, v.order, v.gamma)
+    claim = analysis_claim(system, v)
     if data["claim"] != claim:
         return Certificate(
             valid=False,
@@ -115,7 +120,7 @@ def _gain(rows: Any, system: DelaySystem) -> Matrix:
 
 
 def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
-    known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
+    known_keys(data, "variables", _VARIABLES, required=_REQUIRED)
     order = data["order"]
     if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= MAX_ORDER:
         raise InputError(
@@ -158,4 +163,29 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
         R=tuple(matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
         eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
         gamma=None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma"),
+        lower=_lower(late, order, data["lower"]) if "lower" in data else None,
     )
+
+
+def _lower(late: list[Delay], order: int, texts: Any) -> tuple[Any, ...]:
+    """The least of each positive delay: from 0 to the delay, null where any age is allowed."""
+    fits = order > 0 and isinstance(texts, list) and len(texts) == len(late)
+    if not fits or any((x is None) != delay.any_age for x, delay in zip(texts, late, strict=True)):
+        raise InputError(
+            "does not fit the system",
+            where="variables.lower",
+            expected=f"from order 1 on: {len(late)} numbers, null where any age is allowed",
+            got=shown(texts),
+        )
+    lower = []
+    for j, (text, delay) in enumerate(zip(texts, late, strict=True)):
+        low = None if text is None else from_text(text, f"variables.lower[{j}]")
+        if low is not None and not 0 <= low <= exact(delay.d):
+            raise InputError(
+                "not below the delay",
+                where=f"variables.lower[{j}]",
+                expected=f"0 to {delay.d}",
+                got=shown(text),
+            )
+        lower.append(low)
+    return tuple(lower)

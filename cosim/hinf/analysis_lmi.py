@@ -23,13 +23,24 @@ a quadratic form in [x, x1.., W.., w, p]: no Schur complement, linear in all unk
 d [M1 M2]'R^-1[M1 M2], which is least at M1 = -R/d, M2 = R/d (complete the square); there
 Lemma 2 is Jensen's inequality, and nothing is lost by putting them there.
 
+**Every delay between.** With the same P, Q, R the form Phi is affine in (d1, d2, ..), but for
+dj^2 f'Rj f, which is convex: Phi < 0 at the corners of a box of delays is Phi < 0 all over it.
+What Qj adds to P > 0 falls with dj: it holds where it holds for the longest. `lower` asks for
+the box between it and the delays, at little cost.
+
+**Every delay up to these.** With the same P, Q, R the form Phi is affine in (d1, d2, ..), but
+for dj^2 f'Rj f, which is convex: negative at the corners of a box of delays, it is negative all
+over the box. What Qj adds to P > 0 only grows as dj falls. So the corners of [0, d1] x [0, d2]
+.. prove what order 0 proves by itself, at next to no cost where the loop bears no delay at all.
+
 A delay of any age has Qj = 0 and order 0: -int_{t-d}^t <= -int_{t-tau}^t <= -1/d (x-xj)'R(x-xj).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +65,9 @@ class AnalysisVariables:
     """A solution as floats: P; Q, R one per positive delay (Q None where any age is allowed).
 
     P is square with n + n sum_j N_j rows, N_j the order, 0 where any age is allowed. `eps` is
-    None where nothing is uncertain, `gamma` None where only stability is asked.
+    None where nothing is uncertain, `gamma` None where only stability is asked. `lower`: the least
+    of each positive delay [s] that is covered, None for any age; as a whole None where nothing
+    but the delays themselves is asked for.
     """
 
     order: int
@@ -63,11 +76,20 @@ class AnalysisVariables:
     R: tuple[Array, ...]
     eps: float | None
     gamma: float | None
+    lower: tuple[float | None, ...] | None = None
 
 
 def couplings(k: int) -> list[int]:
     """Factors of the means W_0 .. W_(k-1) in v_k: (2i+1) (1 - (-1)^(k+i))."""
     return [(2 * i + 1) * (1 - (-1) ** (k + i)) for i in range(k)]
+
+
+def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
+    """(n,) factors that balance the states of a loop with these A_i, and its unit of time [s]."""
+    speed = np.asarray(sum(np.abs(M) for M in loop))
+    _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
+    back = 1.0 / np.asarray(scales, dtype=np.float64)
+    return back, 1.0 / (sum(float(np.linalg.norm(M, 2)) for M in loop) or 1.0)
 
 
 class AnalysisLmi:
@@ -85,16 +107,13 @@ class AnalysisLmi:
     """
 
     def __init__(self, system: DelaySystem, K: Array, order: int, *, performance: bool) -> None:
-        self._order, self._performance = order, performance
+        self.order, self._performance = order, performance
         self._any_age = [delay.any_age for delay in system.delays]
         acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
         A = [system.A, *(delay.A for delay in system.delays)]
         loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
-        speed = np.asarray(sum(np.abs(M) for M in loop))
-        _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
-        back = 1.0 / np.asarray(scales, dtype=np.float64)
+        back, self._T = own_units(loop)
         self._balance = np.diag(back)
-        self._T = 1.0 / (sum(float(np.linalg.norm(M, 2)) for M in loop) or 1.0)
         self._A = [self._T * back[:, None] * M / back for M in loop]
         self._C = self._T * back[:, None] * system.C
         self._E = self._T * back[:, None] * system.E
@@ -113,32 +132,61 @@ class AnalysisLmi:
             return None
         return float(reference * np.sqrt(found.value))
 
-    def central(self, delays: Sequence[float], gamma: float | None) -> AnalysisVariables | None:
+    def central(
+        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
+    ) -> AnalysisVariables | None:
         """A point of great margin at `gamma`, None if the solver finds none.
+
+        `down_to_zero` : for every constant delay up to `delays`, not exactly these.
+        """
+        found = self.margin(delays, gamma, down_to_zero=down_to_zero)
+        return None if found is None else found[1]
+
+    def margin(
+        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
+    ) -> tuple[float, AnalysisVariables] | None:
+        """The greatest margin at `gamma`, and its point; negative: the LMI is not met there.
 
         The margin is counted against the diagonal of -Phi itself, in a second round.
         """
         constraints = self._constraints(delays, gamma or 1.0, fixed=True)
         phi, *positive = constraints
+        corners = self._corners(delays) if down_to_zero else []
+        others = [
+            self._constraints(delays, gamma or 1.0, fixed=True, shorter=d)[0] for d in corners
+        ]
         free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
         floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
         last = np.zeros((1, phi.columns.shape[1] + 1))
         last[0, -1] = 1.0
         scale, found = np.ones(phi.size), None
         for _ in range(2):
-            whole = phi.less(svec(np.diag(scale)))
-            bounded = [whole, *floors, *free, Constraint(1, np.ones(1), -last)]
+            whole = [part.less(svec(np.diag(scale))) for part in (phi, *others)]
+            bounded = [*whole, *floors, *free, Constraint(1, np.ones(1), -last)]
             solution = solve(bounded, -last[0], tolerance=_TOLERANCE)
             if not solution.usable:
                 break
-            v = solution.y[:-1]
-            found = self._variables(v, delays, gamma)
-            scale = np.maximum(np.diag(phi.at(v)), 1e-9)
+            v = solution.y
+            variables = self._variables(v[:-1], delays, gamma)
+            if down_to_zero:
+                free_age = [self._any_age[i] for i, _, _ in self._times(delays)]
+                lower = tuple(None if free else 0.0 for free in free_age)
+                variables = replace(variables, lower=lower)
+            found = float(v[-1]), variables
+            scale = np.maximum(np.diag(phi.at(v[:-1])), 1e-9)
             scale /= scale.max()
         return found
 
+    def _corners(self, delays: Sequence[float]) -> list[list[float]]:
+        """The corners of the box from zero to `delays`, but for `delays` themselves."""
+        ends = [
+            (d,) if d == 0 or free else (d, 0.0)
+            for d, free in zip(delays, self._any_age, strict=True)
+        ]
+        return [list(corner) for corner in itertools.product(*ends)][1:]
+
     def _orders(self) -> list[int]:
-        return [0 if free else self._order for free in self._any_age]
+        return [0 if free else self.order for free in self._any_age]
 
     def _times(self, delays: Sequence[float]) -> list[tuple[int, float, float]]:
         """(i, d, scale of P and R) per positive delay, in the loop's own time."""
@@ -154,9 +202,17 @@ class AnalysisLmi:
         return sizes | ({"eps": 1} if self._E.size else {})
 
     def _constraints(  # noqa: C901 - one table, read from top to bottom
-        self, delays: Sequence[float], gamma: float, *, fixed: bool
+        self,
+        delays: Sequence[float],
+        gamma: float,
+        *,
+        fixed: bool,
+        shorter: Sequence[float] | None = None,
     ) -> list[Constraint]:
-        """-Phi, P + ..., Q, R, eps; unless the gain is `fixed`, (its ratio to `gamma`)^2 last."""
+        """-Phi, P + ..., Q, R, eps; unless the gain is `fixed`, (its ratio to `gamma`)^2 last.
+
+        Phi is that of the `shorter` delays, where they are given.
+        """
         n, times, orders = len(self._A[0]), self._times(delays), self._orders()
         w, p = self._C.shape[1] if self._performance else 0, self._E.shape[1]
         sizes = {"x": n} | {f"x{i}": n for i, _, _ in times}
@@ -183,7 +239,8 @@ class AnalysisLmi:
                 )
                 for k in range(orders[i] + 1)
             ]
-            columns[f"R{i}"] = product(f, f, weight=0.5 * (d / s) ** 2) - sum(
+            own = d if shorter is None else shorter[i] / self._T
+            columns[f"R{i}"] = product(f, f, weight=0.5 * (own / s) ** 2) - sum(
                 product(term, term, weight=0.5 * (2 * k + 1) / s**2) for k, term in enumerate(v)
             )
             if not self._any_age[i]:
@@ -193,7 +250,7 @@ class AnalysisLmi:
                 )
             for k in range(orders[i]):
                 bessel.append((f"Q{i}", len(y), (2 * k + 1) * s**2 / d))
-                y.append(d / s * at[f"W{i},{k}"])
+                y.append(own / s * at[f"W{i},{k}"])
                 rate.append(v[k] / s)
         columns["P"] = product(np.concatenate(y), np.concatenate(rate))
         if p:
@@ -240,7 +297,7 @@ class AnalysisLmi:
             parts += [S / (self._T * s)] * orders[i]
         whole = block_diag(*parts)
         return AnalysisVariables(
-            order=self._order,
+            order=self.order,
             P=self._T * whole.T @ values["P"] @ whole,
             Q=tuple(None if self._any_age[i] else S @ values[f"Q{i}"] @ S for i, _, _ in times),
             R=tuple(S @ values[f"R{i}"] @ S / s**2 for i, _, s in times),

@@ -10,13 +10,18 @@ delays of zero folded into x(t) (they are no delays), and order N (0 where any a
 -Phi > 0 implies eps > 0 and, with gamma > 0, gamma > |D1|.
 
 At order 0 the terms of each delay grow with it, so what holds at dj holds for every constant
-delay up to dj. From order 1 on the functional belongs to its delay: the claim is about exactly
-that one.
+delay up to dj. From order 1 on the functional belongs to its delay, and the claim is about
+exactly that one; or, with `lower`, about every constant delay of a box: there -Phi > 0 is shown
+at every corner, with the same P, Q, R. In between it follows, since y is affine in the delays
+and f and v are without them, so that Phi is affine in them but for dj^2 f'Rj f, convex by
+Rj > 0. P + diag(..) > 0 at the upper ends holds below them, by Qj > 0. (At dj = 0, xj = x,
+W_j0 = x and the other W_jk = 0: the same sums, with V = x'P x.)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import flint
@@ -30,10 +35,17 @@ from cosim.hinf.rational import (
     first_bad_pivot,
     identity,
     lower_triangle,
+    to_text,
 )
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import DelaySystem, Matrix
+
+EXACTLY = "constant, exactly d"
+"""What a claim says of a delay below which it says nothing."""
+
+MAX_BOX = 4
+"""Most delays of a claim that covers smaller ones: it has two corners for each, multiplied."""
 
 MAX_ORDER = 12
 """Highest order taken on; the gain over order 3 is in the fifth digit."""
@@ -41,7 +53,11 @@ MAX_ORDER = 12
 
 @dataclass(frozen=True)
 class ExactAnalysis:
-    """The variables as rationals, `fmpq_mat` and `fmpq`; see `AnalysisVariables`."""
+    """The variables as rationals, `fmpq_mat` and `fmpq`; see `AnalysisVariables`.
+
+    lower : the least of each positive delay that is claimed, None for any age; None as a whole
+        where the claim is about exactly these delays, or is that of order 0.
+    """
 
     order: int
     P: Any
@@ -49,6 +65,7 @@ class ExactAnalysis:
     R: tuple[Any, ...]
     eps: Any
     gamma: Any
+    lower: tuple[Any, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,13 +87,23 @@ def orders_of(system: DelaySystem, order: int) -> list[int]:
     return [0 if delay.any_age else order for delay in system.delays if delay.d > 0]
 
 
-def analysis_claim(system: DelaySystem, order: int, gamma: Any) -> dict[str, Any]:
+def analysis_claim(system: DelaySystem, v: ExactAnalysis) -> dict[str, Any]:
     """What a valid certificate says; as `claim_of`, with the order and what it covers."""
-    claim = claim_of(system, gamma)
+    claim = claim_of(system, v.gamma)
+    late = 0
     for said, delay in zip(claim["delays"], system.delays, strict=True):
-        if order > 0 and not delay.any_age:
-            said["age"] = "constant, exactly d"
-    return claim | {"order": order}
+        lower = None if v.lower is None else v.lower[late] if delay.d > 0 else 0
+        if v.order > 0 and not delay.any_age:
+            said["age"] = EXACTLY if lower is None else "constant, up to d"
+            if lower is not None and lower != 0:
+                said["age"] = f"constant, from {to_text(lower)} to d"
+        late += delay.d > 0
+    return claim | {"order": v.order}
+
+
+def covers_smaller(claim: dict[str, Any]) -> bool:
+    """Whether a claim is about every delay up to those of the system, zero included."""
+    return all(delay["age"] != EXACTLY and "from" not in delay["age"] for delay in claim["delays"])
 
 
 def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Certificate:
@@ -94,7 +121,7 @@ def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Cert
         For more than `MAX_ROWS` rows: a check must come to an end.
     """
     reason = _failure(system, gain, v)
-    claim = analysis_claim(system, v.order, v.gamma)
+    claim = analysis_claim(system, v)
     return Certificate(valid=reason is None, reason=reason, claim=claim)
 
 
@@ -110,6 +137,13 @@ def _failure(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> str | None:
         )
     if v.gamma is not None and not v.gamma > 0:
         return "gamma is not positive"
+    if sum(low is not None for low in v.lower or ()) > MAX_BOX:
+        raise InputError(
+            "too many delays to be covered at once",
+            where="variables.lower",
+            expected=f"at most {MAX_BOX} numbers",
+            got=str(len(v.lower or ())),
+        )
     loop = _loop(system, gain, orders)
     positive = [(f"Q[{j}]", Q) for j, Q in enumerate(v.Q) if Q is not None]
     positive += [(f"R[{j}]", R) for j, R in enumerate(v.R)]
@@ -117,14 +151,26 @@ def _failure(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> str | None:
     name = first_bad_matrix(positive)
     if name is not None:
         return f"{name} is not positive definite"
-    lower, names = minus_phi(loop, v)
-    bad = first_bad_pivot(lower)
-    if bad is not None:
-        return (
-            f"-Phi is not positive definite: pivot {bad + 1} of {len(lower)}, "
-            f"in the rows of {names[bad]}, is not positive"
-        )
+    for delays in _corners(loop.d, v.lower):
+        lower, names = minus_phi(replace(loop, d=delays), v)
+        bad = first_bad_pivot(lower)
+        if bad is not None:
+            at = "" if delays == loop.d else f" at delays {', '.join(map(str, delays))}"
+            return (
+                f"-Phi is not positive definite{at}: pivot {bad + 1} of {len(lower)}, "
+                f"in the rows of {names[bad]}, is not positive"
+            )
     return None
+
+
+def _corners(upper: list[Any], lower: tuple[Any, ...] | None) -> list[list[Any]]:
+    """The corners of the box of delays that is claimed, its upper ends first."""
+    if lower is None:
+        return [upper]
+    ends = [
+        (d,) if low is None or low == d else (d, low) for d, low in zip(upper, lower, strict=True)
+    ]
+    return [list(corner) for corner in itertools.product(*ends)]
 
 
 def _loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> _Loop:

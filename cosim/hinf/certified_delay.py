@@ -4,9 +4,10 @@ Every delay that counts carries an exact proof; a delay that is "not certified b
 at which no proof was found, which does not say that the loop fails there.
 
 Order 0 (Theorem 1) proves every constant delay up to the one it is proved for, so its greatest
-delay is found by bisection. A higher order speaks of exactly one delay: the search starts
+delay is found by bisection. A higher order speaks of exactly one delay, at first: the search starts
 from the greatest delay of order 0 and climbs in steps of `_STEP`, so that it ends at the end
-of the feasible interval it started in, as far as such steps can see.
+of the feasible interval it started in, as far as such steps can see. There one proof for every
+delay up to it is tried for.
 """
 
 from __future__ import annotations
@@ -82,13 +83,16 @@ def certified_delay(
     _check(system, gamma, which, order, limit)
     search = _Search(system, K, gamma, which)
     if order and not system.delays[which].any_age:
-        search.climb(0, limit, start=0.0, step=2.0)
+        search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
         search.climb(order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.order != order:
+            search.climb(0, limit, start=search.d, step=_STEP)
         if search.d is None:
             # some loops need their delay
             search.climb(order, limit, start=system.delays[which].d, step=_STEP)
     else:
         search.climb(order, limit, start=0.0, step=2.0)
+    search.widen()
     done = search.d is not None and search.d >= limit
     reached = system if search.d is None else search.at(search.d)
     analysis = Analysis(
@@ -129,7 +133,15 @@ class _Search:
         delays[self._which] = replace(delays[self._which], d=d)
         return replace(self._system, delays=tuple(delays))
 
-    def climb(self, order: int, limit: float, *, start: float, step: float) -> None:
+    def widen(self) -> None:
+        """A proof for every delay up to the greatest, where there is one."""
+        if self.d is not None:
+            prover = Prover(self._system, self._K, self.order, self._gamma)
+            self.certificate = prover.widened(self.at(self.d)) or self.certificate
+
+    def climb(
+        self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
+    ) -> None:
         """From `start` upwards until a proof fails or the limit is reached, then bisect."""
         prover = Prover(self._system, self._K, order, self._gamma)
         self.failed = None
@@ -151,7 +163,7 @@ class _Search:
         while (
             self.failed is not None
             and self.d is not None
-            and self.failed - self.d > _PRECISION * self.failed
+            and self.failed - self.d > precision * self.failed
         ):
             certified(_between(self.d, self.failed))
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -143,6 +144,11 @@ class ClosedLoop:
     def has_performance(self) -> bool:
         """Whether there are w and z, so that a gain exists to be asked for."""
         return self.C is not None
+
+    @cached_property
+    def sizes(self) -> Matrix:
+        """|A_i|, the 2-norm of every A_i."""
+        return np.array([np.linalg.norm(A, 2) for A in self.A])
 
     def state_matrix(self, s: Any, *, derivative: int = 0) -> Stack:
         """sum_i (-d_i)^k A_i e^{-s d_i}, k the order of the derivative in s; s.shape + (n, n)."""

@@ -85,8 +85,7 @@ def _characteristic(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
 
 def _bound(loop: ClosedLoop, real: float) -> float:
     """Bound of |lambda| for roots with Re lambda >= real: sum_i |A_i| e^{-real d_i}."""
-    norms = np.array([np.linalg.norm(A, 2) for A in loop.A])
-    return float(norms @ np.exp(-real * np.array(loop.delays)))
+    return float(loop.sizes @ np.exp(-real * np.array(loop.delays)))
 
 
 def _polish(loop: ClosedLoop, seed: complex) -> complex | None:

@@ -38,11 +38,11 @@ def design_from_json(data: Any, *, where: str) -> Design:
     proof = check_certificate(data)
     if not proof.valid:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
-    if "kind" in data:
-        raise InputError("not a design", where=where, got=f"a proof of kind {data['kind']}")
     figures = data.get("figures")
     known = set(_FIGURES + _LATER_FIGURES)
     if not isinstance(figures, dict) or not set(_FIGURES) <= set(figures) <= known:
+        if "kind" in data:
+            raise InputError("not a design", where=where, got="an analysis, without figures")
         raise InputError(
             "this design has not the figures of a design",
             where=where,
@@ -59,13 +59,16 @@ def design_from_json(data: Any, *, where: str) -> Design:
     margins = figures.get("delay_margin")
     if margins is not None:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
+    order: int | None = proved.get("order")
+    own = ("kind", "claim", "system", "variables", "K")
     return Design(
         system=system,
         K=np.array(data["K"], dtype=float),
         gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
-        k1=tuple(map(_double, proved["k1"])),
-        k2=tuple(map(_double, proved["k2"])),
-        certificate={key: data[key] for key in ("claim", "system", "variables", "K")},
+        k1=() if order is not None else tuple(map(_double, proved["k1"])),
+        k2=() if order is not None else tuple(map(_double, proved["k2"])),
+        certificate={key: data[key] for key in own if key in data},
+        order=order,
         delay_margin=margins,
         **notes,
     )

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError, NotAchievableError
+from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.problem import Answer, Problem
@@ -63,12 +64,14 @@ class Design:
     K : (m, n) the gain, as the doubles that fly.
     gamma : certified bound of the gain from w to z, uncertainty included; None where the
         system has no w or no z, and stability alone is certified.
-    k1, k2 : one per delay.
+    k1, k2 : one per delay; empty where the proof has an `order`.
     least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
     abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
         (`cosim.hinf.yardsticks`); None also where it could not be computed (a delay too long
         for its roots to be counted), or where an older file does not hold it.
     certificate : the proof as JSON values, for `check_certificate`.
+    order : of the Bessel-Legendre inequality in the proof, which is then the analysis of K and
+        has no k1, k2; None for Theorem 2.
     """
 
     system: DelaySystem
@@ -83,6 +86,12 @@ class Design:
     norm_frequency: float | None
     delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any]
+    order: int | None = None
+
+    @property
+    def up_to(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return self.order is None or covers_smaller(self.certificate["claim"])
 
     @property
     def certified(self) -> bool:

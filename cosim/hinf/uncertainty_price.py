@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cosim.hinf.analysis import analyse
 from cosim.hinf.synthesis import Design, design
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -22,7 +23,7 @@ def without_uncertainty(system: DelaySystem) -> DelaySystem:
 
 
 def nominal_gamma(found: Design) -> float | None:
-    """The least certified gamma of the same K at the same k1, k2, with nothing uncertain.
+    """The least certified gamma of the same K at the same k1, k2 or order, nothing uncertain.
 
     What lies between it and `found.gamma` is paid for E, H; what lies between the exact norm
     and it is the conservatism of the condition. Costs about as much as half a design.
@@ -38,4 +39,6 @@ def nominal_gamma(found: Design) -> float | None:
     if found.gamma is None or not found.system.E.size:
         return found.gamma
     nominal = without_uncertainty(found.system)
+    if found.order is not None:
+        return analyse(nominal, found.K, order=found.order).gamma
     return design(nominal, found.k1, found.k2, gain=found.K).gamma

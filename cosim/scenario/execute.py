@@ -84,7 +84,7 @@ def prepare(
     still = None if disturbance is None else blank_push(problem.system)
     assemble(loaded.scenario, fmus, parameters={part.controller: blank}, push=still)
     tell("design", 0.0)
-    found = solve(problem, part.gain) if saved is None else saved[1]
+    found = solve(problem, part.gain, part.order) if saved is None else saved[1]
     push = None if disturbance is None else worst_case_of(disturbance, found)
     return Prepared(loaded, fmus, problem, found, push)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.errors import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import AuvDesign, Design, Envelope, design, system_by_name
 from cosim.hinf.auv import DEFAULT_ENVELOPE, auv_system
@@ -85,14 +85,25 @@ def _auv_problem(part: DesignPart) -> Problem:
     return Problem(system, k1, k2, vehicle)
 
 
-def solve(problem: Problem, gain: Sequence[Sequence[float]] | None) -> Design:
+def solve(
+    problem: Problem, gain: Sequence[Sequence[float]] | None, order: int | None = None
+) -> Design:
     """Design the gain, or analyse the one that is given.
 
     Raises
     ------
-    NotAchievableError : nothing could be certified.
+    NotAchievableError : nothing could be certified, or at this order for one age alone.
     """
-    return design(problem.system, problem.k1, problem.k2, gain=gain)
+    found = design(problem.system, problem.k1, problem.k2, gain=gain, order=order)
+    if not found.up_to:
+        raise NotAchievableError(
+            "at this order the proof is about exactly one age of the measurements",
+            where="design.order",
+            expected="one that covers every age up to it: the age of a message varies",
+            got=str(order),
+            hint="order = 0 covers them, and so does a delay of any age",
+        )
+    return found
 
 
 def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:

@@ -166,6 +166,7 @@ class DesignPart(_Part):
     gain: list[list[Number]] | None = None
     k1: list[Number] | None = None
     k2: list[Number] | None = None
+    order: Annotated[int, Field(ge=0, le=12)] | None = None
     state_delay: NotNegative | None = None
     loop_delay: NotNegative | None = None
     damping: Annotated[list[NotNegative], Field(min_length=4, max_length=4)] | None = None

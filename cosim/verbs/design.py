@@ -43,6 +43,13 @@ def design(
     search: Annotated[
         bool, typer.Option("--search", help="Look for better k1, k2, from these among others.")
     ] = False,
+    order: Annotated[
+        int | None,
+        typer.Option(
+            help="0 and up: Bessel-Legendre, sharper than Theorem 2, from whose gain it starts; "
+            "from 1 on proved at exactly these delays, or up to them at the same gamma."
+        ),
+    ] = None,
     delays: Annotated[
         str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
     ] = None,
@@ -99,11 +106,17 @@ def design(
                 )
             which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
             reach = greatest_delay(
-                system, goal, *scalars, which=which, limit=delay_limit, search=search
+                system,
+                goal,
+                *scalars,
+                which=which,
+                limit=delay_limit,
+                search=search,
+                order=order,
             )
             found = reach.design
         else:
-            found = make_design(system, *scalars, gamma=goal, gain=gain, search=search)
+            found = make_design(system, *scalars, gamma=goal, gain=gain, search=search, order=order)
         nominal = nominal_gamma(found) if price else None
     if save is not None:
         write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
@@ -145,7 +158,9 @@ def analyse(
     ] = None,
     order: Annotated[
         int,
-        typer.Option(help="0: Theorem 1. N: Bessel-Legendre, sharper, at exactly these delays."),
+        typer.Option(
+            help="0: Theorem 1. N: Bessel-Legendre, sharper; up to these delays, or at them."
+        ),
     ] = 0,
     gamma: Annotated[
         float | None, typer.Option(help="A bound to prove, instead of the least one.")

@@ -47,6 +47,22 @@ def test_design_of_the_paper(tmp_path: Path) -> None:
     assert check_certificate(saved).valid
 
 
+def test_a_design_of_an_order(tmp_path: Path) -> None:
+    """`--order`: below Theorem 2's gamma, no k1, k2 in the proof, and a file that is checked."""
+    arguments = ("design", "paper", "--k1", "0.6", "--k2", "0.2", "--order", "1")
+    found = cosim(*arguments, "--json", "--save", "d.json", cwd=tmp_path).json
+    assert 5.0 < found["gamma"] < 5.0132
+    assert found["exact_norm"] <= found["gamma"]
+    assert (found["k1"], found["k2"], found["order"]) == (None, None, 1)
+    assert found["up_to_delays"] in {True, False}
+    checked = cosim("certificate", "check", "d.json", "--json", cwd=tmp_path)
+    assert checked.code == 0
+    assert "order 1" in cosim(*arguments, cwd=tmp_path).out
+    far = cosim(*arguments, "--gamma", "6", "--max-delay", "--json", cwd=tmp_path).json
+    assert far["delays"] == [20.0]
+    assert far["limit_reached"] is True
+
+
 def test_design_of_a_scenario_is_the_one_it_flies_with(tmp_path: Path) -> None:
     """The name of a scenario designs what its [design] says: the printed gain, analysed."""
     found = cosim("design", "paper-example", "--json", cwd=tmp_path).json

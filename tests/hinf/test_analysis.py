@@ -10,6 +10,7 @@ import copy
 import json
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -22,8 +23,9 @@ from solved import Array, benchmark, random_system
 
 from cosim.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
+from cosim.hinf.analysis_certificate import _variables
 from cosim.hinf.analysis_proof import ExactAnalysis, _loop, minus_phi
-from cosim.hinf.rational import exact_matrix
+from cosim.hinf.rational import exact, exact_matrix, first_bad_pivot
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -131,7 +133,7 @@ def test_the_published_ladder(order: int, d: float, beyond: float) -> None:
     proof = check_certificate(json.loads(json.dumps(found.certificate)))
     assert proof.valid
     assert proof.claim["property"] == "stability"
-    assert ("exactly" in proof.claim["delays"][0]["age"]) == (order > 0)
+    assert proof.claim["delays"][0]["age"] == "constant, up to d"
     refused = analyse(benchmark(beyond), order=order)
     assert not refused.certified
     assert refused.certificate is None
@@ -148,7 +150,7 @@ def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> Non
     assert ladder[order] <= found.d < min(found.not_beyond, EXACT_BOUND)
     assert found.not_beyond - found.d < 1e-5 * found.d
     assert not found.limit_reached
-    assert found.analysis.up_to == (order == 0)
+    assert found.analysis.up_to or order > 3
     assert check_certificate(found.analysis.certificate).valid
 
 
@@ -332,6 +334,52 @@ def test_phi_is_the_derivative_of_the_functional() -> None:
     assert xi @ Phi @ xi == pytest.approx(truth, rel=1e-9)
 
 
+def test_a_box_of_delays_is_proved_at_its_corners() -> None:
+    """One proof for every pair of delays up to the system's; inside, -Phi is positive as well."""
+    rng = np.random.default_rng(8)
+    system = random_system(rng, late=True, any_age=False, uncertain=True, scale=0.3)
+    K = 0.1 * rng.standard_normal((1, 2))
+    tight = analyse(system, K, order=1)
+    assert tight.gamma is not None
+    found = analyse(system, K, 1.3 * tight.gamma, order=1)
+    assert found.up_to
+    proof = check_certificate(found.certificate)
+    assert [delay["age"] for delay in proof.claim["delays"]] == ["constant, up to d"] * 2
+    v = _variables(system, json.loads(json.dumps(found.certificate))["variables"])
+    loop = _loop(system, K, [1, 1])
+    for shares in ((0, 0), (0, 1), (1, 1), (0.3, 0.8), (0.5, 0.5), (0.9, 0.1)):
+        d = [exact(share * x.d) for share, x in zip(shares, system.delays, strict=True)]
+        lower, _ = minus_phi(replace(loop, d=d), v)
+        assert first_bad_pivot(lower) is None
+
+
+def test_a_box_that_reaches_too_far_down_is_refused() -> None:
+    """The loop that needs its delay: proved from 0.4 on, and not from 0.1 on."""
+    system = DelaySystem([[0.0, 1.0], [-2.0, 0.1]], delays=[Delay(1.5, [[0, 0], [1, 0]])])
+    found = analyse(system, order=2)
+    assert found.certified
+    assert not found.up_to
+    data: Any = json.loads(json.dumps(found.certificate))
+    assert "lower" not in data["variables"]
+
+    def down_to(lower: Any) -> Any:
+        other = copy.deepcopy(data)
+        other["variables"]["lower"] = [lower]
+        other["claim"]["delays"][0]["age"] = f"constant, from {lower} to d"
+        return other
+
+    assert check_certificate(down_to("5/4")).valid
+    refused = check_certificate(down_to("1/10"))
+    assert not refused.valid
+    assert "at delays 1/10" in str(refused.reason)
+    for lower in ("2", "-1/10", None, 0.5):
+        with pytest.raises(InputError):
+            check_certificate(down_to(lower))
+    silent = down_to("5/4")
+    silent["claim"]["delays"][0]["age"] = "constant, up to d"
+    assert not check_certificate(silent).valid
+
+
 def test_every_tampered_certificate_is_refused() -> None:
     """Whatever is changed so that the claim changes, or no longer follows, is not valid."""
     found = analyse(paper_example.system(), PRINTED, order=1)
@@ -349,7 +397,7 @@ def test_every_tampered_certificate_is_refused() -> None:
     for data in (
         changed("variables", "gamma", to="5"),
         changed("claim", "gamma", to="5"),
-        changed("claim", "delays", 0, "age", to="constant, up to d"),
+        changed("claim", "delays", 0, "age", to="constant, exactly d"),
         changed("claim", "order", to=0),
         changed("variables", "P", 0, 1, to="0"),
         changed("variables", "R", 0, 0, 0, to="-1"),
