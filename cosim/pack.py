@@ -76,6 +76,10 @@ def pack_controller(
     proof = check_certificate(data)
     if not proof.valid:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+    if "K" not in data:
+        raise InputError(
+            "there is no gain to pack", where=where, got=f"a proof of kind {data['kind']}"
+        )
     system = system_from_json(data["system"])
     m = system.B.shape[1]
     if m == 0:

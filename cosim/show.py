@@ -159,7 +159,8 @@ def certificate_view(file: str, certificate: Certificate, carried: Carried) -> R
         acts = ", the control acts through it" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
-    facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
+    if "K" in carried.data:  # what refutes speaks of every gain
+        facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
     facts.add_row("SHA-256", f"{carried.sha256}"[:16], "of the certificate without notes")
     return Group(verdict, facts)
 

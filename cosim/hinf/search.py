@@ -119,7 +119,7 @@ def _descend(
             best[:] = [(at, here)]
         if enough is not None and here < enough:
             raise EnoughError
-        by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N:]
+        by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N : 2 * N]
         k1, k2 = np.array(at.k1), np.array(at.k2)
         return here, np.concatenate([by_k1 * k1 + by_k2 * k2, by_k1 * k2])
 

@@ -28,6 +28,7 @@ from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.refutation_proof import AffineLmi, Place
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
+from cosim.pack import pack_controller
 
 Array = NDArray[np.float64]
 
@@ -333,3 +334,10 @@ def test_the_verbs_keep_and_check_the_proofs(
     code, said = cosim("design", "paper", "--gamma", "4", "--max-delay")
     assert code == 5
     assert "--save-refutation" in said["error"]["hint"]
+
+
+def test_a_refutation_is_no_gain_to_pack(tmp_path: Path) -> None:
+    """It speaks of every K and holds none: refused by name."""
+    proof = gamma_floor(paper_example.system(), 5.0)
+    with pytest.raises(InputError, match="no gain to pack"):
+        pack_controller(proof, tmp_path / "Controller.fmu", where="proof.json")

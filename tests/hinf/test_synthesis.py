@@ -45,6 +45,29 @@ def test_the_vehicle_over_its_link() -> None:
     assert check_certificate(found.certificate).valid
 
 
+def test_two_delays_are_searched_at_once() -> None:
+    """Four scalars: certified, below the start's least gamma, above the exact norm."""
+    system = DelaySystem(
+        [[0.0, 1.0], [-1.0, -0.5]],
+        [[0.0], [1.0]],
+        [[0.0], [1.0]],
+        [[1.0, 0.0], [0.0, 0.0]],
+        None,
+        [[0.0], [0.3]],
+        delays=[
+            Delay(0.2, [[0.0, 0.0], [0.1, -0.1]]),
+            Delay(0.4, np.zeros((2, 2)), feedback=True, any_age=True),
+        ],
+    )
+    k1, k2 = (-1.0, -1.0), (1.0, 1.0)
+    start, found = design(system, k1, k2), design(system, k1, k2, search=True)
+    assert start.gamma is not None
+    assert found.gamma is not None
+    assert found.exact_norm is not None
+    assert found.exact_norm < found.gamma < 0.99 * start.gamma
+    assert check_certificate(found.certificate).valid
+
+
 def test_stability_alone_where_there_is_nothing_to_bound() -> None:
     """A published benchmark, stable to 6.1726, without w and z: certified at d = 3."""
     system = DelaySystem([[-2.0, 0.0], [0.0, -0.9]], delays=[Delay(3.0, [[-1, 0], [-1, -1]])])
