@@ -54,11 +54,23 @@ def ensure_fmu(
     path = root / flavour / f"{name}.fmu"
     if not force and path.is_file() and _up_to_date(path, spec, flavour, platforms):
         return Built(name, path, new=False)
+    return Built(name, build_fmu(spec, path.parent, flavour, platforms), new=True)
+
+
+def build_fmu(
+    spec: ComponentSpec, folder: Path, flavour: str = FLAVOUR, platforms: Sequence[Platform] = ()
+) -> Path:
+    """Write `folder`/NAME.fmu of any component, of the catalogue or not, and give its path.
+
+    Raises
+    ------
+    KeyError : no such flavour.
+    InputError : native, and there is no compiler.
+    """
+    version = FMI_VERSION[flavour]
     if flavour == "python":
-        build_python_fmu(spec, path.parent)
-    else:
-        build_native_fmu(spec, path.parent, FMI_VERSION[flavour], platforms)
-    return Built(name, path, new=True)
+        return build_python_fmu(spec, folder)
+    return build_native_fmu(spec, folder, version, platforms)
 
 
 def ensure_all(

@@ -17,7 +17,7 @@ from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.schema import ComponentPart, LinkPart, PacketPart, Scenario
 from cosim.scenario.signals import Signals, along_path, pushed
-from fmu_src.build import ensure_fmu
+from fmu_src.build import FLAVOUR, ensure_fmu
 from fmu_src.catalogue import CATALOGUE
 
 
@@ -27,15 +27,17 @@ class Hangar:
 
     Attributes
     ----------
-    root : folder with python/NAME.fmu; what the catalogue has and is missing is built there.
+    root : folder with FLAVOUR/NAME.fmu; what the catalogue has and is missing is built there.
     folder : where relative paths of a scenario begin.
     wanted : FMU reference -> SHA-256 that its file must have, wherever below `root` it lies
         and whatever it is called; if there is none, the reference is followed as usual.
+    flavour : which FMUs a catalogue name means, a key of `fmu_src.build.FMI_VERSION`.
     """
 
     root: Path
     folder: Path
     wanted: Mapping[str, str] = field(default_factory=dict)
+    flavour: str = FLAVOUR
 
     def find(self, fmu: str) -> FmuDescription:
         """An FMU by its hash if one is wanted, else by catalogue name or path."""
@@ -45,7 +47,7 @@ class Hangar:
                     return describe_fmu(path)
         if fmu in CATALOGUE:
             try:
-                return describe_fmu(ensure_fmu(fmu, self.root).path)
+                return describe_fmu(ensure_fmu(fmu, self.root, flavour=self.flavour).path)
             except OSError as error:
                 raise InputError(
                     f"the FMU {fmu} cannot be built",

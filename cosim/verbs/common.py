@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim import show
 from cosim.scenario.assemble import Hangar
+from fmu_src.build import FLAVOUR
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -53,6 +54,6 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         yield tell
 
 
-def hangar(fmus: Path, folder: Path | None = None) -> Hangar:
+def hangar(fmus: Path, folder: Path | None = None, flavour: str = FLAVOUR) -> Hangar:
     """Where a run finds its FMUs."""
-    return Hangar(root=fmus, folder=folder or Path.cwd())
+    return Hangar(root=fmus, folder=folder or Path.cwd(), flavour=flavour)

@@ -23,6 +23,13 @@ class Engine(enum.Enum):
     compiled = "compiled"
 
 
+class Flavour(enum.Enum):
+    """What --flavour takes; FMI 3.0 is for other tools."""
+
+    python = "python"
+    native = "native"
+
+
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for traces and picture.")] = TRACES,
     fmus: FmusOption = FMUS,
@@ -48,6 +55,13 @@ def run(
         Engine,
         typer.Option(help="Who carries the loop out; the results are the same, bit for bit."),
     ] = Engine.auto,
+    flavour: Annotated[
+        Flavour,
+        typer.Option(
+            help="The built-in FMUs: Python, or C, built by this machine's compiler. The results "
+            "are the same, bit for bit, where both call the same C library."
+        ),
+    ] = Flavour.python,
     as_json: JsonOption = False,
 ) -> None:
     """Fly a scenario and write its trace.
@@ -59,7 +73,7 @@ def run(
     trace = out or TRACES / f"{loaded.name}.mcap"
     check_room(trace)
     with progress() as tell:
-        prepared = prepare(loaded, hangar(fmus, loaded.folder), progress=tell)
+        prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
         outcome = fly(prepared, trace, progress=tell, engine=engine.value)
     answer(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
     if outcome.status == "failed":

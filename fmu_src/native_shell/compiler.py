@@ -20,7 +20,7 @@ from cosim.errors import InputError
 
 from .platforms import Platform
 
-STANDARD = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
+STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
 
 
 def host_compiler() -> list[str]:

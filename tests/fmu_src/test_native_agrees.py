@@ -124,6 +124,22 @@ def test_two_delays_agree_to_the_last_bit(
     assert differing(two, two_delays.SPEC, STEPS[steps], own) == []
 
 
+@pytest.mark.parametrize("steps", STEPS)
+def test_plain_equation_agrees_and_is_the_solution(tmp_path: Path, steps: str) -> None:
+    """Neither delays nor inputs: x' = cos t - x, whose solution is known."""
+    path = build_native_fmu(two_delays.NO_DELAY, tmp_path, "2.0")
+    own = {"solver.step": 0.01}
+    assert differing(path, two_delays.NO_DELAY, STEPS[steps], own) == []
+    with RawFmu(path) as raw:
+        raw.initialise(own)
+        raw.step(0.0, 2.0)
+        data = raw.saved()
+        exact = (math.cos(2.0) + math.sin(2.0)) / 2
+        assert raw.get("x") == pytest.approx([exact], abs=1e-9)
+        raw.resume(data)
+        assert raw.saved() == data
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_both_flavours_give_the_same_bits(fmus: Path, native_fmus: Path, name: str) -> None:
     """The two FMUs themselves, loaded by fmpy, driven alike."""

@@ -65,3 +65,38 @@ SPEC = ComponentSpec(
     stop_time=1.0,
     step_size=0.1,
 )
+
+
+class NoDelay(DelayPlant):
+    """A component with nothing that C could count: no inputs, no delays, no other outputs."""
+
+    inputs = ()
+    states = ("x",)
+    delays = ()
+
+    def __init__(self, constants: dict[str, Any]) -> None:
+        del constants
+
+    def constants(self, v: Any) -> None:
+        """Nothing."""
+
+    def rates(self, t: Any, x: Any, late: Any, u: Any, c: Any, ns: Any) -> list[Any]:
+        """Follow the time."""
+        del late, u, c
+        return [ns.cos(t) - x[0]]
+
+
+NO_DELAY = ComponentSpec(
+    name="NoDelay",
+    description="x' = cos t - x",
+    variables=(
+        Variable("x", "output", "state", start=0.5),
+        Variable("initial.x", "parameter", "start", start=0.5),
+        Variable("solver.step", "parameter", "step", "s", 0.1, minimum=1e-6),
+    ),
+    behaviour=f"{__name__}:NoDelay",
+    sources=(),
+    readme=SPEC.readme,
+    stop_time=1.0,
+    step_size=0.1,
+)

@@ -5,6 +5,8 @@
 #define ARITHMETIC_H
 
 #include <math.h>
+#include <stdint.h>
+#include <string.h>
 
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
@@ -24,7 +26,14 @@ static inline double power(double x, double y) {
 static inline double lesser(double a, double b) { return b < a ? b : a; }
 static inline double greater(double a, double b) { return b > a ? b : a; }
 
-/* Distance from |x| to the next double, Python's math.ulp. */
-static inline double spacing(double x) { return nextafter(fabs(x), HUGE_VAL) - fabs(x); }
+/* Distance from |x| to the next double, Python's math.ulp; x is finite. */
+static inline double spacing(double x) {
+    double here = fabs(x), next;
+    uint64_t bits;
+    memcpy(&bits, &here, sizeof bits);
+    bits++;
+    memcpy(&next, &bits, sizeof next);
+    return next - here;
+}
 
 #endif

@@ -86,7 +86,7 @@ int delay_line_start(DelayLine *line, const double *initial, const double *delay
     line->settled = 0;
     line->first = line->end = 0;
     line->jumps = line->points = 0;
-    for (size_t i = 0; i < line->images; i++) line->head[i] = 0;
+    memset(line->head, 0, sizeof line->head);
     return 1;
 }
 
@@ -138,11 +138,13 @@ static void lagged_present(const DelayLine *line, const double *x, double *late)
 
 /* ---- one step */
 
-static int runge_kutta(DelayLine *line, double t0, double t1, const Held *held, Message *why) {
+/* From t0 to t1, with the slope k1 at t0; the new piece holds the slope at t1. */
+static int runge_kutta(DelayLine *line, double t0, double t1, const double *k1, const Held *held,
+                       Message *why) {
     double late[AT_LEAST_ONE(MODEL_DELAYS) * N];
     double k2[N], k3[N], k4[N], x[N];
     Piece *p = piece(line, line->end);
-    const double *x0 = line->x, *k1 = line->slope;
+    const double *x0 = line->x;
     double h = t1 - t0;
     double tm = t0 + 0.5 * h;
     double half = 0.5 * h;
@@ -156,28 +158,35 @@ static int runge_kutta(DelayLine *line, double t0, double t1, const Held *held, 
     for (size_t i = 0; i < N; i++) x[i] = x0[i] + h * k3[i];
     int settled = lagged(line, t1, x, late);
     model_rates(t1, x, late, held->v, held->c, k4);
-    int finite = 1;
-    for (size_t i = 0; i < N; i++) {
-        double x1 = x0[i] + sixth * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
-        p->x0[i] = x0[i];
-        p->m0[i] = k1[i];
-        p->x1[i] = x1;
-        finite &= isfinite(x1) != 0;
-    }
-    if (!finite)
+    double zero = 0.0; /* stays it as long as every x1 - x1 is, that is, every x1 is finite */
+    memcpy(p->x0, x0, sizeof p->x0);
+    memcpy(p->m0, k1, sizeof p->m0);
+    for (size_t i = 0; i < N; i++)
+        p->x1[i] = x0[i] + sixth * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+    for (size_t i = 0; i < N; i++) zero += p->x1[i] - p->x1[i];
+    if (zero != 0.0)
         return say(why, "the state is no longer finite after t = %s s", shortest(t0).text);
     p->t0 = t0;
     p->t1 = t1;
     lagged_present(line, p->x1, late);
     model_rates(t1, p->x1, late, held->v, held->c, p->m1);
     memcpy(line->x, p->x1, sizeof line->x);
-    memcpy(line->slope, p->m1, sizeof line->slope);
     line->settled = settled;
     line->end++;
     return 1;
 }
 
 /* ---- between communication points */
+
+/* How often a step is halved: the least whole number >= log2(ratio) - 1e-9 and >= 0. The
+   logarithm itself is needed only where the answer hangs on its last bits. */
+static int halvings(double ratio) {
+    int exponent;
+    if (ratio < 1.0 + 5e-10) return 0;
+    double mantissa = 2.0 * frexp(ratio, &exponent); /* ratio = mantissa 2^(exponent - 1) */
+    if (mantissa > 1.0 + 1e-8) return exponent;
+    return mantissa < 1.0 + 5e-10 ? exponent - 1 : (int)ceil(log2(ratio) - 1e-9);
+}
 
 static double image_of(const DelayLine *line, size_t i) {
     return line->jump[line->head[i]] + line->image[i];
@@ -210,7 +219,7 @@ static int segment_ends(DelayLine *line, double begin, double end, Message *why)
                            "at all",
                            shortest(line->shortest).text, shortest(end - begin).text, parts,
                            STEP_LIMIT);
-            double count = ceil(parts - 1e-9);
+            double count = parts <= 1.0 && parts > 1e-9 ? 1.0 : ceil(parts - 1e-9);
             if (!room(&line->point, &line->point_capacity, line->points + (size_t)count + 1, why))
                 return 0;
             for (double i = 1.0; i < count; i++)
@@ -234,8 +243,9 @@ int delay_line_advance(DelayLine *line, double end, const Held *held, int jump, 
     }
     if (!segment_ends(line, begin, end, why)) return 0;
     double longest = lesser(end - begin, line->shortest);
-    double doublings = greater(0.0, ceil(log2(longest / line->step) - 1e-9));
-    double total = doublings < 64.0 ? ldexp((double)line->points, (int)doublings) : HUGE_VAL;
+    int halved = halvings(longest / line->step);
+    double parts = halved < 63 ? (double)(INT64_C(1) << halved) : HUGE_VAL;
+    double total = parts * (double)line->points;
     if (total > STEP_LIMIT)
         return say(why,
                    "%.15g sub-steps in one communication step of %s s (delay %s s, internal step "
@@ -243,19 +253,23 @@ int delay_line_advance(DelayLine *line, double end, const Held *held, int jump, 
                    total, shortest(end - begin).text, shortest(line->shortest).text,
                    shortest(line->step).text, STEP_LIMIT);
     if (!room_for_pieces(line, (size_t)total, why)) return 0;
-    if (!(same && line->settled)) {
+    double first[N];
+    const double *slope = first;
+    if (same && line->settled) {
+        slope = piece(line, line->end - 1)->m1;
+    } else {
         double late[AT_LEAST_ONE(MODEL_DELAYS) * N];
         lagged(line, begin, line->x, late);
-        model_rates(begin, line->x, late, held->v, held->c, line->slope);
+        model_rates(begin, line->x, late, held->v, held->c, first);
     }
-    double parts = ldexp(1.0, (int)doublings);
     double left = begin;
     for (size_t s = 0; s < line->points; s++) {
         double right = line->point[s];
         for (double i = 0.0; i < parts; i++) {
-            double t0 = left + (right - left) * i / parts;
+            double t0 = i == 0.0 ? left : left + (right - left) * i / parts;
             double t1 = i == parts - 1.0 ? right : left + (right - left) * (i + 1.0) / parts;
-            if (!runge_kutta(line, t0, t1, held, why)) return 0;
+            if (!runge_kutta(line, t0, t1, slope, held, why)) return 0;
+            slope = piece(line, line->end - 1)->m1;
         }
         left = right;
     }
@@ -271,20 +285,17 @@ Mark delay_line_mark(const DelayLine *line) {
     mark.end = line->end;
     mark.jumps = line->jumps;
     mark.settled = line->settled;
-    memcpy(mark.x, line->x, sizeof mark.x);
-    memcpy(mark.slope, line->slope, sizeof mark.slope);
-    for (size_t i = 0; i < line->images; i++) mark.head[i] = line->head[i];
+    memcpy(mark.head, line->head, sizeof mark.head);
     return mark;
 }
 
 void delay_line_return(DelayLine *line, const Mark *mark) {
+    if (line->end > mark->end) memcpy(line->x, piece(line, mark->end)->x0, sizeof line->x);
     line->time = mark->time;
     line->end = mark->end;
     line->jumps = mark->jumps;
     line->settled = mark->settled;
-    memcpy(line->x, mark->x, sizeof line->x);
-    memcpy(line->slope, mark->slope, sizeof line->slope);
-    for (size_t i = 0; i < line->images; i++) line->head[i] = mark->head[i];
+    memcpy(line->head, mark->head, sizeof line->head);
 }
 
 static size_t jumps_done(const DelayLine *line) {

@@ -28,8 +28,7 @@ typedef struct {
     double image[AT_LEAST_ONE(MODEL_IMAGES)]; /* sums of one and two delays, ascending */
     size_t images;
     double x[MODEL_STATES], before[MODEL_STATES];
-    double slope[MODEL_STATES]; /* x' at `time`, as the last step left it */
-    int settled;                /* that slope is what the history by now gives */
+    int settled; /* the slope that the last step ended with is what the history by now gives */
 
     Piece *ring; /* pieces first to end - 1, at their number modulo the capacity */
     size_t capacity, first, end;
@@ -55,7 +54,7 @@ void delay_line_free(DelayLine *line);
 
 /* The line before an advance, which may fail half-way. */
 typedef struct {
-    double time, x[MODEL_STATES], slope[MODEL_STATES];
+    double time;
     size_t end, jumps, head[AT_LEAST_ONE(MODEL_IMAGES)];
     int settled;
 } Mark;

@@ -216,6 +216,9 @@ Status instance_get_integers(Instance *it, const unsigned *vr, size_t count, int
 
 static Status writable(Instance *it, unsigned vr, double value) {
     const Variable *variable = &model_variables[vr];
+    if (variable->causality == INPUT && value - value == 0.0 && value >= variable->minimum &&
+        value <= variable->maximum)
+        return FINE; /* by far the most frequent */
     if (!isfinite(value))
         return instance_refuse(it, "%s must be finite, got %s", variable->name,
                                shortest(value).text);

@@ -1,0 +1,48 @@
+"""A scenario flown with native FMUs is the scenario flown with Python ones."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+from cli.shell import cosim, trace_of
+
+from cosim.trace import Trace
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Python and the FMU must call one C library")
+@pytest.mark.parametrize("name", ["auv-acoustic", "paper-example"])
+def test_native_fmus_fly_the_same_bits(native_fmus: Path, tmp_path: Path, name: str) -> None:
+    """Every message of every topic: times, sequence and values."""
+    trace = tmp_path / "native.mcap"
+    words = ("run", name, "--flavour", "native", "--fmus", native_fmus.parent, "--out", trace)
+    result = cosim(*words, "--json", cwd=tmp_path)
+    assert result.code == 0, result.err
+    native, python = Trace(trace), Trace(trace_of(name))
+    kinds = [
+        {channel.topic for channel, *_ in each.messages() if channel.topic != "/log"}
+        for each in (native, python)
+    ]
+    assert kinds[0] == kinds[1]
+    assert len(kinds[0]) > 3
+    seen = [
+        [
+            (channel.topic, times, bytes(data))
+            for channel, *times, data in each.messages()
+            if channel.topic != "/log"
+        ]
+        for each in (native, python)
+    ]
+    assert seen[0] == seen[1]
+
+
+def test_without_a_compiler_nothing_else_is_flown_instead(tmp_path: Path) -> None:
+    """The flavour asked for cannot be had: an error in words, and no fall back."""
+    with patch.dict(os.environ, {"CC": "no-such-compiler"}):
+        result = cosim("run", "paper-example", "--flavour", "native", "--json", cwd=tmp_path)
+    assert result.code == 2
+    assert "C compiler" in result.error["what"]
+    assert not list(tmp_path.rglob("*.fmu"))

@@ -1,0 +1,112 @@
+"""A host in C, no Python in its process: loads a native FMU, runs, saves, restores, goes on."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from fmpy import read_model_description
+
+from fmu_src.catalogue import CATALOGUE
+from fmu_src.native_shell.compiler import host_compiler
+from fmu_src.native_shell.package import sources
+from fmu_src.native_shell.platforms import host
+
+HERE = Path(__file__).resolve().parent
+HEADERS = HERE.parents[1] / "fmu_src" / "native_shell" / "c" / "headers"
+NAMES = sorted(CATALOGUE)
+SANITIZERS = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="the host opens libraries by dlopen"
+)
+
+
+def compiled_host(folder: Path, *options: str) -> Path:
+    program = folder / "host"
+    command = [*host_compiler(), "-std=c99", "-D_DEFAULT_SOURCE", "-Wall", "-Wextra", "-Werror"]
+    command += [*options, f"-I{HEADERS}", str(HERE / "host.c"), "-o", str(program), "-ldl", "-lm"]
+    subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603
+    return program
+
+
+def arguments(path: Path) -> list[str]:
+    """GUID, a Real input or -, the Real outputs."""
+    model = read_model_description(str(path))
+    by = {
+        causality: [str(v.valueReference) for v in model.modelVariables if v.causality == causality]
+        for causality in ("input", "output")
+    }
+    return [model.guid, (by["input"] or ["-"])[0], *by["output"]]
+
+
+def run(program: Path, library: Path, *words: str) -> list[float]:
+    done = subprocess.run(  # noqa: S603
+        [str(program), str(library), *words],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={"PATH": "", "ASAN_OPTIONS": "detect_leaks=1"},
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return [float.fromhex(line) for line in done.stdout.split()]
+
+
+def library_of(path: Path, folder: Path) -> Path:
+    with zipfile.ZipFile(path) as archive:
+        name = f"binaries/{host().fmi2}/{path.stem}{host().suffix}"
+        return Path(archive.extract(name, folder))
+
+
+def python_in(program: Path) -> bool:
+    """Whether anything that a program loads is Python."""
+    listed = subprocess.run(  # noqa: S603
+        ["ldd", str(program)],  # noqa: S607
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return "python" in listed.stdout.lower()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_c_host_runs_saves_restores(native_fmus: Path, tmp_path: Path, name: str) -> None:
+    """Restored, carried over as bytes, reset: the same bits each time; outputs move."""
+    program = compiled_host(tmp_path)
+    library = library_of(native_fmus / f"{name}.fmu", tmp_path)
+    outputs = run(program, library, *arguments(native_fmus / f"{name}.fmu"))
+    assert any(outputs)
+    if shutil.which("ldd"):
+        assert not python_in(program)
+        assert not python_in(library)
+
+
+@pytest.mark.skipif(platform.system() != "Linux", reason="the sanitizers of the system's compiler")
+@pytest.mark.parametrize("name", ["AuvPlant", "DelayedPlant", "HinfController", "WaveField"])
+def test_no_memory_error_and_no_leak(native_fmus: Path, tmp_path: Path, name: str) -> None:
+    """The same run under the address and undefined-behaviour sanitizers, leaks included."""
+    path = native_fmus / f"{name}.fmu"
+    words = arguments(path)
+    content, compiled = sources(CATALOGUE[name], "2.0", words[0])
+    for file, text in content.items():
+        (tmp_path / file).write_bytes(text)
+    library = tmp_path / "model.so"
+    subprocess.run(  # noqa: S603
+        [
+            *(*host_compiler(), "-std=c99", "-O1", "-fPIC", "-shared"),
+            *("-Wall", "-Wextra", "-Werror", *SANITIZERS),
+            *(*compiled, "-o", str(library), "-lm"),
+        ],
+        check=True,
+        capture_output=True,
+        cwd=tmp_path,
+    )
+    checked = run(compiled_host(tmp_path, *SANITIZERS), library, *words)
+    plain = run(compiled_host(tmp_path), library_of(path, tmp_path), *words)
+    assert checked == plain
