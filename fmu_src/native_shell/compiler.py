@@ -39,8 +39,9 @@ def host_compiler() -> list[str]:
         "native FMUs need a C compiler",
         expected="cc, gcc or clang on the PATH, or the one named by CC",
         got=f"CC={chosen}" if chosen else "none of them",
-        hint="install one (Debian: apt install gcc), or the extra that brings a cross compiler, "
-        "pip install 'auv-cosim[cross]', and build with --platforms all",
+        hint="install one (Debian: apt install gcc), or build with --platforms all and the extra "
+        "that brings a cross compiler (pip install 'auv-cosim[cross]'); the python flavour needs "
+        "none",
     )
 
 
@@ -61,8 +62,9 @@ def cross_compiler() -> list[str]:
 
 
 def shared_library(
+    name: str,
     sources: Mapping[str, bytes],
-    names: Sequence[str],
+    compiled: Sequence[str],
     target: Platform,
     *,
     cross: bool,
@@ -71,8 +73,9 @@ def shared_library(
 
     Parameters
     ----------
+    name : of the model, and of the library.
     sources : file name -> content; headers included.
-    names : the files to compile.
+    compiled : the files to compile.
     target : where the library is to run.
     cross : by zig for `target`; otherwise by the system's compiler, for this machine.
 
@@ -83,13 +86,13 @@ def shared_library(
     command = [*cross_compiler(), "-target", target.zig] if cross else host_compiler()
     command += STANDARD
     if target.suffix != ".dll":
-        command.append("-fPIC")
-    command += ["-shared", *_link_options(target, cross=cross)]
+        command += ["-fPIC", "-DOLDEST_LIBM"]
+    command += ["-shared", *_link_options(name, target, cross=cross)]
     with tempfile.TemporaryDirectory(prefix="cosim-native-") as folder:
-        for name, content in sources.items():
-            Path(folder, name).write_bytes(content)
-        library = f"model{target.suffix}"
-        command += ["-I.", *names, "-o", library]
+        for file, content in sources.items():
+            Path(folder, file).write_bytes(content)
+        library = f"{name}{target.suffix}"
+        command += ["-I.", *compiled, "-o", library]
         if target.suffix != ".dll":
             command.append("-lm")
         done = subprocess.run(  # noqa: S603 - a compiler, on our own sources
@@ -110,9 +113,9 @@ def shared_library(
         return built.read_bytes()
 
 
-def _link_options(target: Platform, *, cross: bool) -> list[str]:
+def _link_options(name: str, target: Platform, *, cross: bool) -> list[str]:
     if target.suffix == ".so":
         return ["-s", "-Wl,--build-id=none"]
     if target.suffix == ".dylib":
-        return ["-Wl,-install_name,@rpath/model.dylib", *(["-s"] if cross else [])]
+        return [f"-Wl,-install_name,@rpath/{name}.dylib", *(["-s"] if cross else [])]
     return ["-s", *([] if cross else ["-Wl,--no-insert-timestamp"])]

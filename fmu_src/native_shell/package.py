@@ -54,7 +54,8 @@ def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str,
 def guid(spec: ComponentSpec, version: str) -> str:
     """The hash that tells whether a built FMU is up to date; the binary checks it too."""
     content, _ = sources(spec, version, "")
-    return spec.guid({**content, **_files(spec, version, "", content)})
+    options = " ".join(STANDARD).encode()
+    return spec.guid({**content, **_files(spec, version, "", content), "options": options})
 
 
 def build_native_fmu(
@@ -77,7 +78,7 @@ def build_native_fmu(
     archive.update({f"sources/{name}": text for name, text in content.items()})
     for target in platforms or [host()]:
         path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
-        archive[path] = shared_library(content, compiled, target, cross=bool(platforms))
+        archive[path] = shared_library(spec.name, content, compiled, target, cross=bool(platforms))
     return deterministic_zip(archive, destination / f"{spec.name}.fmu")
 
 

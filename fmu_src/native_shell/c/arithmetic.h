@@ -16,6 +16,23 @@
 #pragma fp_contract(off)
 #endif
 
+/* glibc 2.29 gave these functions a new version that differs in error handling alone, which
+   nothing here uses: a library that asks for the first one runs on older systems too. The
+   linker has to be given libm (-lm) for it, so a build must ask for it. */
+#if defined(OLDEST_LIBM) && defined(__GLIBC__)
+#if __GLIBC_PREREQ(2, 29) && defined(__x86_64__)
+#define FIRST_VERSION "GLIBC_2.2.5"
+#elif __GLIBC_PREREQ(2, 29) && defined(__aarch64__)
+#define FIRST_VERSION "GLIBC_2.17"
+#endif
+#ifdef FIRST_VERSION
+__asm__(".symver pow,pow@" FIRST_VERSION);
+__asm__(".symver exp,exp@" FIRST_VERSION);
+__asm__(".symver log,log@" FIRST_VERSION);
+__asm__(".symver log2,log2@" FIRST_VERSION);
+#endif
+#endif
+
 /* Compilers know pow(x, 2.0) as x * x, which a pow rounded elsewhere need not equal. */
 static inline double power(double x, double y) {
     double (*volatile function)(double, double) = pow;
