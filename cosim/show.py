@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cosim.carried import Carried
 from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
+from cosim.hinf.guarantees import Guarantees
 from cosim.pack import Packed
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
@@ -50,6 +51,8 @@ def design_view(
             f"certified, same gain, k1, k2: {design.gamma - nominal:.3g} are paid for E, H",
         )
     _yardsticks(facts, design)
+    for row in _guarantees(design.guarantees):
+        facts.add_row(*row)
     for i, delay in enumerate(design.system.delays):
         kind = "any age up to it" if delay.any_age else "constant, up to it"
         acts = ", the control acts through it" if delay.feedback else ""
@@ -64,6 +67,27 @@ def design_view(
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
     return Group(facts, gain)
+
+
+def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
+    """What is proved beside gamma: (figure, value, what it says)."""
+    rows = []
+    if more.decay is not None:
+        said = "certified: with w = 0 every solution falls at least as exp(-rate t)"
+        rows.append(("rate of decay", f"{float(more.decay.rate):.6g} 1/s", said))
+    if more.gain_limit is not None:
+        rows.append(("|K|", f"{float(more.gain_limit.bound):.6g}", "certified: at most this"))
+    if more.peak_control is not None:
+        peak = more.peak_control
+        start = ", ".join(f"{float(x):g}" for x in peak.offset)
+        said = f"certified: |u_{{}}(t)| at most this, from |x| <= ({start})"
+        if peak.energy != 0:
+            said += f", with (int w'w)^(1/2) <= {float(peak.energy):g}"
+        rows += [
+            (f"peak of u_{i}", f"{float(bound):.6g}", said.format(i))
+            for i, bound in enumerate(peak.bounds, 1)
+        ]
+    return rows
 
 
 def analysis_view(
@@ -161,6 +185,11 @@ def certificate_view(file: str, certificate: Certificate, carried: Carried) -> R
         acts = ", the control acts through it" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    for name, more in claim.get("guarantees", {}).items():
+        exact = more.get("rate", more.get("bound", more.get("bounds")))
+        values = exact if isinstance(exact, list) else [exact]
+        shown = ", ".join(f"{float(Fraction(value)):.7g}" for value in values)
+        facts.add_row(name.replace("_", " "), shown, more["property"])
     facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
     facts.add_row("SHA-256", f"{carried.sha256}"[:16], "of the certificate without notes")
     return Group(verdict, facts)

@@ -21,6 +21,7 @@ from cosim.errors import InputError
 from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_ORDER, analysis_proved
+from cosim.hinf.from_control import checked_system
 from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
@@ -87,6 +88,7 @@ def analyse(
     ------
     InputError : numbers that do not fit the system.
     """
+    system = checked_system(system)
     K = gain_of(system, gain)
     _order(order)
     if gamma is not None:

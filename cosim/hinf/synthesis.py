@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
+from cosim.hinf.guarantees import Guarantees
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.refusals import (
     below_least,
@@ -69,6 +70,7 @@ class Design:
         (`cosim.hinf.yardsticks`); None also where it could not be computed (a delay too long
         for its roots to be counted), or where an older file does not hold it.
     certificate : the proof as JSON values, for `check_certificate`.
+    guarantees : what is proved beside gamma, in the certificate, too.
     """
 
     system: DelaySystem
@@ -83,6 +85,7 @@ class Design:
     norm_frequency: float | None
     delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any]
+    guarantees: Guarantees = field(default_factory=Guarantees)
 
     @property
     def certified(self) -> bool:
@@ -99,6 +102,7 @@ def design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool = False,
+    problem: Problem | None = None,
 ) -> Design:
     """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
 
@@ -109,6 +113,7 @@ def design(
     gamma : a bound to be met instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to be analysed instead of designed.
     search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
+    problem : the LMI, with more to be met than Theorem 2; None for Theorem 2 alone.
 
     Raises
     ------
@@ -119,7 +124,7 @@ def design(
     fixed = None if gain is None else _fitting(gain, system)
     if gamma is not None:
         check_reachable(gamma, system)
-    problem = Problem(system)
+    problem = problem or Problem(system)
     if search:
         scalars = _searched(problem, scalars, fixed)
     least = None
