@@ -1,63 +1,29 @@
-"""Designs by the condition that proves them: Theorem 2, or Bessel-Legendre of order N."""
+"""The greatest delay by the condition that proves it: Theorem 2, or Bessel-Legendre of order N."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cosim.hinf import synthesis
+from cosim.hinf.from_control import checked_system
 from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay
 from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2
-from cosim.hinf.sharper_design import sharper_delay, sharper_design
-from cosim.hinf.synthesis import Design
+from cosim.hinf.search import starting
+from cosim.hinf.sharper_design import sharper_delay
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from cosim.models.delay_system import DelaySystem
-
-
-def design(
-    system: DelaySystem,
-    k1: Sequence[float],
-    k2: Sequence[float],
-    *,
-    gamma: float | None = None,
-    gain: ArrayLike | None = None,
-    search: bool = False,
-    order: int | None = None,
-) -> Design:
-    """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
-
-    Parameters
-    ----------
-    system : Eq. (7) with delays (n states, m inputs).
-    k1, k2 : one number per delay, k2 not zero (Theorem 2).
-    gamma : a bound to be met instead of the least one; the design's own may be lower.
-    gain : (m, n) a gain to be analysed instead of designed.
-    search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
-    order : None for Theorem 2; N for the sharper condition (`cosim.hinf.sharper_design`),
-        which starts from the gain of Theorem 2.
-
-    Raises
-    ------
-    InputError : numbers that do not fit the system.
-    NotAchievableError : nothing could be certified.
-    """
-    if order is None:
-        return synthesis.design(system, k1, k2, gamma=gamma, gain=gain, search=search)
-    return sharper_design(system, k1, k2, order=order, gamma=gamma, gain=gain, search=search)
 
 
 def greatest_delay(
     system: DelaySystem,
     gamma: float | None,
-    k1: Sequence[float],
-    k2: Sequence[float],
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
     *,
     which: int = 0,
     limit: float = DELAY_LIMIT,
-    search: bool = False,
+    search: bool | None = None,
     order: int | None = None,
 ) -> GreatestDelay:
     """The greatest delay `which` at which gamma (None: stability) is certified.
@@ -66,7 +32,7 @@ def greatest_delay(
     ----------
     system : the delays other than `which` are held.
     gamma : bound of the gain from w to z; None for a system without w and z.
-    k1, k2 : one number per delay; where searched, the first start.
+    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
     which : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
@@ -77,8 +43,10 @@ def greatest_delay(
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
+    system = checked_system(system)
     if order is None:
         return delay_of_theorem_2(system, gamma, k1, k2, which=which, limit=limit, search=search)
+    one, two, look = starting(system, k1, k2, search)
     return sharper_delay(
-        system, gamma, k1, k2, order=order, which=which, limit=limit, search=search
+        system, gamma, one, two, order=order, which=which, limit=limit, search=look
     )
