@@ -92,10 +92,10 @@ def design(
     if order is not None:
         if demands.any:
             raise InputError(
-                "at an order, gamma alone can be proved",
+                "what is demanded beside gamma is proved with Theorem 2",
                 where="order",
-                expected="no decay, gain limit or peak of the control beside it",
-                got=words(demands),
+                expected=f"no order, beside {words(demands)}",
+                got=str(order),
             )
         return sharper_design(system, one, two, order=order, gamma=gamma, gain=gain, search=look)
     plain: Design | None = None

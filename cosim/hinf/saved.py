@@ -9,12 +9,11 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.hinf.certificate import check_certificate
-from cosim.hinf.guarantees import KEY, guarantees_from_json
+from cosim.hinf.guarantees import KEY, Guarantees, guarantees_from_json
 from cosim.hinf.shown import shown
 from cosim.hinf.synthesis import Design
 from cosim.hinf.system_json import number, system_from_json
 
-_PROOF = ("claim", "system", "variables", "K")
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
 """Computed beside the proof: notes, not part of the claim."""
 
@@ -62,16 +61,16 @@ def design_from_json(data: Any, *, where: str) -> Design:
     if margins is not None:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     order: int | None = proved.get("order")
-    own = ("kind", "claim", "system", "variables", "K")
+    own = ("kind", "claim", "system", "variables", "K", *(() if order is not None else (KEY,)))
     return Design(
         system=system,
         K=np.array(data["K"], dtype=float),
         gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
         k1=() if order is not None else tuple(map(_double, proved["k1"])),
         k2=() if order is not None else tuple(map(_double, proved["k2"])),
-        certificate={key: data[key] for key in (*own, KEY) if key in data},
-        guarantees=guarantees_from_json(data, system),
+        certificate={key: data[key] for key in own if key in data},
         order=order,
+        guarantees=Guarantees() if order is not None else guarantees_from_json(data, system),
         delay_margin=margins,
         **notes,
     )
