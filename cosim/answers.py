@@ -15,12 +15,16 @@ def design_json(
     save: Path | None,
     refutation: Path | None = None,
     nominal: float | None = None,
+    weights: tuple[float, ...] | None = None,
 ) -> dict[str, Any]:
     """What `cosim design --json` prints.
 
     save, refutation : where the certificate is, and that of what cannot be had.
     nominal : gamma with nothing uncertain, if that was asked.
+    weights : of the rows of z, if there are any.
     """
+    more = found.guarantees
+    peak = more.peak_control
     return {
         "system": name,
         "gamma": found.gamma,
@@ -32,6 +36,12 @@ def design_json(
         "up_to_delays": found.up_to,
         "certified": found.certified,
         "certificate": None if save is None else str(save),
+        "decay": None if more.decay is None else float(more.decay.rate),
+        "gain_limit": None if more.gain_limit is None else float(more.gain_limit.bound),
+        "peak_control": None if peak is None else [float(x) for x in peak.bounds],
+        "offset": None if peak is None else [float(x) for x in peak.offset],
+        "energy": None if peak is None else float(peak.energy),
+        "weights": None if weights is None else list(weights),
         "limit_reached": None if reach is None else reach.limit_reached,
         "refuted_at": None if reach is None else reach.refuted_at,
         "refutation": None if refutation is None else str(refutation),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cosim.errors import InputError
-from cosim.hinf import NamedSystem, system_by_name
+from cosim.hinf import NamedSystem, system_by_name, weighted
 from cosim.hinf.system_json import matrix
 from cosim.scenario.gain import problem_of
 from cosim.scenario.read import builtin_names, load
@@ -22,7 +23,20 @@ def named_problem(name: str) -> tuple[NamedSystem, Any]:
     if part is None:
         raise InputError("this scenario has no design", where=name)
     problem = problem_of(part, loaded.folder)
-    return NamedSystem(problem.system, problem.k1, problem.k2), part.gain
+    named = NamedSystem(problem.system, problem.k1, problem.k2, demands=problem.demands)
+    return named, part.gain
+
+
+def with_weights(named: NamedSystem, weights: tuple[float, ...]) -> NamedSystem:
+    """The system with these weights of z, in place of its own.
+
+    Raises
+    ------
+    InputError : they do not fit it.
+    """
+    before = named.unweighted or named.system
+    after = weighted(before, weights, where="--weights")
+    return replace(named, system=after, weights=weights, unweighted=before)
 
 
 def gain_from(text: str) -> Any:

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cosim.carried import Carried
 from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
+from cosim.hinf.guarantees import Guarantees
 from cosim.models.delay_system import Delay
 from cosim.pack import Packed
 from cosim.replay import Rerun
@@ -53,6 +54,8 @@ def design_view(
     _yardsticks(facts, design)
     if design.order is not None:
         facts.add_row("condition", _condition(design.order), "")
+    for row in _guarantees(design.guarantees):
+        facts.add_row(*row)
     for i, delay in enumerate(design.system.delays):
         scalars = f"; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}" if design.k2 else ""
         facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", _age(delay, up_to=design.up_to) + scalars)
@@ -62,6 +65,27 @@ def design_view(
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
     return Group(facts, gain)
+
+
+def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
+    """What is proved beside gamma: (figure, value, what it says)."""
+    rows = []
+    if more.decay is not None:
+        said = "certified: with w = 0 every solution falls at least as exp(-rate t)"
+        rows.append(("rate of decay", f"{float(more.decay.rate):.6g} 1/s", said))
+    if more.gain_limit is not None:
+        rows.append(("|K|", f"{float(more.gain_limit.bound):.6g}", "certified: at most this"))
+    if more.peak_control is not None:
+        peak = more.peak_control
+        start = ", ".join(f"{float(x):g}" for x in peak.offset)
+        said = f"certified: |u_{{}}(t)| at most this, from |x| <= ({start})"
+        if peak.energy != 0:
+            said += f", with (int w'w)^(1/2) <= {float(peak.energy):g}"
+        rows += [
+            (f"peak of u_{i}", f"{float(bound):.6g}", said.format(i))
+            for i, bound in enumerate(peak.bounds, 1)
+        ]
+    return rows
 
 
 def analysis_view(
@@ -159,6 +183,11 @@ def certificate_view(file: str, certificate: Certificate, carried: Carried) -> R
         acts = ", the control acts through it" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    for name, more in claim.get("guarantees", {}).items():
+        exact = more.get("rate", more.get("bound", more.get("bounds")))
+        values = exact if isinstance(exact, list) else [exact]
+        shown = ", ".join(f"{float(Fraction(value)):.7g}" for value in values)
+        facts.add_row(name.replace("_", " "), shown, more["property"])
     if "K" in carried.data:  # what refutes speaks of every gain
         facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
     facts.add_row("SHA-256", f"{carried.sha256}"[:16], "of the certificate without notes")

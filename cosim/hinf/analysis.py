@@ -21,6 +21,7 @@ from cosim.errors import InputError
 from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_BOX, MAX_ORDER, analysis_proved, covers_smaller
+from cosim.hinf.from_control import checked_system
 from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
@@ -88,6 +89,7 @@ def analyse(
     ------
     InputError : numbers that do not fit the system.
     """
+    system = checked_system(system)
     K = gain_of(system, gain)
     _order(order)
     if gamma is not None:

@@ -82,9 +82,10 @@ class Structure:
     base : the delay (from 1) whose rows r the other rows r are counted against.
     X, Y, eps, gamma : places of the unknowns; eps, gamma None where there are none.
     Q, R : one per delay; None where Q must be zero (any age), where R plays no part (d = 0).
+    spare : places of unknowns that play no part here, as many as asked for.
     """
 
-    def __init__(self, system: DelaySystem) -> None:
+    def __init__(self, system: DelaySystem, spare: int = 0) -> None:
         n, m = system.B.shape
         self.system = system
         self.late = tuple(delay.d > 0 for delay in system.delays)
@@ -97,6 +98,7 @@ class Structure:
         self.R = tuple(self._symmetric(n) if late else None for late in self.late)
         self.eps = self._full(1, 1) if system.E.size else None
         self.gamma = self._full(1, 1) if system.has_performance else None
+        self.spare = self._full(1, spare).place[0]
         self.offset: dict[str, int] = {}
         self.rows = 0
         self._factors: list[_Factor] = []

@@ -8,6 +8,8 @@ and delays are their doubles, too: the claim says `"inputs": "doubles"`.
 As JSON a certificate carries everything that the proof needs and can be checked by anyone:
 
     {"claim": {...}, "system": {...}, "variables": {"X": [["p/q", ...]], ...}, "K": [[...]]}
+
+and, where more is proved than gamma, `guarantees` (`cosim.hinf.guarantees`).
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.hinf.analysis_certificate import KIND, check_analysis
 from cosim.hinf.exact_lmi import ExactVariables
+from cosim.hinf.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.proof import Certificate, Variables, claim_of, exact_variables, proved
 from cosim.hinf.rational import (
     exact_matrix,
@@ -86,7 +89,12 @@ def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> Certific
     return proved(system, gain, exact_variables(system, variables))
 
 
-def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables) -> dict[str, Any]:
+def certificate_to_json(
+    system: DelaySystem,
+    K: ArrayLike,
+    variables: Variables,
+    guarantees: Guarantees | None = None,
+) -> dict[str, Any]:
     """What `check_certificate` checks, for `json.dumps`; says nothing about validity.
 
     Raises
@@ -96,8 +104,9 @@ def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables)
     """
     gain = _gain(K, system)
     v = exact_variables(system, variables)
+    more = guarantees or Guarantees()
     return {
-        "claim": claim_of(system, v.gamma),
+        "claim": claim_of(system, v.gamma) | more.claim(),
         "system": system_to_json(system),
         "variables": {
             "X": matrix_to_text(v.X),
@@ -110,6 +119,7 @@ def certificate_to_json(system: DelaySystem, K: ArrayLike, variables: Variables)
             "gamma": None if v.gamma is None else to_text(v.gamma),
         },
         "K": gain.tolist(),
+        **more.to_json(),
     }
 
 
@@ -118,7 +128,7 @@ def check_certificate(data: Any) -> Certificate:
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "refutation" or "gamma
     floor" one of `refutation_certificate`, without a kind one of Theorem 2. Top-level keys
-    beside these and the four of the module's docstring are notes: nothing is claimed about
+    beside these and the five of the module's docstring are notes: nothing is claimed about
     them.
 
     Raises
@@ -148,7 +158,8 @@ def check_certificate(data: Any) -> Certificate:
     rows = matrix(data["K"], "K")
     gain = _gain(rows if m or rows.size else np.zeros((0, n)), system)
     v, Y = _variables_from_json(system, data["variables"])
-    claim = claim_of(system, v.gamma)
+    more = guarantees_from_json(data, system)
+    claim = claim_of(system, v.gamma) | more.claim()
     if data["claim"] != claim:
         return Certificate(
             valid=False,
@@ -161,7 +172,8 @@ def check_certificate(data: Any) -> Certificate:
             return Certificate(valid=False, reason=f"{name} is not symmetric", claim=claim)
     if exact_matrix(gain) * v.X != Y:
         return Certificate(valid=False, reason="Y is not K X", claim=claim)
-    return proved(system, gain, v)
+    reason = proved(system, gain, v).reason or more.failure(system, gain)
+    return Certificate(valid=reason is None, reason=reason, claim=claim)
 
 
 def read_certificate(path: str | Path) -> Any:

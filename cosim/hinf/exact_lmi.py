@@ -61,6 +61,18 @@ class ExactVariables:
 
 
 @dataclass(frozen=True)
+class Shift:
+    """The system that e^{rate t} x(t) obeys: A_0 + rate I, and growth_j times A_j, B, H_j.
+
+    rate : a `fmpq`.
+    growth : one `fmpq` per delay, in place of e^{rate tau_j}; B where the feedback is late.
+    """
+
+    rate: Any
+    growth: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
 class ExactLmi:
     """-Omega: the lower triangle row by row, and the name of the block of every row."""
 
@@ -68,8 +80,8 @@ class ExactLmi:
     row_names: list[str]
 
 
-def minus_omega(  # noqa: C901 - one table, read from top to bottom
-    system: DelaySystem, Y: Any, v: ExactVariables
+def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
+    system: DelaySystem, Y: Any, v: ExactVariables, shift: Shift | None = None
 ) -> ExactLmi:
     """-Omega of the module's table, exactly, for the doubles of `system`.
 
@@ -78,6 +90,7 @@ def minus_omega(  # noqa: C901 - one table, read from top to bottom
     system : its matrices and delays are taken as the doubles that they are.
     Y : (m, n) `fmpq_mat`, K X.
     v : the variables.
+    shift : for a rate of decay, the shifted system instead.
     """
     n, N = system.A.shape[0], len(system.delays)
     later = range(1, N + 1)
@@ -88,6 +101,7 @@ def minus_omega(  # noqa: C901 - one table, read from top to bottom
     H = [exact_matrix(system.H), *(exact_matrix(delay.H) for delay in system.delays)]
     acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
     G = [A[i] * v.X + B * Y if acts[i] else A[i] * v.X for i in range(N + 1)]
+    G, H = (G, H) if shift is None else _shifted(G, H, v.X, shift)
     C = exact_matrix(system.C)
     EE = flint.fmpq_mat(n, n)
     if v.eps is not None:
@@ -137,3 +151,10 @@ def minus_omega(  # noqa: C901 - one table, read from top to bottom
     negated = {key: -block for key, block in t.items()}
     names = [name for name in sizes for _ in range(sizes[name])]
     return ExactLmi(lower_triangle(list(sizes), sizes, negated), names)
+
+
+def _shifted(G: list[Any], H: list[Any], X: Any, shift: Shift) -> tuple[list[Any], list[Any]]:
+    """G and H of the shifted system; all that acts through a delay grows alike."""
+    late_G = [growth * M for growth, M in zip(shift.growth, G[1:], strict=True)]
+    late_H = [growth * M for growth, M in zip(shift.growth, H[1:], strict=True)]
+    return [G[0] + shift.rate * X, *late_G], [H[0], *late_H]

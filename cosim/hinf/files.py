@@ -15,12 +15,19 @@ Any number of delays: in place of A1, H1, d one table each::
     feedback = true     # u = K x(t-d)
     any_age = true      # every time-varying delay up to d
 
-Optional: what a design starts from, k1 and k2 one number per delay::
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional,
+what a design starts from, k1 and k2 one number per delay, and what it is to meet
+(`cosim.hinf.demands`)::
 
     [design]
     k1 = [0.6]
     k2 = [0.2]
     gamma = 5.05
+    decay = 0.5         # 1/s
+    gain_limit = 2.0    # on |K|
+    peak_control = 3.0  # on every |u_i|, from offset and energy
+    offset = [1.0, 0.0]
+    energy = 1.0
 """
 
 from __future__ import annotations
@@ -34,6 +41,8 @@ from typing import Any
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.hinf.demands import KEYS as DEMANDS
+from cosim.hinf.demands import Demands, demands_from_table
 from cosim.hinf.shown import shown
 from cosim.hinf.system_json import (
     MATRICES,
@@ -43,6 +52,7 @@ from cosim.hinf.system_json import (
     matrix,
     number,
 )
+from cosim.hinf.weights import weighted
 from cosim.models.delay_system import Delay, DelaySystem
 
 _ONE_DELAY = ("d", "A1", "H1")
@@ -52,14 +62,21 @@ _ONE_DELAY = ("d", "A1", "H1")
 class SystemFile:
     """A system with what its file says about the design; None where it says nothing.
 
+    system : its z weighted.
     k1, k2 : one number per delay, k2 not zero.
     gamma : the bound to design for, positive.
+    weights : of the rows of z.
+    unweighted : the system before.
+    demands : what a design is to meet beside gamma.
     """
 
     system: DelaySystem
     k1: tuple[float, ...] | None
     k2: tuple[float, ...] | None
     gamma: float | None
+    weights: tuple[float, ...] | None
+    unweighted: DelaySystem
+    demands: Demands
 
 
 def load_system(path: str | Path) -> SystemFile:
@@ -95,10 +112,16 @@ def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
     """
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design"), required=("system",))
-    system = _system(data["system"], f"{where}: system", name)
+    unweighted = _system(data["system"], f"{where}: system", name)
+    weights = None
+    if "weights" in data["system"]:
+        weights = _numbers(data["system"]["weights"], f"{where}: system.weights")
+    system = unweighted
+    if weights is not None:
+        system = weighted(unweighted, weights, where=f"{where}: system.weights")
     place = f"{where}: design"
     design = data.get("design", {})
-    known_keys(design, place, ("k1", "k2", "gamma"))
+    known_keys(design, place, ("k1", "k2", "gamma", *DEMANDS))
     N = len(system.delays)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
@@ -118,7 +141,8 @@ def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
         raise InputError(
             "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
         )
-    return SystemFile(system, k1, k2, gamma)
+    demands = demands_from_table(design, system, place)
+    return SystemFile(system, k1, k2, gamma, weights, unweighted, demands)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
@@ -146,7 +170,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def _system(data: Any, where: str, name: str) -> DelaySystem:
-    known_keys(data, where, (*MATRICES, *_ONE_DELAY, "delays", "name"), required=("A",))
+    known_keys(data, where, (*MATRICES, *_ONE_DELAY, "delays", "name", "weights"), required=("A",))
     matrices = {key: matrix(data[key], f"{where}.{key}") for key in MATRICES if key in data}
     title = data.get("name", name)
     if not isinstance(title, str):
@@ -204,4 +228,10 @@ def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:
             expected=f"a list of {count}",
             got=f"{len(values)} of them",
         )
+    return _numbers(values, where)
+
+
+def _numbers(values: Any, where: str) -> tuple[float, ...]:
+    if not isinstance(values, list):
+        raise InputError("not a list of numbers", where=where, expected="a list", got=shown(values))
     return tuple(number(x, f"{where}[{i}]") for i, x in enumerate(values))

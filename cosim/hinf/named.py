@@ -1,12 +1,13 @@
-"""Systems by name (`paper`, `auv`) or from a TOML file, with their k1 and k2."""
+"""Systems by name (`paper`, `auv`) or from a TOML file, with what they say of their design."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cosim.errors import InputError
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2, auv_system
+from cosim.hinf.demands import Demands
 from cosim.hinf.files import load_system
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
@@ -16,12 +17,22 @@ BUILT_IN = ("paper", "auv")
 
 @dataclass(frozen=True)
 class NamedSystem:
-    """A system and the k1, k2 (one per delay) to start from."""
+    """A system, and what its design starts from and is to meet.
+
+    k1, k2 : one number per delay; None: to be searched.
+    gamma : None: the least.
+    weights : of the rows of z, which `system` has; None where there are none.
+    unweighted : the system before these weights; None where there are none.
+    demands : beside gamma.
+    """
 
     system: DelaySystem
-    k1: tuple[float, ...]
-    k2: tuple[float, ...]
+    k1: tuple[float, ...] | None
+    k2: tuple[float, ...] | None
     gamma: float | None = None
+    weights: tuple[float, ...] | None = None
+    unweighted: DelaySystem | None = None
+    demands: Demands = field(default_factory=Demands)
 
 
 def system_by_name(name: str) -> NamedSystem:
@@ -38,8 +49,7 @@ def system_by_name(name: str) -> NamedSystem:
     if not name.endswith(".toml"):
         raise InputError.unknown("system", name, (*BUILT_IN, "FILE.toml"))
     file = load_system(Path(name))
-    n = len(file.system.delays)
-    # k1 = -k2 is where a search starts; one second is a scale like any other
-    k2 = tuple(file.k2) if file.k2 is not None else (1.0,) * n
-    k1 = tuple(file.k1) if file.k1 is not None else tuple(-value for value in k2)
-    return NamedSystem(file.system, k1, k2, file.gamma)
+    before = None if file.weights is None else file.unweighted
+    return NamedSystem(
+        file.system, file.k1, file.k2, file.gamma, file.weights, before, file.demands
+    )

@@ -67,11 +67,16 @@ class Problem:
     structure : the LMI, in the units of `scaling`.
     has_gamma : whether there is a gain from w to z to be bounded.
     solves : how often the solver was asked: what a search is budgeted by.
+
+    `spare` unknowns stand beside its own, for what a subclass adds (`_more`); `scaling` is its
+    own unless it is given.
     """
 
-    def __init__(self, system: DelaySystem) -> None:
-        self.scaling: Scaling = scaling_of(system)
-        self.structure = Structure(self.scaling.system(system))
+    def __init__(
+        self, system: DelaySystem, *, spare: int = 0, scaling: Scaling | None = None
+    ) -> None:
+        self.scaling: Scaling = scaling or scaling_of(system)
+        self.structure = Structure(self.scaling.system(system), spare)
         self.has_gamma = self.structure.gamma is not None
         self.solves = 0
         self._n = system.A.shape[0]
@@ -79,19 +84,28 @@ class Problem:
         s, zeros = self.structure, np.zeros((self._n, self._n))
         free = [Q for Q in s.Q if Q is not None]
         self._signs = [self._bound(V, zeros) for V in (s.X, *free)]
-        self._bounds = [self._bound(Q, zeros, t=_SHARE) for Q in free]
         self._trace: tuple[Array, float] | None = None
         if self.has_gamma:
-            limit = _LARGEST_X * np.eye(self._n)
-            last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
-            self._bounds += [self._bound(s.X, limit, sign=-1.0, t=0.0)]
-            self._bounds += [self._bound(s.X, zeros, t=0.0), Constraint(1, np.ones(1), last)]
+            self._bounds = self._bounded()
         else:
             # the LMI is homogeneous: how large its solution is to be must be said
             trace = np.zeros(self._t + 1)
             trace[np.diag(s.X.place)] = 1.0
             self._trace = (trace, float(self._n))
-            self._bounds += [self._bound(s.X, zeros, t=_SHARE)]
+            self._bounds = [self._bound(V, zeros, t=_SHARE) for V in (*free, s.X)]
+
+    def _bounded(self) -> list[Constraint]:
+        """What bounds a margin where a level says how large a solution is: X <= 1000, t <= 1."""
+        X, zeros = self.structure.X, np.zeros((self._n, self._n))
+        limit = _LARGEST_X * np.eye(self._n)
+        last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
+        free = [Q for Q in self.structure.Q if Q is not None]
+        return [
+            *(self._bound(Q, zeros, t=_SHARE) for Q in free),
+            self._bound(X, limit, sign=-1.0, t=0.0),
+            self._bound(X, zeros, t=0.0),
+            Constraint(1, np.ones(1), last),
+        ]
 
     def least_gamma(self, p: Scalars, gain: Matrix | None = None) -> Answer | Solution:
         """Remark 2: the least gamma, or what the solver says instead of one."""
@@ -101,7 +115,8 @@ class Problem:
         q = np.zeros(self._t)
         q[gamma.place[0, 0]] = 1.0
         inner = self._inner(p)
-        solution = self._solve([self._omega(inner, gain), *self._signs], q, TOLERANCE)
+        more = self._more(inner, gain, margin=False)
+        solution = self._solve([self._omega(inner, gain), *self._signs, *more], q, TOLERANCE)
         if not solution.usable:
             return solution
         return self._answer(solution, inner, gain, 1.0 / self.scaling.a**2)
@@ -125,15 +140,23 @@ class Problem:
         inner = self._inner(p)
         own = np.ones(self.structure.rows) if weights is None else weights
         whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
-        solution = self._solve([whole, *self._bounds], q, tolerance, self._trace)
+        more = self._more(inner, gain, margin=True)
+        solution = self._solve([whole, *self._bounds, *more], q, tolerance, self._trace)
         if not solution.usable:
             return solution
         answer = self._answer(solution, inner, gain, -1.0)
-        return replace(answer, point=replace(answer.point, gamma=gamma))
+        return (
+            answer if gamma is None else replace(answer, point=replace(answer.point, gamma=gamma))
+        )
 
     def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
         """-Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; in inner units."""
         return [self._omega(self._inner(p), None, gamma), *self._signs]
+
+    def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:
+        """What else is to hold, in inner units, with a last unknown t or without; nothing here."""
+        del p, gain, margin
+        return []
 
     def _inner(self, p: Scalars) -> Scalars:
         T = self.scaling.T

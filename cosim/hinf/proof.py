@@ -10,16 +10,18 @@ each delay grow with it, so what holds at dj holds for every constant delay up t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.hinf.exact_lmi import ExactVariables, minus_omega
+from cosim.hinf.exact_lmi import ExactVariables, Shift, minus_omega
 from cosim.hinf.rational import exact, exact_matrix, first_bad_matrix, first_bad_pivot, to_text
 
 if TYPE_CHECKING:
+    from cosim.hinf.assembly import Scalars
+    from cosim.hinf.problem import Point
     from cosim.models.delay_system import DelaySystem, Matrix
 
 MAX_ROWS = 400
@@ -96,12 +98,20 @@ def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> Certificate:
     InputError
         If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
     """
-    reason = _failure(system, gain, v)
+    reason = failure(system, gain, v)
     return Certificate(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
 
 
-def _failure(system: DelaySystem, gain: Matrix, v: ExactVariables) -> str | None:
-    """Which condition is not proved; None if all are."""
+def failure(
+    system: DelaySystem, gain: Matrix, v: ExactVariables, shift: Shift | None = None
+) -> str | None:
+    """Which condition is not proved; None if all are. With a `shift`, of the shifted system.
+
+    Raises
+    ------
+    InputError
+        As `proved`.
+    """
     rows = (1 + 3 * len(system.delays)) * system.A.shape[0] + system.H.shape[0]
     rows += system.C.shape[1] + system.D.shape[0] if v.gamma is not None else 0
     if rows > MAX_ROWS:
@@ -123,7 +133,7 @@ def _failure(system: DelaySystem, gain: Matrix, v: ExactVariables) -> str | None
     name = first_bad_matrix(positive)
     if name is not None:
         return f"{name} is not positive definite"
-    lmi = minus_omega(system, exact_matrix(gain) * v.X, v)
+    lmi = minus_omega(system, exact_matrix(gain) * v.X, v, shift)
     bad = first_bad_pivot(lmi.lower)
     if bad is not None:
         total = len(lmi.lower)
@@ -173,3 +183,17 @@ def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
         k2=tuple(scalar(f"k2[{j}]", value) for j, value in enumerate(v.k2)),
         gamma=scalar("gamma", v.gamma) if system.has_performance else None,
     )
+
+
+def exact_point(system: DelaySystem, point: Point, p: Scalars) -> ExactVariables:
+    """A solver's point at k1, k2 as rationals; its gamma is None where it has none.
+
+    Raises
+    ------
+    InputError
+        As `exact_variables`.
+    """
+    gamma = 1.0 if point.gamma is None else point.gamma
+    v = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
+    exactly = exact_variables(system, v)
+    return exactly if point.gamma is not None else replace(exactly, gamma=None)

@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.hinf.certificate import check_certificate
+from cosim.hinf.guarantees import KEY, Guarantees, guarantees_from_json
 from cosim.hinf.shown import shown
 from cosim.hinf.synthesis import Design
 from cosim.hinf.system_json import number, system_from_json
@@ -60,7 +61,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
     if margins is not None:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
     order: int | None = proved.get("order")
-    own = ("kind", "claim", "system", "variables", "K")
+    own = ("kind", "claim", "system", "variables", "K", *(() if order is not None else (KEY,)))
     return Design(
         system=system,
         K=np.array(data["K"], dtype=float),
@@ -69,6 +70,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         k2=() if order is not None else tuple(map(_double, proved["k2"])),
         certificate={key: data[key] for key in own if key in data},
         order=order,
+        guarantees=Guarantees() if order is not None else guarantees_from_json(data, system),
         delay_margin=margins,
         **notes,
     )

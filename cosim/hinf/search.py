@@ -23,7 +23,7 @@ from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import Matrix
+    from cosim.models.delay_system import DelaySystem, Matrix
 
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)
@@ -74,6 +74,27 @@ def widest_margin(
         return best, value
     best, value = _descend(ask, best, sign=-1.0, enough=0.0)
     return best, -value
+
+
+def starting(
+    system: DelaySystem,
+    k1: Sequence[float] | None,
+    k2: Sequence[float] | None,
+    search: bool | None,  # noqa: FBT001 - passed on as it was given
+) -> tuple[Sequence[float], Sequence[float], bool]:
+    """k1, k2 to begin with, and whether to search: by default where neither is given.
+
+    One of them alone makes the other, k1 = -k2; where both are absent, k2 = 1/(2d).
+    """
+    if k1 is None and k2 is None:
+        late = [delay.d for delay in system.delays if delay.d > 0]
+        k2 = [0.5 / (delay.d or min(late, default=1.0)) for delay in system.delays]
+        search = search is None or search
+    if k2 is None:
+        k2 = [-value for value in k1 or ()]
+    if k1 is None:
+        k1 = [-value for value in k2]
+    return k1, k2, bool(search and system.delays)
 
 
 def starts(p: Scalars) -> list[Scalars]:

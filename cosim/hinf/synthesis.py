@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
+from cosim.hinf.guarantees import Guarantees
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.refusals import (
     below_least,
@@ -72,6 +73,7 @@ class Design:
     certificate : the proof as JSON values, for `check_certificate`.
     order : of the Bessel-Legendre inequality in the proof, which is then the analysis of K and
         has no k1, k2; None for Theorem 2.
+    guarantees : what is proved beside gamma, in the certificate, too.
     """
 
     system: DelaySystem
@@ -87,6 +89,7 @@ class Design:
     delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any]
     order: int | None = None
+    guarantees: Guarantees = field(default_factory=Guarantees)
 
     @property
     def up_to(self) -> bool:
@@ -108,6 +111,7 @@ def design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool = False,
+    problem: Problem | None = None,
 ) -> Design:
     """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
 
@@ -118,6 +122,7 @@ def design(
     gamma : a bound to be met instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to be analysed instead of designed.
     search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
+    problem : the LMI, with more to be met than Theorem 2; None for Theorem 2 alone.
 
     Raises
     ------
@@ -128,7 +133,7 @@ def design(
     fixed = None if gain is None else _fitting(gain, system)
     if gamma is not None:
         check_reachable(gamma, system)
-    problem = Problem(system)
+    problem = problem or Problem(system)
     if search:
         scalars = _searched(problem, scalars, fixed)
     least = None

@@ -15,10 +15,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from cosim.models.state_space import plant_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -199,6 +201,32 @@ class DelaySystem:
         )
         object.__setattr__(self, "delays", complete)
         object.__setattr__(self, "name", name)
+
+    @classmethod
+    def from_state_space(
+        cls,
+        plant: Any,
+        *,
+        ncon: int,
+        delays: Sequence[Delay] = (),
+        E: ArrayLike | None = None,
+        H: ArrayLike | None = None,
+        name: str = "",
+    ) -> DelaySystem:
+        """A system from a state-space model, such as `control.ss` makes.
+
+        Parameters
+        ----------
+        plant : continuous time; its inputs are w and then, the last `ncon`, u, as in
+            `control.hinfsyn`; its outputs are z. Every state is fed back.
+        ncon : number of controls.
+        delays, E, H, name : as of `DelaySystem`; a delay with `feedback` makes u = K x(t-d).
+
+        Raises
+        ------
+        ValueError : no such model, or parts that do not fit together.
+        """
+        return cls(*plant_from(plant, ncon), E, H, delays, name)
 
     @property
     def immediate_feedback(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from cosim.errors import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
-from cosim.hinf import AuvDesign, Design, Envelope, design, system_by_name
-from cosim.hinf.auv import DEFAULT_ENVELOPE, auv_system
+from cosim.hinf import AuvDesign, Demands, Design, Envelope, design, system_by_name
+from cosim.hinf.auv import DEFAULT_ENVELOPE, DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.named import BUILT_IN
 from cosim.models.delay_system import DelaySystem
 from cosim.scenario.schema import DesignPart
@@ -22,12 +22,18 @@ _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelop
 
 @dataclass(frozen=True)
 class Problem:
-    """A design to be made: the system, k1, k2, and for the vehicle what it was made from."""
+    """A design to be made.
+
+    system, k1, k2 : k1 and k2 None where they are to be searched.
+    vehicle : what the system was made from, if it is the vehicle.
+    demands : what is to be met beside gamma.
+    """
 
     system: DelaySystem
-    k1: tuple[float, ...]
-    k2: tuple[float, ...]
+    k1: tuple[float, ...] | None
+    k2: tuple[float, ...] | None
     vehicle: AuvDesign | None
+    demands: Demands = field(default_factory=Demands)
 
 
 def problem_of(part: DesignPart, folder: Path) -> Problem:
@@ -55,7 +61,7 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
         raise InputError.unknown("system", part.system, known, where="design.system")
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
-    return Problem(named.system, k1, k2, None)
+    return Problem(named.system, k1, k2, None, named.demands)
 
 
 def is_file(part: DesignPart) -> bool:
@@ -78,10 +84,9 @@ def _auv_problem(part: DesignPart) -> Problem:
         else Envelope(bounds.u, bounds.v, bounds.w, bounds.r, bounds.psi),
     )
     system = auv_system(vehicle)
-    named = system_by_name("auv")
     n = len(system.delays)
-    k1 = named.k1[:n] if part.k1 is None else tuple(part.k1)
-    k2 = named.k2[:n] if part.k2 is None else tuple(part.k2)
+    k1 = DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)
+    k2 = DEFAULT_K2[:n] if part.k2 is None else tuple(part.k2)
     return Problem(system, k1, k2, vehicle)
 
 
@@ -94,7 +99,8 @@ def solve(
     ------
     NotAchievableError : nothing could be certified, or at this order for one age alone.
     """
-    found = design(problem.system, problem.k1, problem.k2, gain=gain, order=order)
+    demands = asdict(problem.demands)
+    found = design(problem.system, problem.k1, problem.k2, gain=gain, order=order, **demands)
     if not found.up_to:
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ import typer
 
 from cosim import show
 from cosim.answers import analysis_json, design_json
-from cosim.arguments import gain_from, named_problem, numbers, write
+from cosim.arguments import gain_from, named_problem, numbers, with_weights, write
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf import (
     DELAY_LIMIT,
@@ -70,6 +71,31 @@ def design(
             help="Certify the same gain without uncertainty as well: what gamma pays for it.",
         ),
     ] = False,
+    decay: Annotated[
+        float | None,
+        typer.Option(help="Rate [1/s] at which every solution is to decay at least, with w = 0."),
+    ] = None,
+    gain_limit: Annotated[
+        float | None, typer.Option(help="Bound on |K|, its largest singular value.")
+    ] = None,
+    peak_control: Annotated[
+        str | None,
+        typer.Option(
+            help="Bound on every |u_i(t)|, one number or one per input, from --offset and --energy."
+        ),
+    ] = None,
+    offset: Annotated[
+        str | None,
+        typer.Option(
+            help="Where a flight may start: bounds on |x_i(0)|, one per state, held before."
+        ),
+    ] = None,
+    energy: Annotated[
+        float | None, typer.Option(help="Bound on the square root of the integral of w'w.")
+    ] = None,
+    weights: Annotated[
+        str | None, typer.Option(help="Weights of the rows of z, in place of the system's own.")
+    ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
     ] = None,
@@ -83,10 +109,14 @@ def design(
 
     gamma bounds the gain from w to z for every admissible uncertainty and is certified in
     rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
-    nominal loop stand beside it. k1 and k2 are free, and worth a search. What cannot be had
-    ends with exit code 5, and where that is proved exactly, with a proof to save.
+    nominal loop stand beside it. k1 and k2 are free, and worth a search; where neither the
+    system nor the command line has them, they are searched. What else is demanded is proved in
+    the same way: --decay, --gain-limit, and --peak-control with --offset or --energy. What
+    cannot be had ends with exit code 5, and where that is proved exactly, with a proof to save.
     """
     named, gain = named_problem(name)
+    if weights is not None:
+        named = with_weights(named, numbers("--weights", weights))
     system = named.system
     if delays is not None:
         system = with_delays(system, numbers("--delays", delays))
@@ -94,6 +124,14 @@ def design(
         named.k1 if k1 is None else numbers("--k1", k1),
         named.k2 if k2 is None else numbers("--k2", k2),
     )
+    asked = {
+        "decay": decay,
+        "gain_limit": gain_limit,
+        "peak_control": None if peak_control is None else numbers("--peak-control", peak_control),
+        "offset": None if offset is None else numbers("--offset", offset),
+        "energy": energy,
+    }
+    demands = asdict(named.demands) | {k: v for k, v in asked.items() if v is not None}
     goal = named.gamma if gamma is None else gamma
     reach: GreatestDelay | None = None
     with progress() as tell, _proof_kept(save_refutation):
@@ -104,6 +142,13 @@ def design(
                     "this scenario gives its gain, and a greatest delay is designed for",
                     where="--max-delay",
                 )
+            if any(value is not None for value in demands.values()):
+                raise InputError(
+                    "a greatest delay is found for gamma alone",
+                    where="--max-delay",
+                    expected="no decay, gain limit or peak of the control beside it",
+                    hint="--delays, to try them at a delay",
+                )
             which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
             reach = greatest_delay(
                 system,
@@ -111,12 +156,20 @@ def design(
                 *scalars,
                 which=which,
                 limit=delay_limit,
-                search=search,
+                search=search or None,
                 order=order,
             )
             found = reach.design
         else:
-            found = make_design(system, *scalars, gamma=goal, gain=gain, search=search, order=order)
+            found = make_design(
+                system,
+                *scalars,
+                gamma=goal,
+                gain=gain,
+                search=search or None,
+                order=order,
+                **demands,
+            )
         nominal = nominal_gamma(found) if price else None
     if save is not None:
         write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
@@ -126,7 +179,7 @@ def design(
         write(kept, json.dumps(refutation, indent=1, allow_nan=False) + "\n")
     answer(
         as_json,
-        lambda: design_json(name, found, reach, save, kept, nominal),
+        lambda: design_json(name, found, reach, save, kept, nominal, named.weights),
         lambda: show.design_view(name, found, reach, nominal),
     )
 

@@ -213,3 +213,57 @@ def test_json_that_is_no_system_is_bad_input(data: Any) -> None:
     """Whatever stands in place of a system's table is refused."""
     with pytest.raises(InputError):
         system_from_json(data)
+
+
+def test_weights_and_demands_are_read() -> None:
+    """`weights` scale the rows of z; what a design is to meet stands in [design]."""
+    text = PAPER.replace("d = 0.3\n", "d = 0.3\nweights = [0.5, 2]\n")
+    text += "decay = 0.5\ngain_limit = 2\npeak_control = [3]\noffset = [1, 0.5]\nenergy = 1.0\n"
+    read = _read(text)
+    np.testing.assert_array_equal(read.system.D, np.diag([0.5, 2.0]) @ read.unweighted.D)
+    assert read.weights == (0.5, 2.0)
+    assert read.demands.decay == 0.5
+    assert read.demands.gain_limit == 2.0
+    assert (read.demands.peak_control, read.demands.offset) == ((3.0,), (1.0, 0.5))
+    assert read.demands.energy == 1.0
+    assert not _read(PAPER).demands.any
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("decai = 0.5", ["'decai'", "did you mean decay"]),
+        ("peak = 0.5", ["'peak'", "peak_control"]),
+        ("decay = -0.5", ["decay", "positive"]),
+        ('decay = "fast"', ["design.decay", "'fast'"]),
+        ("peak_control = [1, 2]\noffset = [1, 0]", ["design.peak_control", "one per input"]),
+        ("peak_control = 1\noffset = 1", ["design.offset", "a list"]),
+        ("peak_control = 1\noffset = [1]", ["design.offset", "one per state"]),
+        ("peak_control = 1", ["design.peak_control", "from nothing"]),
+        ("energy = 1", ["design.energy", "peak_control"]),
+        ("gain_limit = 0", ["design.gain_limit", "positive"]),
+    ],
+)
+def test_demands_that_are_wrong_are_named(line: str, words: list[str]) -> None:
+    """The key, what was expected, and the nearest key where it is misspelt."""
+    with pytest.raises(InputError) as caught:
+        _read(f"{PAPER}{line}\n")
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("weights = [1.0]", ["system.weights", "2 numbers"]),
+        ("weights = 3", ["system.weights", "a list"]),
+        ("weights = [1, 0]", ["system.weights", "positive"]),
+        ("wheights = [1, 1]", ["'wheights'", "did you mean weights"]),
+    ],
+)
+def test_weights_that_are_wrong_are_named(line: str, words: list[str]) -> None:
+    """The same for the rows of z."""
+    with pytest.raises(InputError) as caught:
+        _read(PAPER.replace("d = 0.3\n", f"d = 0.3\n{line}\n"))
+    for word in words:
+        assert word in str(caught.value)

@@ -1,0 +1,276 @@
+"""How hard the control works, proved: a bound on |K|, and bounds on every |u_i(t)|.
+
+**Gain.** |K| <= k, the largest singular value, is k^2 I - K K' >= 0 with the K that flies; no
+LMI is needed for the proof.
+
+**Peak.** With z left out, the LMI of `cosim.hinf.exact_lmi` at some mu (its gamma) says
+V' <= mu w'w for the functional V, whatever F(t) does. From an initial state x0 that was held
+before t = 0 (the terms of x' in V are zero then), and with a disturbance of finite energy,
+
+    x(t)'P x(t) <= V(t) <= x0'(P + sum_j dj Qj) x0 + mu int w'w,    P = X^-1, Qj = P Qbar_j P
+
+for every t > 0, and before it. With |x0_i| <= offset_i the first term is largest at a corner
+of that box, since it is convex; int w'w <= energy^2. For u = K x(t-d_f)
+
+    u_i^2 <= K_i X K_i' times that level,
+
+all of it in rational numbers. X, Qbar, R, eps and mu are not those that prove gamma: what is
+asked here is another thing, and they are free to be its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import flint
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.hinf.exact_lmi import ExactVariables
+from cosim.hinf.proof import failure
+from cosim.hinf.rational import exact, exact_matrix, first_bad_matrix, from_text, identity, to_text
+from cosim.hinf.system_json import known_keys
+from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
+from cosim.models.delay_system import DelaySystem
+
+if TYPE_CHECKING:
+    from cosim.models.delay_system import Matrix
+
+MAX_OFFSETS = 8
+"""Most states that may start away from zero: 2^7 corners of a box, up to their sign."""
+
+_PRECISIONS = (256, 512, 1024, 2048, 4096)  # bits
+_DIGITS = 50  # bits of a level that must be sure
+
+
+@dataclass(frozen=True, eq=False)
+class GainLimit:
+    """The largest singular value of K is at most `bound`, a `fmpq`."""
+
+    bound: Any
+
+    def claim(self) -> dict[str, Any]:
+        """What is proved if `failure` finds nothing."""
+        return {
+            "property": "the largest singular value of K is at most bound",
+            "bound": to_text(self.bound),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """What `gain_limit_from_json` reads."""
+        return {"bound": to_text(self.bound)}
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Why it is not proved; None if it is."""
+        del system
+        K = exact_matrix(gain)
+        if self.bound < 0:
+            return "the bound of |K| is negative"
+        rest = self.bound * self.bound * identity(K.nrows()) - K * K.transpose()
+        if first_bad_matrix([("rest", rest)]) is not None:
+            return "bound^2 I - K K' is not positive definite"
+        return None
+
+
+def gain_limit_from_json(data: Any, system: DelaySystem, where: str) -> GainLimit:
+    """What `GainLimit.to_json` wrote; an `InputError` for what is none."""
+    del system
+    known_keys(data, where, ("bound",), required=("bound",))
+    return GainLimit(from_text(data["bound"], f"{where}.bound"))
+
+
+def norm_above(gain: Matrix) -> float:
+    """A double just above |K|, for which `GainLimit` is proved."""
+    value = float(np.linalg.norm(gain, 2)) if gain.size else 0.0
+    value = rounded_up(value) if value > 0 else math.ulp(1.0)
+    while GainLimit(exact(value)).failure(DelaySystem([[0.0]]), gain) is not None:
+        value *= 1 + 1e-12
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class PeakControl:
+    """|u_i(t)| <= bound_i for every t, and what proves it: exact numbers (`fmpq`).
+
+    bounds : one per input.
+    offset : one per state; the initial state has |x_i| <= offset_i, held before t = 0.
+    energy : int w'w <= energy^2.
+    variables : of the LMI without z; their gamma, mu above, is None where the energy is zero.
+    """
+
+    bounds: tuple[Any, ...]
+    offset: tuple[Any, ...]
+    energy: Any
+    variables: ExactVariables
+
+    def claim(self) -> dict[str, Any]:
+        """What is proved if `failure` finds nothing."""
+        return {
+            "property": "|u_i(t)| <= bounds_i for every t, from any constant initial state with "
+            "|x_i| <= offset_i, with any w of int w'w <= energy^2",
+            "bounds": [to_text(value) for value in self.bounds],
+            "offset": [to_text(value) for value in self.offset],
+            "energy": to_text(self.energy),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """What `peak_control_from_json` reads."""
+        return {
+            "bounds": [to_text(value) for value in self.bounds],
+            "offset": [to_text(value) for value in self.offset],
+            "energy": to_text(self.energy),
+            "variables": variables_to_json(self.variables),
+        }
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Which condition is not proved; None if all are."""
+        if self.energy < 0 or any(value < 0 for value in (*self.bounds, *self.offset)):
+            return "a bound, an offset or the energy is negative"
+        v = self.variables
+        name = asymmetric(v)
+        if name is not None:
+            return f"{name} is not symmetric"
+        reason = failure(reached_system(system, energy=self.energy != 0), gain, v)
+        if reason is not None:
+            return reason
+        squares = squared_peaks(system, gain, v, self.offset, self.energy)
+        if squares is None:
+            return "X is as good as singular"
+        for i, (bound, square) in enumerate(zip(self.bounds, squares, strict=True)):
+            if not _square_is_above(bound, square):
+                return f"bounds[{i}] is not proved: {float(bound):.6g} is below the level reached"
+        return None
+
+
+def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakControl:
+    """What `PeakControl.to_json` wrote; an `InputError` for what is none."""
+    keys = ("bounds", "offset", "energy", "variables")
+    known_keys(data, where, keys, required=keys)
+    n, m = system.B.shape
+
+    def numbers(name: str, count: int) -> tuple[Any, ...]:
+        values = data[name]
+        if not isinstance(values, list) or len(values) != count:
+            raise InputError("wrong length", where=f"{where}.{name}", expected=f"a list of {count}")
+        return tuple(from_text(x, f"{where}.{name}[{i}]") for i, x in enumerate(values))
+
+    energy = from_text(data["energy"], f"{where}.energy")
+    offset = numbers("offset", n)
+    if sum(value != 0 for value in offset) > MAX_OFFSETS:
+        raise _too_many(sum(value != 0 for value in offset), f"{where}.offset")
+    if energy != 0 and not system.C.size:
+        raise InputError(
+            "does not fit the system", where=f"{where}.energy", expected="0, without a disturbance"
+        )
+    place = f"{where}.variables"
+    variables = variables_from_json(data["variables"], system, place, gain=energy != 0)
+    return PeakControl(numbers("bounds", m), offset, energy, variables)
+
+
+def reached_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
+    """The system with z = 0; without w, too, where no energy comes in."""
+    s = system
+    nothing = np.zeros((1, s.A.shape[0])) if energy else None
+    return DelaySystem(
+        s.A,
+        s.B,
+        s.C if energy else None,
+        nothing,
+        E=s.E if s.E.size else None,
+        H=s.H if s.E.size else None,
+        delays=s.delays,
+        name=s.name,
+    )
+
+
+def squared_peaks(
+    system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
+) -> tuple[Any, ...] | None:
+    """What u_i^2 cannot exceed, one ball (`flint.arb`) per input, which the exact value lies in.
+
+    None if 4096 bits are not enough, as for an X that is as good as singular.
+    """
+    K = exact_matrix(gain)
+    late = v.X
+    for delay, Q in zip(system.delays, v.Q, strict=True):
+        late = late + exact(delay.d) * Q
+    corners = offset_corners(offset)
+    n = len(offset)
+    starts = flint.fmpq_mat(n, len(corners), [corner[i] for i in range(n) for corner in corners])
+    reach = K * v.X * K.transpose()
+    for bits in _PRECISIONS:
+        with flint.ctx.workprec(bits):
+            level = flint.arb(0)
+            if corners:
+                try:
+                    p = flint.arb_mat(v.X).solve(flint.arb_mat(starts))
+                except ZeroDivisionError:
+                    continue
+                levels = p.transpose() * flint.arb_mat(late) * p
+                for k in range(len(corners)):
+                    level = level.max(levels[k, k])
+            if energy != 0:
+                level += flint.arb(v.gamma * energy * energy)
+            squares = tuple(level * flint.arb(reach[i, i]) for i in range(K.nrows()))
+            if all(square == 0 or square.rel_accuracy_bits() > _DIGITS for square in squares):
+                return squares
+    return None
+
+
+def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+    """Corners of the box |x_i| <= offset_i, one of each pair of opposite ones; none if it is 0.
+
+    Raises
+    ------
+    InputError : more than `MAX_OFFSETS` of its sides are not zero.
+    """
+    sides = [i for i, value in enumerate(offset) if value != 0]
+    if len(sides) > MAX_OFFSETS:
+        raise _too_many(len(sides), "offset")
+    corners = []
+    for signs in itertools.product((1, -1), repeat=max(len(sides) - 1, 0)):
+        corner = list(offset)
+        for i, sign in zip(sides[1:], signs, strict=True):
+            corner[i] = sign * corner[i]
+        corners.append(tuple(corner))
+    return corners if sides else []
+
+
+def _too_many(sides: int, where: str) -> InputError:
+    return InputError(
+        "too many states start away from zero",
+        where=where,
+        expected=f"at most {MAX_OFFSETS} of them",
+        got=str(sides),
+    )
+
+
+def proved_peaks(
+    system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
+) -> tuple[float, ...] | None:
+    """The least bounds that `PeakControl` is proved with, in seven digits upward, as doubles."""
+    squares = squared_peaks(system, gain, v, offset, energy)
+    if squares is None:
+        return None
+    peaks = []
+    for square in squares:
+        root = math.sqrt(max(float(square.upper()), 0.0))
+        value = rounded_up(root) if root > 0 else 0.0
+        while not _square_is_above(exact(value), square):
+            value = value * (1 + 1e-12) or math.ulp(0.0)
+        peaks.append(value)
+    return tuple(peaks)
+
+
+def _square_is_above(bound: Any, square: Any) -> bool:
+    with flint.ctx.workprec(_PRECISIONS[0]):
+        return bool(flint.arb(bound * bound) >= square)
+
+
+def rounded_up(value: float) -> float:
+    """Seven significant digits, upward."""
+    digits = 6 - math.floor(math.log10(value))
+    return float(math.ceil(value * 10**digits) / 10**digits)

@@ -1,0 +1,86 @@
+"""To and from python-control: what its tools can take of a loop with delays.
+
+A `control.ss` has no delays, so a loop goes there as its frequency response, which is exact at
+every frequency it is asked for; `DelaySystem.from_state_space` is the way in.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.errors import InputError
+from cosim.hinf.closed_loop import ClosedLoop
+from cosim.models.delay_system import DelaySystem
+
+
+def frequency_response(loop: ClosedLoop, omega: ArrayLike) -> NDArray[np.complex128]:
+    """The gain from w to z, (p, q, len(omega)): D(s) (s I - A(s))^-1 C + D1 at s = j omega.
+
+    Parameters
+    ----------
+    loop : a loop with w and z, see `close`.
+    omega : frequencies [rad/s].
+
+    Raises
+    ------
+    InputError : a loop without w or z, frequencies that are none, or one at a root of the loop.
+    """
+    if loop.C is None or loop.D1 is None:
+        raise InputError(
+            "this loop has no gain from w to z", expected="C, and D, D1 or D2", where="loop"
+        )
+    try:
+        points = np.asarray(omega, dtype=np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise InputError("not frequencies", where="omega", expected="numbers of rad/s") from error
+    if not np.isfinite(points).all():
+        raise InputError("not frequencies", where="omega", expected="finite numbers of rad/s")
+    s = 1j * points
+    resolvent = s[:, None, None] * np.eye(loop.order) - loop.state_matrix(s)
+    try:
+        inner = np.linalg.solve(resolvent, np.broadcast_to(loop.C, (len(s), *loop.C.shape)))
+    except np.linalg.LinAlgError as error:
+        raise InputError("a frequency at which the loop has a root", where="omega") from error
+    response = np.asarray(loop.output_matrix(s) @ inner + loop.D1, dtype=np.complex128)
+    return np.moveaxis(response, 0, -1)
+
+
+def to_control(loop: ClosedLoop, omega: ArrayLike) -> Any:
+    """The frequency response of a loop as python-control's `control.FRD`.
+
+    Raises
+    ------
+    InputError : python-control is not installed; else as `frequency_response`.
+    """
+    try:
+        import control  # noqa: PLC0415 - an extra that few need
+    except ImportError as error:
+        raise InputError(
+            "python-control is not installed",
+            where="control",
+            hint='pip install "auv-cosim[control]"',
+        ) from error
+    points = np.asarray(omega, dtype=np.float64).ravel()
+    return control.FRD(frequency_response(loop, points), points)
+
+
+def checked_system(system: Any) -> DelaySystem:
+    """`system`, if it is a `DelaySystem`.
+
+    Raises
+    ------
+    InputError : it is something else; the message says how to make one of it.
+    """
+    if isinstance(system, DelaySystem):
+        return system
+    is_plant = all(hasattr(system, name) for name in "ABCD")
+    raise InputError(
+        "not a system with delays",
+        where="system",
+        expected="a DelaySystem",
+        got=type(system).__name__,
+        hint="DelaySystem.from_state_space(plant, ncon=..., delays=[...])" if is_plant else None,
+    )

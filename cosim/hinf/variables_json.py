@@ -1,0 +1,94 @@
+"""The LMI's variables as JSON: exact numbers as "p/q", for guarantees that have their own.
+
+    {"X": [["p/q", ...]], "Q": [...], "R": [...], "eps": ..., "k1": [...], "k2": [...],
+     "gamma": ...}
+
+Y is left out: it is K X.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cosim.errors import InputError
+from cosim.hinf.exact_lmi import ExactVariables
+from cosim.hinf.rational import from_text, is_symmetric, matrix_from_text, matrix_to_text, to_text
+from cosim.hinf.shown import shown
+from cosim.hinf.system_json import known_keys
+
+if TYPE_CHECKING:
+    from cosim.models.delay_system import DelaySystem
+
+_KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")
+
+
+def variables_to_json(v: ExactVariables) -> dict[str, Any]:
+    """What `variables_from_json` reads."""
+    return {
+        "X": matrix_to_text(v.X),
+        "Q": [matrix_to_text(Q) for Q in v.Q],
+        "R": [matrix_to_text(R) for R in v.R],
+        "eps": None if v.eps is None else to_text(v.eps),
+        "k1": [to_text(value) for value in v.k1],
+        "k2": [to_text(value) for value in v.k2],
+        "gamma": None if v.gamma is None else to_text(v.gamma),
+    }
+
+
+def variables_from_json(
+    data: Any, system: DelaySystem, where: str, *, gain: bool
+) -> ExactVariables:
+    """The variables that `variables_to_json` wrote.
+
+    Parameters
+    ----------
+    data : what stands in the file.
+    system : what they belong to; eps is there where it is uncertain.
+    where : stands in the messages.
+    gain : whether there is a gamma.
+
+    Raises
+    ------
+    InputError : a missing key, a wrong shape, a number that is none.
+    """
+    known_keys(data, where, _KEYS, required=_KEYS)
+    n, N = system.A.shape[0], len(system.delays)
+    for name in ("Q", "R", "k1", "k2"):
+        if not isinstance(data[name], list) or len(data[name]) != N:
+            raise InputError("one per delay", where=f"{where}.{name}", expected=f"a list of {N}")
+
+    def scalar(name: str, *, needed: bool) -> Any:
+        if needed != (data[name] is not None):
+            raise InputError(
+                "does not fit the system",
+                where=f"{where}.{name}",
+                expected="a number" if needed else "null",
+                got=shown(data[name]),
+            )
+        return from_text(data[name], f"{where}.{name}") if needed else None
+
+    def matrices(name: str) -> tuple[Any, ...]:
+        place = f"{where}.{name}"
+        return tuple(matrix_from_text(M, f"{place}[{j}]", n, n) for j, M in enumerate(data[name]))
+
+    def scalars(name: str) -> tuple[Any, ...]:
+        return tuple(from_text(x, f"{where}.{name}[{j}]") for j, x in enumerate(data[name]))
+
+    return ExactVariables(
+        X=matrix_from_text(data["X"], f"{where}.X", n, n),
+        Q=matrices("Q"),
+        R=matrices("R"),
+        eps=scalar("eps", needed=bool(system.E.size)),
+        k1=scalars("k1"),
+        k2=scalars("k2"),
+        gamma=scalar("gamma", needed=gain),
+    )
+
+
+def asymmetric(v: ExactVariables) -> str | None:
+    """Name of the first matrix that is not symmetric."""
+    named = [("X", v.X), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q))]
+    for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
+        if not is_symmetric(value):
+            return name
+    return None

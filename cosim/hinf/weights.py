@@ -1,0 +1,64 @@
+"""Output weights: the rows of z = D x + D1 w + D2 u, each times a number of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.models.delay_system import DelaySystem
+
+
+def weighted(
+    system: DelaySystem, weights: Sequence[float], *, where: str = "weights"
+) -> DelaySystem:
+    """The system with row i of D, D1 and D2 times weights[i].
+
+    The products are rounded to doubles; what is proved is proved about those.
+
+    Parameters
+    ----------
+    system : Eq. (7) with p outputs z.
+    weights : p positive numbers.
+    where : stands in the messages.
+
+    Raises
+    ------
+    InputError : not one positive number per output, or an entry that overflows.
+    """
+    p = system.D.shape[0]
+    values = np.array([float(value) for value in weights])
+    if len(values) != p:
+        raise InputError(
+            "the weights do not fit the system",
+            where=where,
+            expected=f"{p} numbers, one per output z" if p else "none: this system has no z",
+            got=f"{len(values)} of them",
+        )
+    wrong = [value for value in values if not (math.isfinite(value) and value > 0)]
+    if wrong:
+        raise InputError(
+            "not a weight",
+            where=where,
+            expected="positive numbers",
+            got=f"{wrong[0]:g}",
+            hint="an output that does not count is left out of D, D1 and D2",
+        )
+    s, column = system, values[:, None]
+    try:
+        return DelaySystem(
+            s.A,
+            s.B,
+            s.C,
+            column * s.D,
+            column * s.D1,
+            column * s.D2,
+            s.E if s.E.size else None,
+            s.H if s.E.size else None,
+            s.delays,
+            s.name,
+        )
+    except ValueError as error:
+        raise InputError(str(error), where=where) from error

@@ -1,0 +1,159 @@
+"""A certificate that proves more than gamma: every entry of it counts, on file as in memory."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from cosim.errors import InputError
+from cosim.hinf import Design, check_certificate, design, design_from_json, design_to_json
+from cosim.models import paper_example
+
+
+@pytest.fixture(scope="module")
+def found() -> Design:
+    """Section 5 with everything demanded at once."""
+    return design(
+        paper_example.system(),
+        (0.6,),
+        (0.2,),
+        decay=1.0,
+        gain_limit=0.5,
+        peak_control=0.6,
+        offset=[1.0, 0.5],
+        energy=0.1,
+    )
+
+
+@pytest.fixture(scope="module")
+def saved(found: Design) -> Any:
+    """Its file's content."""
+    return json.loads(json.dumps(design_to_json(found)))
+
+
+def _leaves(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items:
+        if isinstance(value, dict | list):
+            yield from _leaves(value, (*path, key))
+        else:
+            yield (*path, key)
+
+
+def _changed(data: Any, path: tuple[Any, ...], change: Callable[[Any], Any]) -> Any:
+    result = copy.deepcopy(data)
+    place = result
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = change(place[path[-1]])
+    return result
+
+
+def _refused(data: Any) -> bool:
+    try:
+        return not check_certificate(data).valid
+    except InputError:
+        return True
+
+
+def _worse(value: Any) -> Any:
+    try:
+        return str(-Fraction(value) * 1000 - 7)
+    except (ValueError, TypeError):
+        return f"{value} and more"
+
+
+def test_a_design_with_guarantees_survives_its_file(found: Design, saved: Any) -> None:
+    """Read back it is the same, proofs and all; its claim lists what is proved."""
+    assert check_certificate(saved).valid
+    assert set(saved["claim"]["guarantees"]) == {"decay", "gain_limit", "peak_control"}
+    again = design_from_json(saved, where="file")
+    assert design_to_json(again) == design_to_json(found)
+    assert again.guarantees.decay is not None
+    assert float(again.guarantees.decay.rate) == 1.0
+
+
+def test_every_entry_of_the_guarantees_counts(saved: Any) -> None:
+    """Any single one changed for the worse: refused, in the proofs and in the claim."""
+    paths = [("guarantees", *path) for path in _leaves(saved["guarantees"])]
+    paths += [("claim", "guarantees", *path) for path in _leaves(saved["claim"]["guarantees"])]
+    assert len(paths) > 40
+    assert [path for path in paths if not _refused(_changed(saved, path, _worse))] == []
+
+
+def test_a_claim_a_little_better_than_its_proof_is_refused(saved: Any) -> None:
+    """A rate, a bound or an energy changed by 2^-40 or 0.1 % in claim and table alike."""
+
+    def both(name: str, key: str, index: int | None, factor: Fraction) -> Any:
+        data = copy.deepcopy(saved)
+        for table in (data["guarantees"][name], data["claim"]["guarantees"][name]):
+            place, at = (table, key) if index is None else (table[key], index)
+            place[at] = str(Fraction(place[at]) * factor)
+        return data
+
+    less, more = 1 - Fraction(1, 1000), 1 + Fraction(1, 1000)
+    assert check_certificate(both("decay", "rate", None, less)).valid
+    assert check_certificate(both("peak_control", "energy", None, less)).valid
+    for data, word in (
+        (both("decay", "rate", None, 1 + Fraction(1, 2**40)), "growth"),
+        (both("decay", "rate", None, Fraction(20)), "growth"),
+        (both("gain_limit", "bound", None, less), "gain_limit"),
+        (both("peak_control", "bounds", 0, less), "peak_control: bounds"),
+        (both("peak_control", "offset", 0, more), "peak_control: bounds"),
+        (both("peak_control", "energy", None, more), "peak_control: bounds"),
+    ):
+        assert word in str(check_certificate(data).reason)
+
+
+def test_a_guarantee_can_be_dropped_but_not_in_the_proof_alone(saved: Any) -> None:
+    """Without its proof the claim is no longer made; without both the rest still holds."""
+    for name in saved["guarantees"]:
+        data = copy.deepcopy(saved)
+        del data["guarantees"][name]
+        assert "claim" in str(check_certificate(data).reason)
+        del data["claim"]["guarantees"][name]
+        assert check_certificate(data).valid
+    data = copy.deepcopy(saved)
+    del data["guarantees"]
+    assert not check_certificate(data).valid
+    del data["claim"]["guarantees"]
+    assert check_certificate(data).valid
+
+
+def test_a_steeper_corner_than_the_box_is_no_proof(saved: Any) -> None:
+    """A rate tripled with a growth that fits it: the LMI at the corners fails."""
+    data = copy.deepcopy(saved)
+    for table in (data["guarantees"]["decay"], data["claim"]["guarantees"]["decay"]):
+        table["rate"] = str(Fraction(table["rate"]) * 30)
+    data["guarantees"]["decay"]["growth"] = ["8200"]  # above e^{30 * 0.3}
+    assert "decay: -Omega" in str(check_certificate(data).reason)
+
+
+@pytest.mark.parametrize("garbage", [None, [], {}, "nan", "1/0", "9" * 3000, 1.0, [["1"]]], ids=str)
+def test_garbage_among_the_guarantees_is_bad_input_or_refused(saved: Any, garbage: Any) -> None:
+    """Wherever it stands; nothing crashes and nothing passes."""
+    paths: list[tuple[Any, ...]] = [("guarantees", name) for name in saved["guarantees"]]
+    for name, table in saved["guarantees"].items():
+        paths += [("guarantees", name, key) for key in table]
+        paths += [("guarantees", name, *path) for path in _leaves(table)]
+        if "variables" in table:
+            paths += [("guarantees", name, "variables", key) for key in table["variables"]]
+    paths.remove(("guarantees", "decay", "variables", "gamma"))  # null is what belongs there
+    paths.remove(("guarantees", "decay", "variables", "gamma"))
+    for path in paths:
+        assert _refused(_changed(saved, path, lambda _: garbage)), path
+    if garbage != {}:
+        assert _refused({**saved, "guarantees": garbage})
+
+
+def test_an_unknown_guarantee_is_named(saved: Any) -> None:
+    """A key that is none is bad input, with the nearest that is."""
+    data = copy.deepcopy(saved)
+    data["guarantees"]["decai"] = data["guarantees"].pop("decay")
+    with pytest.raises(InputError, match="did you mean decay"):
+        check_certificate(data)
