@@ -300,22 +300,26 @@ class _Limited:
         problem = self._widest(demands, p)
         if problem is None or demands.peak_control is None:
             return problem
+        # the level is looked for without the corners of a decay, which cost most
+        bare = problem
+        if demands.decay is not None:
+            bare = LimitedProblem(self._system, replace(demands, decay=None), p)
 
         def value(level: float, theta: float) -> float:
-            problem.hold_level(math.exp(level), theta)
-            answer = _asked(problem, p)
+            bare.hold_level(math.exp(level), theta)
+            answer = _asked(bare, p)
             if not isinstance(answer, Answer):
                 return math.inf
-            return answer.value if problem.has_gamma else -answer.value
+            return answer.value if bare.has_gamma else -answer.value
 
         if self._level is not None:
             around = [self._level]
         else:
-            free = _asked(problem, p)
+            free = _asked(bare, p)
             if not isinstance(free, Answer):
                 return None
-            level = _level_of(free.point.X, free.point.gamma, self._demands) / problem.scaling.T
-            thetas = THETAS if any(Q is not None for Q in problem.structure.Q) else THETAS[:1]
+            level = _level_of(free.point.X, free.point.gamma, self._demands) / bare.scaling.T
+            thetas = THETAS if any(Q is not None for Q in bare.structure.Q) else THETAS[:1]
             around = [(math.log(level) + step, theta) for theta in thetas for step in _COARSE]
         best, at_best = min(((value(*each), each) for each in around), key=lambda x: x[0])
         for step in _FINE:

@@ -17,7 +17,7 @@ from cosim.models.delay_system import DelaySystem
 Array = NDArray[np.float64]
 
 
-def fly(  # noqa: PLR0914 - the letters of Eq. (7)
+def fly(
     system: DelaySystem,
     K: Array,
     start: Array,
@@ -42,13 +42,13 @@ def fly(  # noqa: PLR0914 - the letters of Eq. (7)
         i = min(int(place), k - 1) if k else 0
         return x[i] + (place - i) * (x[i + 1] - x[i]) if k else start
 
-    def control(s: float, now: Array, lates: Sequence[Array]) -> Array:
+    def control(now: Array, lates: Sequence[Array]) -> Array:
         acts = [y for y, delay in zip(lates, system.delays, strict=True) if delay.feedback]
         return np.asarray(K @ (acts[0] if acts else now))
 
     def rate(k: int, s: float, now: Array) -> tuple[Array, Array]:
         lates = [late(k, s, age(s)) if age(s) > 0 else now for age in ages]
-        u = control(s, now, lates)
+        u = control(now, lates)
         total = system.A @ now + system.B @ u
         inner = system.H @ now
         for y, delay in zip(lates, system.delays, strict=True):

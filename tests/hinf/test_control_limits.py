@@ -194,7 +194,7 @@ def test_a_given_gain_is_not_changed_to_meet_a_limit() -> None:
     """Its norm and its peak are said instead; where they are met, they are proved."""
     system = paper_example.system()
     K = [list(paper_example.PRINTED_K)]
-    with pytest.raises(NotAchievableError, match="the norm of K is 0.858"):
+    with pytest.raises(NotAchievableError, match=r"the norm of K is 0\.858"):
         design(system, (0.6,), (0.2,), gain=K, gain_limit=0.8)
     with pytest.raises(NotAchievableError, match="the peaks proved are"):
         design(system, (0.6,), (0.2,), gain=K, peak_control=0.1, offset=[1.0, 1.0])

@@ -55,5 +55,5 @@ def test_a_greatest_delay_needs_no_k_either() -> None:
 def test_k_that_do_not_fit_are_refused() -> None:
     """One number per delay, k2 not zero, as before."""
     for k1, k2 in (((0.6, 0.6), None), (None, (0.0,)), ((0.6,), (0.2, 0.2))):
-        with pytest.raises(InputError, match="k[12]"):
+        with pytest.raises(InputError, match=r"k[12]"):
             design(paper_example.system(), k1, k2)

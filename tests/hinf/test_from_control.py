@@ -103,7 +103,7 @@ def test_a_loop_with_delays_goes_there_as_its_frequency_response() -> None:
     ("plant", "ncon", "words"),
     [
         (control.ss(A, B, C, D, 0.1), 1, r"continuous.*dt = 0.1"),
-        (control.ss(A, B, C, D, True), 1, "continuous"),
+        (control.ss(A, B, C, D, dt=True), 1, "continuous"),
         (control.tf([1], [1, 1]), 1, r"TransferFunction.*control\.ss"),
         (control.ss(A, B, C, D), 3, "0 to 2"),
         (control.ss(A, B, C, D), -1, "0 to 2"),
