@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from cosim.hinf import synthesis
 from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay
 from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2
+from cosim.hinf.search import starting
 from cosim.hinf.sharper_design import sharper_delay, sharper_design
 from cosim.hinf.synthesis import Design
 
@@ -52,12 +53,12 @@ def design(
 def greatest_delay(
     system: DelaySystem,
     gamma: float | None,
-    k1: Sequence[float],
-    k2: Sequence[float],
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
     *,
     which: int = 0,
     limit: float = DELAY_LIMIT,
-    search: bool = False,
+    search: bool | None = None,
     order: int | None = None,
 ) -> GreatestDelay:
     """The greatest delay `which` at which gamma (None: stability) is certified.
@@ -66,7 +67,7 @@ def greatest_delay(
     ----------
     system : the delays other than `which` are held.
     gamma : bound of the gain from w to z; None for a system without w and z.
-    k1, k2 : one number per delay; where searched, the first start.
+    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
     which : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
@@ -77,8 +78,9 @@ def greatest_delay(
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
+    one, two, look = starting(system, k1, k2, search)
     if order is None:
-        return delay_of_theorem_2(system, gamma, k1, k2, which=which, limit=limit, search=search)
+        return delay_of_theorem_2(system, gamma, one, two, which=which, limit=limit, search=look)
     return sharper_delay(
-        system, gamma, k1, k2, order=order, which=which, limit=limit, search=search
+        system, gamma, one, two, order=order, which=which, limit=limit, search=look
     )

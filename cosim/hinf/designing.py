@@ -1,6 +1,6 @@
 """A design and what it is to meet beside gamma: the door that users come in by.
 
-1. The gain of least gamma, without the demands (`cosim.hinf.synthesis`). Where they are proved
+1. The gain of least gamma, without the demands (`cosim.hinf.by_order`). Where they are proved
    of it as it is, it stays.
 2. Else the gain of least gamma that meets them (`cosim.hinf.limited_search`).
 """
@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from cosim.errors import NotAchievableError
-from cosim.hinf import synthesis
+from cosim.errors import InputError, NotAchievableError
+from cosim.hinf import by_order, synthesis
 from cosim.hinf.demands import demands_of
 from cosim.hinf.from_control import checked_system
 from cosim.hinf.limited_search import LimitedSearch, proved, scalars_of, with_guarantees, words
@@ -31,6 +31,7 @@ def design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool | None = None,
+    order: int | None = None,
     decay: float | None = None,
     gain_limit: float | None = None,
     peak_control: Sequence[float] | float | None = None,
@@ -47,6 +48,8 @@ def design(
     gamma : a bound to be met instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to be analysed instead of designed.
     search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
+    order : None for Theorem 2; N for the sharper condition (`cosim.hinf.sharper_design`),
+        which starts from the gain of Theorem 2.
     decay : alpha [1/s]; with w = 0 every solution is to fall at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
     peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u,
@@ -85,9 +88,16 @@ def design(
         offset=offset,
         energy=energy,
     )
+    if demands.any and order is not None:
+        raise InputError(
+            "what is demanded beside gamma is proved with Theorem 2",
+            where="order",
+            expected="no order",
+            got=str(order),
+        )
     plain: Design | None = None
     try:
-        plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
+        plain = by_order.design(system, one, two, gamma=gamma, gain=gain, search=look, order=order)
     except NotAchievableError:
         # a gain without bound may be the best there is, where no limit is set to it
         if not demands.any or gain is not None:

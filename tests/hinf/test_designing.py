@@ -57,3 +57,11 @@ def test_k_that_do_not_fit_are_refused() -> None:
     for k1, k2 in (((0.6, 0.6), None), (None, (0.0,)), ((0.6,), (0.2, 0.2))):
         with pytest.raises(InputError, match=r"k[12]"):
             design(paper_example.system(), k1, k2)
+
+
+def test_an_order_has_no_demands_beside_it() -> None:
+    """The sharper conditions prove gamma alone; with nothing else demanded they are there."""
+    system = paper_example.system()
+    with pytest.raises(InputError, match="Theorem 2"):
+        design(system, order=0, decay=0.5)
+    assert design(system, (0.6,), (0.2,), order=0).order == 0
