@@ -1,8 +1,9 @@
 """No certified gamma is below the exact norm, no certified delay beyond the exact margin.
 
 Two hundred random stable systems of two to six states, with one or two delays; some with w and
-z, some uncertain, some with a delay of any age, some fed back over a delay. Whatever is claimed
-of them, by analysis of orders 0 to 2 and by designs, is held against the truth that
+z, some uncertain, some with a delay of any age, some fed back over a delay. What is claimed of them, by
+analysis of orders 0 to 2 (the higher ones for the smaller systems), by greatest delays of four in
+five, by designs and their greatest delays of every third, is held against the truth that
 `truth_of_loops` computes by its own means. The systems are drawn close to their margins, where
 claims are tight; what a claim may exceed the truth by is rounding, 1e-9.
 """
@@ -132,7 +133,7 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
     system = random_stable(seed)
     n, N = len(system.A), len(system.delays)
     rows = {order: (1 + N * (1 + order)) * n for order in (0, 1, 2)}
-    orders = [order for order in rows if rows[order] <= 24 or order == 0]
+    orders = [order for order in rows if rows[order] <= 18 or order == 0]
     least = None
     for order in orders if thorough else orders[seed % len(orders) :][:1]:
         found = analyse(system, order=order)
@@ -145,9 +146,9 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
     quick = [order for order in rows if rows[order] <= 12 or order == 0]
     if seed % 2 or (thorough and n < 5):
         _delay(system, seed, quick[-1 - seed % 2 if len(quick) > 1 else 0], None, tally)
-    if least is not None and seed % 8 == 1:
+    if least is not None and seed % 16 == 1:
         _delay(system, seed, 0, 1.1 * least, tally)
-    if seed % 3 == 1 or (thorough and seed % 3 == 2):
+    if seed % 3 == 1:
         _designs(system, seed, tally)
 
 
@@ -194,8 +195,8 @@ def enough(tally: Counter[str], systems: int) -> None:
     assert tally["delay"] >= systems / 3
     assert tally["up to"] >= systems / 10
     assert tally["tight delay"] >= systems / 20
-    assert tally["design"] >= systems / 8
-    assert tally["design delay"] >= systems / 8
+    assert tally["design"] >= systems / 10
+    assert tally["design delay"] >= systems / 10
     assert tally["sharper design"] >= 1
 
 
