@@ -1,11 +1,11 @@
 """No certified gamma is below the exact norm, no certified delay beyond the exact margin.
 
 Two hundred random stable systems of two to six states, with one or two delays; some with w and
-z, some uncertain, some with a delay of any age, some fed back over a delay. What is claimed of them, by
-analysis of orders 0 to 2 (the higher ones for the smaller systems), by greatest delays of four in
-five, by designs and their greatest delays of every third, is held against the truth that
-`truth_of_loops` computes by its own means. The systems are drawn close to their margins, where
-claims are tight; what a claim may exceed the truth by is rounding, 1e-9.
+z, some uncertain, some with a delay of any age, some fed back over a delay. What is claimed of
+them, by analysis of orders 0 to 2 (the higher ones for the smaller systems), by greatest delays
+of four in five, by designs and their greatest delays of every third, is held against the truth
+that `truth_of_loops` computes by its own means. The systems are drawn close to their margins,
+where claims are tight; what a claim may exceed the truth by is rounding, 1e-9.
 """
 
 from __future__ import annotations
