@@ -11,6 +11,7 @@ where claims are tight; what a claim may exceed the truth by is rounding, 1e-9.
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -150,6 +151,8 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
         _delay(system, seed, 0, 1.1 * least, tally)
     if seed % 3 == 1:
         _designs(system, seed, tally)
+    if n == 2:
+        _sharper(system, seed, tally)
 
 
 def _delay(
@@ -174,10 +177,6 @@ def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
         made = design(system, k1, k2)
         hold(system, made.K, made.gamma, up_to=True, seed=seed)
         tally["design"] += 1
-        if len(system.A) == 2:
-            sharper = design(system, k1, k2, order=seed % 3)
-            hold(system, sharper.K, sharper.gamma, up_to=sharper.up_to, seed=seed)
-            tally["sharper design"] += 1
         goal = None if made.gamma is None else 1.2 * made.gamma
         reach = greatest_delay(system, goal, k1, k2, which=which, limit=5.0)
         at = reach.design
@@ -186,6 +185,14 @@ def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
         tally["design delay"] += 1
     except NotAchievableError:
         tally["no design"] += 1
+
+
+def _sharper(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
+    N = len(system.delays)
+    with suppress(NotAchievableError):
+        made = design(system, [-0.5] * N, [1.0] * N, order=seed % 3)
+        hold(system, made.K, made.gamma, up_to=made.up_to, seed=seed)
+        tally["sharper design"] += 1
 
 
 def enough(tally: Counter[str], systems: int) -> None:
