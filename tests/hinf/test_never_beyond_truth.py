@@ -1,15 +1,17 @@
 """No certified gamma is below the exact norm, no certified delay beyond the exact margin.
 
 Two hundred random stable systems of two to six states, with one or two delays; some with w and
-z, some uncertain, some with a delay of any age, some fed back over a delay. Whatever is claimed
-of them, by analysis of orders 0 to 2 and by designs, is held against the truth that
-`truth_of_loops` computes by its own means. The systems are drawn close to their margins, where
-claims are tight; what a claim may exceed the truth by is rounding, 1e-9.
+z, some uncertain, some with a delay of any age, some fed back over a delay. What is claimed of
+them, by analysis of orders 0 to 2 (the higher ones for the smaller systems), by greatest delays
+of four in five, by designs and their greatest delays of every third, is held against the truth
+that `truth_of_loops` computes by its own means. The systems are drawn close to their margins,
+where claims are tight; what a claim may exceed the truth by is rounding, 1e-9.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -132,7 +134,7 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
     system = random_stable(seed)
     n, N = len(system.A), len(system.delays)
     rows = {order: (1 + N * (1 + order)) * n for order in (0, 1, 2)}
-    orders = [order for order in rows if rows[order] <= 24 or order == 0]
+    orders = [order for order in rows if rows[order] <= 18 or order == 0]
     least = None
     for order in orders if thorough else orders[seed % len(orders) :][:1]:
         found = analyse(system, order=order)
@@ -145,10 +147,12 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
     quick = [order for order in rows if rows[order] <= 12 or order == 0]
     if seed % 2 or (thorough and n < 5):
         _delay(system, seed, quick[-1 - seed % 2 if len(quick) > 1 else 0], None, tally)
-    if least is not None and seed % 8 == 1:
+    if least is not None and seed % 16 == 1:
         _delay(system, seed, 0, 1.1 * least, tally)
-    if seed % 3 == 1 or (thorough and seed % 3 == 2):
+    if seed % 3 == 1:
         _designs(system, seed, tally)
+    if n == 2:
+        _sharper(system, seed, tally)
 
 
 def _delay(
@@ -173,10 +177,6 @@ def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
         made = design(system, k1, k2)
         hold(system, made.K, made.gamma, up_to=True, seed=seed)
         tally["design"] += 1
-        if len(system.A) == 2:
-            sharper = design(system, k1, k2, order=seed % 3)
-            hold(system, sharper.K, sharper.gamma, up_to=sharper.up_to, seed=seed)
-            tally["sharper design"] += 1
         goal = None if made.gamma is None else 1.2 * made.gamma
         reach = greatest_delay(system, goal, k1, k2, which=which, limit=5.0)
         at = reach.design
@@ -187,6 +187,14 @@ def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
         tally["no design"] += 1
 
 
+def _sharper(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
+    N = len(system.delays)
+    with suppress(NotAchievableError):
+        made = design(system, [-0.5] * N, [1.0] * N, order=seed % 3)
+        hold(system, made.K, made.gamma, up_to=made.up_to, seed=seed)
+        tally["sharper design"] += 1
+
+
 def enough(tally: Counter[str], systems: int) -> None:
     """There were claims to be held against the truth, and tight ones."""
     assert tally["analysis"] >= systems / 2
@@ -194,8 +202,8 @@ def enough(tally: Counter[str], systems: int) -> None:
     assert tally["delay"] >= systems / 3
     assert tally["up to"] >= systems / 10
     assert tally["tight delay"] >= systems / 20
-    assert tally["design"] >= systems / 8
-    assert tally["design delay"] >= systems / 8
+    assert tally["design"] >= systems / 10
+    assert tally["design delay"] >= systems / 10
     assert tally["sharper design"] >= 1
 
 
