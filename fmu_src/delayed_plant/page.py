@@ -1,4 +1,4 @@
-"""What the documentation page says of one plant: its sizes, its delays, how to fly it."""
+"""What the documentation page says of one plant: its sizes and where its delays are."""
 
 from __future__ import annotations
 
@@ -23,21 +23,14 @@ def notes(system: DelaySystem, delays: Sequence[Delay], named: Sequence[str], or
         f"{q} disturbance{_s(q)} w",
         f"{p} performance output{_s(p)} z",
     ]
-    uncertain = f"F(t) is {system.E.shape[1]} x {system.H.shape[0]}"
-    lines = [
-        "## This plant",
-        "",
-        " ".join(
-            part
-            for part in (
-                ", ".join(sizes) + ";",
-                f"{uncertain}." if system.E.size else "nothing is uncertain: no E, F, H.",
-                origin,
-            )
-            if part
-        ),
-        "",
+    uncertain = f"F(t) is {system.E.shape[1]} × {system.H.shape[0]}"
+    sentences = [
+        ", ".join(sizes) + ";",
+        f"{uncertain}." if system.E.size else "nothing is uncertain: no E, F, H.",
+        origin,
+        "They have the units of that system; time is in seconds.",
     ]
+    lines = ["## This plant", "", " ".join(part for part in sentences if part), ""]
     if not system.delays:
         return "\n".join([*lines, "It has no delay.", ""])
     lines += ["| delay | where it is |", "|---|---|"]
@@ -62,46 +55,6 @@ def _place(delay: Delay, parameters: dict[int, int], named: Sequence[str]) -> st
             "where u acts at once; link, sampling and exchange together make it up"
         )
     return "; and ".join(parts)
-
-
-def scenario(system: DelaySystem, name: str, controller: str, step: float, end: float) -> str:
-    """TOML of a flight of this plant with a controller, over the link that its design allows."""
-    lines = [
-        f'title = "{name} with its controller"' if system.B.size else f'title = "{name}"',
-        "",
-        "[run]",
-        f"end = {end:g}",
-        f"step = {step:g}",
-        "",
-        "[components.plant]",
-        f'fmu = "{name}{"" if name == "DelayedPlant" else ".fmu"}"',
-        'parameters = { "initial.x[1]" = 1.0 }',
-    ]
-    if not system.B.size:
-        return "\n".join([*lines, ""])
-    built_in = controller[0].isupper()
-    lines += [
-        "",
-        "[components.controller]",
-        f'fmu = "{controller}{"" if built_in else ".fmu"}"'
-        + ("" if built_in else "  # cosim fmu controller my-design.json -o controller.fmu"),
-        "",
-        "[[connections]]",
-        'from = "plant.x"',
-        'to = "controller.x"',
-    ]
-    late = system.feedback_delay - 2 * step
-    if late > 0:
-        lines.append('link = "uplink"')
-    lines += ["", "[[connections]]", 'from = "controller.u"', 'to = "plant.u"']
-    if late > 0:
-        lines += [
-            "",
-            f"[links.uplink]  # with exchange and hold, a step each: {system.feedback_delay:g} s",
-            'kind = "transport"',
-            f"delay = {late:.12g}",
-        ]
-    return "\n".join([*lines, ""])
 
 
 def _s(count: int) -> str:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fmu_src.decimals import round_below
+
 _SHARE = 0.16  # of the time in which x' can turn x over: RK4 then errs by some 1e-6 of x per unit
 _LONGEST, _SHORTEST = 0.1, 1e-9  # [s]
 
@@ -25,7 +27,4 @@ def default_step(matrices: Mapping[str, np.ndarray]) -> float:
         math.hypot(*matrix.ravel()) for letter, matrix in matrices.items() if letter[0] == "A"
     )
     longest = min(_LONGEST, max(_SHARE / rate, _SHORTEST)) if rate > 0 else _LONGEST
-    exponent = math.floor(math.log10(longest))
-    # written as decimals, so that the start value reads as one
-    steps = [float(f"{digit}e{exponent + more}") for more in (-1, 0) for digit in (1, 2, 5)]
-    return max(step for step in steps if step <= longest)
+    return round_below(longest)

@@ -14,9 +14,10 @@ import numpy as np
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.models.products import product
+from fmu_src.page.loop import loop_scenario
 from fmu_src.spec import ComponentSpec, Variable
 
-from .page import notes, scenario
+from .page import notes
 from .step import default_step
 
 STEPS = 1000
@@ -40,7 +41,8 @@ def delayed_plant_spec(
     system: DelaySystem,
     *,
     name: str = "DelayedPlant",
-    controller: str = "controller",
+    plant: str | None = None,
+    controller: str = "controller.fmu",
     initial: Sequence[float] = (),
     F: tuple[float, float] = (0.0, 1.0),
     origin: str = "",
@@ -51,7 +53,8 @@ def delayed_plant_spec(
     ----------
     system : the matrices; of a delay with `feedback` only its A and H, if it has any.
     name : of the model.
-    controller : of the controller in the page's example, a file's stem or a built-in FMU.
+    plant, controller : what the page's example flies, files or built-in FMUs; by default
+        NAME.fmu and controller.fmu.
     initial : x(t) for t <= start, length n; zero by default.
     F : amplitude, at most 1 in size, and angular frequency [rad/s] of the uncertainty F(t).
     origin : where the numbers are from, a sentence for the page.
@@ -133,7 +136,13 @@ def delayed_plant_spec(
             "delays": named,
         },
         notes=notes(system, delays, named, origin),
-        scenario=scenario(system, name, controller, step, STEPS * step),
+        scenario=loop_scenario(
+            plant or f"{name}.fmu",
+            controller if m else None,
+            feedback_delay=system.feedback_delay,
+            step=step,
+            end=STEPS * step,
+        ),
     )
 
 
@@ -169,6 +178,7 @@ def _uncertainty(F: tuple[float, float]) -> list[Variable]:
 
 SPEC = delayed_plant_spec(
     paper_example.system(),
+    plant="DelayedPlant",
     controller="PaperController",
     initial=paper_example.INITIAL_STATE,
     F=(paper_example.F_AMPLITUDE, paper_example.F_OMEGA),
