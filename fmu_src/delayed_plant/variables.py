@@ -64,7 +64,7 @@ def delayed_plant_spec(
     delays = plant_delays(system)
     named = delay_names(len(delays))
     start = np.asarray(initial if len(initial) else np.zeros(n), dtype=np.float64)
-    matrices = _matrices(system, delays)
+    matrices = plant_matrices(system)
     step = default_step(matrices)
     u = [f"u[{j}]" for j in range(1, m + 1)]
     w = [f"w[{k}]" for k in range(1, q + 1)]
@@ -146,8 +146,9 @@ def delayed_plant_spec(
     )
 
 
-def _matrices(system: DelaySystem, delays: Sequence[Delay]) -> dict[str, np.ndarray]:
+def plant_matrices(system: DelaySystem) -> dict[str, np.ndarray]:
     """Every matrix of the plant by its letter; E, H, H1, ... only where something is uncertain."""
+    delays = plant_delays(system)
     found = {"A": system.A}
     found |= {f"A{i}": delay.A for i, delay in enumerate(delays, 1)}
     found |= {letter: getattr(system, letter) for letter in ("B", "C", "D", "D1", "D2")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import textwrap
 
 from fmu_src.spec import ComponentSpec
 
@@ -35,13 +36,15 @@ def fmpy_program(spec: ComponentSpec) -> str:
     initial = next((name for name in of["parameter"] if name.startswith("initial.")), None)
     lines = ["from fmpy import simulate_fmu", ""]
     if of["input"]:
-        name = of["input"][0]
-        half = f"{spec.stop_time / 2:g}"
+        listed = ", ".join(f'"{name}"' for name in of["input"])
+        half = repr(spec.stop_time / 2)
         lines = [
             "import numpy as np",
             *lines,
-            f'columns = [("time", float), ("{name}", float)]',
-            f"signal = np.array([(0.0, 0.0), ({half}, 0.0), ({half}, 0.1)], columns)",
+            *textwrap.wrap(f"inputs = [{listed}]", 88, subsequent_indent="    "),
+            'signal = np.zeros(3, [(name, float) for name in ["time", *inputs]])',
+            f'signal["time"] = [0.0, {half}, {half}]',
+            f'signal["{of["input"][0]}"] = [0.0, 0.0, 0.1]  # a step',
         ]
     lines += [
         "result = simulate_fmu(",

@@ -47,8 +47,9 @@ def _table(variables: Sequence[Variable]) -> str:
         for v in variables
     )
     return (
-        '<div class="wide"><table><tr><th class="name">name</th><th class="unit">unit</th><th class="n">start</th>'
-        f'<th class="n">range</th><th>meaning</th></tr>\n{rows}</table></div>\n'
+        '<div class="wide"><table><tr><th class="name">name</th><th class="unit">unit</th>'
+        '<th class="n">start</th><th class="n">range</th><th>meaning</th></tr>\n'
+        f"{rows}</table></div>\n"
     )
 
 
