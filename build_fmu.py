@@ -12,13 +12,12 @@ import argparse
 import hashlib
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.errors import CosimError
 from fmu_src.build import FMI_VERSION, ensure_all
 from fmu_src.catalogue import CATALOGUE
-from fmu_src.native_shell.platforms import PLATFORMS, Platform
+from fmu_src.native_shell.platforms import PLATFORMS, platforms_named
 
 
 def main() -> int:
@@ -45,12 +44,8 @@ def main() -> int:
         known = ", ".join(CATALOGUE)
         print(f"no component {', '.join(unknown)}\n  expected: {known}", file=sys.stderr)
         return 2
-    platforms = _platforms(options.platforms)
-    if platforms is None:
-        known = ", ".join(["host", "all", *PLATFORMS])
-        print(f"no platform {options.platforms}\n  expected: {known}", file=sys.stderr)
-        return 2
     try:
+        platforms = platforms_named(options.platforms)
         for flavour in options.flavour or FMI_VERSION:
             for built in ensure_all(
                 options.out, options.names, flavour=flavour, platforms=platforms, force=True
@@ -68,16 +63,6 @@ def main() -> int:
         print(f"the FMU cannot be written: {error}", file=sys.stderr)
         return 2
     return 0
-
-
-def _platforms(text: str) -> Sequence[Platform] | None:
-    """None if the text names a platform that does not exist."""
-    if text == "host":
-        return ()
-    names = list(PLATFORMS) if text == "all" else text.split(",")
-    if not set(names) <= set(PLATFORMS):
-        return None
-    return [PLATFORMS[name] for name in PLATFORMS if name in names]
 
 
 if __name__ == "__main__":

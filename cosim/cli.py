@@ -15,6 +15,7 @@ from cosim.verbs.certificate import certificate_app
 from cosim.verbs.design import analyse, design
 from cosim.verbs.fly import demo, run, scenarios
 from cosim.verbs.fmu import fmu_app
+from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
@@ -33,6 +34,7 @@ for verb in (demo, scenarios, design, analyse, paper, run):
 app.add_typer(trace_app, name="trace")
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
+fmu_app.command()(build)
 fmu_app.command()(controller)
 
 # typer may bring its own copy of click: this is the usage error of the one it uses

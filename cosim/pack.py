@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import keyword
 import math
-import re
-import shutil
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.fmu_file import Kind, checked_name, model_name, write_fmu
 from cosim.hinf import certificate_bytes, certificate_hash, check_certificate
 from cosim.hinf.system_json import system_from_json
 from cosim.models.delay_system import DelaySystem
 from fmu_src.hinf_controller.variables import LIMITS, feedback_spec, vehicle_spec
-from fmu_src.python_shell.package import build_python_fmu
 from fmu_src.spec import ComponentSpec
 
 Form = Literal["vehicle", "system"]
@@ -34,6 +30,7 @@ class Packed:
     ----------
     path : the file.
     name : its model name.
+    kind : flavour and platforms.
     form : which variables it has.
     K : (m, n) its gain.
     claim : what its certificate proves.
@@ -42,6 +39,7 @@ class Packed:
 
     path: Path
     name: str
+    kind: Kind
     form: Form
     K: list[list[float]]
     claim: dict[str, Any]
@@ -53,6 +51,8 @@ def pack_controller(
     path: Path,
     *,
     where: str,
+    kind: Kind,
+    name: str | None = None,
     sample_time: float | None = None,
     limits: Sequence[float] | None = None,
 ) -> Packed:
@@ -61,8 +61,9 @@ def pack_controller(
     Parameters
     ----------
     data : a design or certificate, as JSON values; its proof is checked first.
-    path : the FMU to be written; its stem gives the model name.
+    path : the FMU to be written.
     where : where `data` is from, for messages.
+    name : of the model; by default the stem of `path`.
     sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
         point) for any other system.
     limits : the vehicle: of each thrust [N] and of the moment [N m]; otherwise one per command,
@@ -71,7 +72,7 @@ def pack_controller(
     Raises
     ------
     InputError : no certificate, a proof that does not hold, nothing to feed back, numbers that
-        do not fit, or a file that cannot be written.
+        do not fit, no compiler, or a file that cannot be written.
     """
     proof = check_certificate(data)
     if not proof.valid:
@@ -90,15 +91,10 @@ def pack_controller(
             got="the analysis of a system as it is",
         )
     form: Form = "vehicle" if is_vehicle(system) else "system"
-    spec = _spec(form, model_name(path), data, _checked(sample_time, limits, form, m))
-    try:
-        with tempfile.TemporaryDirectory(prefix="cosim-pack-") as folder:
-            built = build_python_fmu(spec, Path(folder, "fmu"))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(built, path)
-    except OSError as error:
-        raise InputError("the FMU cannot be written", where=str(path), got=str(error)) from error
-    return Packed(path, spec.name, form, data["K"], proof.claim, certificate_hash(data))
+    chosen = model_name(path) if name is None else checked_name(name)
+    spec = _spec(form, chosen, data, _checked(sample_time, limits, form, m))
+    write_fmu(spec, path, kind)
+    return Packed(path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data))
 
 
 def is_vehicle(system: DelaySystem) -> bool:
@@ -109,24 +105,6 @@ def is_vehicle(system: DelaySystem) -> bool:
     return np.array_equal(system.A, np.block([[zero, one], [zero, zero]])) and np.array_equal(
         system.B, np.vstack([zero, one])
     )
-
-
-def model_name(path: Path) -> str:
-    """The stem of a path as a name that FMI, C and Python take.
-
-    Raises
-    ------
-    InputError : nothing is left of it.
-    """
-    name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
-    if not name:
-        raise InputError(
-            "this file name gives no model name",
-            where=str(path),
-            expected="a name with ASCII letters or digits",
-            hint="another file: --out",
-        )
-    return f"M_{name}" if name[0].isdigit() or keyword.iskeyword(name) else name
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDe
 from cosim.hinf.guarantees import Guarantees
 from cosim.models.delay_system import Delay
 from cosim.pack import Packed
+from cosim.pack_plant import PackedPlant
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
@@ -199,12 +200,30 @@ def packed_view(packed: Packed) -> RenderableType:
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     facts = _facts()
     how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
-    facts.add_row("model", packed.name, f"pythonfmu, FMI 2.0; {how}")
+    facts.add_row("model", packed.name, f"{packed.kind.text}; {how}")
     facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
     gamma = packed.claim["gamma"]
     if gamma is not None:
         facts.add_row("gamma", f"{float(Fraction(gamma)):.7g}", "certified, for this K")
     facts.add_row("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json")
+    return Group(head, facts)
+
+
+def plant_view(packed: PackedPlant) -> RenderableType:
+    """A plant FMU that was made: its sizes, and where the delays of its system are."""
+    head = Text.assemble(("packed", "bold green"), f": {packed.path}")
+    n, m = packed.system.B.shape
+    p, q = packed.system.D1.shape
+    facts = _facts()
+    facts.add_row("model", packed.name, packed.kind.text)
+    facts.add_row("inputs", f"{m} u, {q} w", "")
+    facts.add_row("outputs", f"{n} x, {p} z", "")
+    for name, d in packed.delays.items():
+        facts.add_row(name, f"{d:g} s", "a parameter, as every entry of every matrix")
+    if not packed.system.immediate_feedback:
+        late = f"{packed.system.feedback_delay:g} s"
+        facts.add_row("feedback", late, "of the link between plant and controller, not in the FMU")
+    facts.add_row("solver.step", f"{packed.step:g} s", "largest internal step")
     return Group(head, facts)
 
 

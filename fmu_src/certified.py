@@ -26,13 +26,14 @@ def certified_section(certificate: bytes, file: str) -> str:
     items = "".join(f"<li>{html.escape(line)}</li>\n" for line in _claims(data))
     digest = hashlib.sha256(certificate).hexdigest()
     return (
-        "<h2>What is certified</h2>\n"
+        '<section class="certified"><h2 id="certified">What is certified</h2>\n'
         "<p>Proved in exact rational arithmetic for the start values of <code>K[i,j]</code>, "
         f"double by double, about the system that the certificate describes:</p>\n<ul>\n{items}"
         "</ul>\n<p>Any other K voids this, and so do measurements older, commands limited, or "
         "states outside what the design allows for. The proof is "
         f"<code>{CERTIFICATE}</code> in this FMU (SHA-256 <code>{digest}</code>); it can be "
-        f"checked without a solver: <code>cosim certificate check {html.escape(file)}</code>.</p>\n"
+        f"checked without a solver: <code>cosim certificate check {html.escape(file)}</code>.</p>"
+        "</section>\n"
     )
 
 

@@ -1,66 +1,75 @@
-"""documentation/ of an FMU: a page from the component's readme and its variables."""
+"""documentation/ of an FMU: one page that needs nothing from anywhere else, and the licence."""
 
 from __future__ import annotations
 
+import base64
 import html
 from importlib.resources import files
 
-from markdown_it import MarkdownIt
-
 from .certified import certified_section
-from .spec import ComponentSpec, Variable
-
-_STYLE = """
-body{font:16px/1.55 system-ui,sans-serif;color:#1d2733;max-width:60rem;
-margin:2.5rem auto;padding:0 1rem}
-h1,h2{line-height:1.2;color:#0b3c5d}pre{background:#f3f6f9;padding:.9rem 1.1rem;overflow-x:auto;
-border-left:3px solid #328cc1}code{font-size:.93em}table{border-collapse:collapse;width:100%}
-td,th{padding:.3rem .6rem;border-bottom:1px solid #dde4ea;text-align:left;vertical-align:top}
-td.n{font-family:ui-monospace,monospace;white-space:nowrap}p.lead{font-size:1.15rem;color:#42515f}
-"""
+from .page.connect import connect_section
+from .page.text import to_html
+from .page.variables import variable_tables
+from .spec import CERTIFICATE, ComponentSpec
 
 
 def documentation_files(spec: ComponentSpec) -> dict[str, bytes]:
     """Archive path -> content: documentation/index.html, the licence, and model.png."""
     licence = files("fmu_src").joinpath("LICENSE").read_bytes()
+    picture = spec.readme.with_name("model.png").read_bytes()
     return {
-        "documentation/index.html": _page(spec).encode(),
+        "documentation/index.html": _page(spec, picture).encode(),
         "documentation/licenses/license.txt": licence,
-        "model.png": spec.readme.with_name("model.png").read_bytes(),
+        "model.png": picture,
     }
 
 
-def _page(spec: ComponentSpec) -> str:
-    body = MarkdownIt("commonmark").enable("table").render(spec.readme.read_text("utf-8"))
-    tables = "".join(
-        _table(title, [v for v in spec.variables if v.causality == causality])
-        for title, causality in (
-            ("Inputs", "input"),
-            ("Outputs", "output"),
-            ("Parameters", "parameter"),
-        )
-    )
+def _page(spec: ComponentSpec, picture: bytes) -> str:
+    name = html.escape(spec.name)
     certified = ""
     if spec.certificate is not None:
         certified = certified_section(spec.certificate, f"{spec.name}.fmu")
+    links = [("what", "What it computes"), ("connect", "Connect it"), ("variables", "Variables")]
+    if certified:
+        links.insert(1, ("certified", "What is certified"))
+    icon = base64.b64encode(picture).decode()
+    style = files("fmu_src.page").joinpath("style.css").read_text("utf-8")
     return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{html.escape(spec.name)}</title><style>{_STYLE}</style></head><body>\n"
-        f'<h1>{html.escape(spec.name)}</h1>\n<p class="lead">{html.escape(spec.description)}.</p>\n'
-        f"{body}\n{certified}<h2>Variables</h2>\n{tables}"
-        '<p>MIT licence, see <a href="licenses/license.txt">license.txt</a>.</p></body></html>\n'
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{name}</title>\n<style>\n{style}</style></head><body>\n"
+        f'<header><img src="data:image/png;base64,{icon}" alt="{name}">'
+        f'<div><h1>{name}</h1>\n<p class="lead">{html.escape(spec.description)}.</p></div>'
+        "</header>\n<nav>"
+        + "".join(f'<a href="#{anchor}">{title}</a>' for anchor, title in links)
+        + f'</nav>\n<p class="facts">{_facts(spec)}</p>\n'
+        f'<h2 id="what">What it computes</h2>\n{to_html(spec.readme.read_text("utf-8"))}'
+        f"{to_html(spec.notes)}{certified}"
+        f'<h2 id="connect">Connect it</h2>\n{connect_section(spec)}'
+        f'<h2 id="variables">Variables</h2>\n{variable_tables(spec)}'
+        f"<footer>{_licence(spec)}</footer></body></html>\n"
     )
 
 
-def _table(title: str, variables: list[Variable]) -> str:
-    if not variables:
-        return ""
-    rows = "".join(
-        f'<tr><td class="n">{html.escape(v.name)}</td><td>{html.escape(v.unit or "–")}</td>'
-        f"<td>{v.start:g}</td><td>{html.escape(v.description)}</td></tr>\n"
-        for v in variables
-    )
+def _facts(spec: ComponentSpec) -> str:
+    counts = [
+        f"{sum(v.causality == causality for v in spec.variables)} {title}"
+        for causality, title in (
+            ("input", "inputs"),
+            ("output", "outputs"),
+            ("parameter", "parameters"),
+        )
+    ]
     return (
-        f"<h3>{title}</h3>\n<table><tr><th>name</th><th>unit</th><th>start</th><th>meaning</th>"
-        f"</tr>\n{rows}</table>\n"
+        f"FMU for co-simulation · {' · '.join(counts)} · SI units · by default "
+        f"{spec.stop_time:g} s in steps of {spec.step_size:g} s"
+    )
+
+
+def _licence(spec: ComponentSpec) -> str:
+    proof = f", the proof in <code>{CERTIFICATE}</code>" if spec.certificate is not None else ""
+    return (
+        'MIT licence: <a href="licenses/license.txt">license.txt</a>. The FMU is a zip archive; '
+        "what it computes with lies in it as text, in <code>sources/</code> or "
+        f"<code>resources/</code>{proof}."
     )

@@ -66,6 +66,8 @@ class ComponentSpec:
     constants : what is fixed when the FMU is built (dimensions, name lists), JSON values.
     resources : path below resources/ -> content of files that travel with the FMU.
     readme : the component's page, equations first.
+    notes : more of the page, about this one of its kind, as Markdown.
+    scenario : the page's example for this project's own master, a scenario as TOML.
     stop_time, step_size : default experiment [s].
     certificate : JSON of the proof about the start values, for a controller that has one.
     """
@@ -81,6 +83,8 @@ class ComponentSpec:
     constants: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     resources: Mapping[str, bytes] = field(default_factory=lambda: MappingProxyType({}))
     certificate: bytes | None = None
+    notes: str = ""
+    scenario: str = ""
 
     def __post_init__(self) -> None:
         names = [v.name for v in self.variables]

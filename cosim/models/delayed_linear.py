@@ -1,9 +1,11 @@
-"""Eq. (7) over plain scalars, its uncertainty included.
+"""Eq. (7) over plain scalars, with any number of delays, its uncertainty included.
 
-    x' = (A + dA) x(t) + (A1 + dA1) x(t-d) + B u + C w,   [dA dA1] = E F(t) [H H1]
+    x' = (A + dA) x(t) + sum_i (Ai + dAi) x(t-d_i) + B u + C w
     z  = D x + D1 w + D2 u
+    [dA dA1 ... dAN] = E F(t) [H H1 ... HN]
 
-with the scalar F(t) = F.amplitude sin(F.omega t) of section 5 (times the identity).
+with the scalar F.amplitude sin(F.omega t) of section 5 on the main diagonal of F(t), which
+has as many rows as E has columns and as many columns as H has rows.
 Standard library only: this file also travels inside the FMU.
 """
 
@@ -18,35 +20,42 @@ from cosim.models.products import Matrix, product, total
 def derivatives(
     t: Any,
     x: Sequence[Any],
-    delayed: Sequence[Any],
+    delayed: Sequence[Sequence[Any]],
     u: Sequence[Any],
     w: Sequence[Any],
     m: Mapping[str, Matrix],
-    uncertainty: tuple[Any, Any],
+    uncertainty: tuple[Any, Any] | None,
     ns: Any,
 ) -> list[Any]:
     """x' of Eq. (7), length n.
 
     Parameters
     ----------
-    t, x, delayed : time [s], x(t) and x(t-d), length n.
+    t, x : time [s] and x(t), length n.
+    delayed : [x(t-d_1), ..., x(t-d_N)], length n each.
     u, w : control (m,) and disturbance (q,).
-    m : the matrices by their letters: A, A1, B, C, E, H, H1.
-    uncertainty : amplitude and angular frequency [rad/s] of F(t).
+    m : the matrices by their letters: A, A1, ..., AN, B, C; with an uncertainty E, H, H1, ..., HN.
+    uncertainty : amplitude and angular frequency [rad/s] of F(t); None where there is none.
     ns : namespace with `sin`.
     """
-    amplitude, omega = uncertainty
-    f = amplitude * ns.sin(omega * t)
-    inner = [
-        f * (a + b) for a, b in zip(product(m["H"], x), product(m["H1"], delayed), strict=True)
-    ]
-    terms = (
+    delays = range(1, len(delayed) + 1)
+    terms = [
         product(m["A"], x),
-        product(m["A1"], delayed),
+        *(product(m[f"A{i}"], late) for i, late in zip(delays, delayed, strict=True)),
         product(m["B"], u),
         product(m["C"], w),
-        product(m["E"], inner),
-    )
+    ]
+    if uncertainty is not None:
+        amplitude, omega = uncertainty
+        f = amplitude * ns.sin(omega * t)
+        seen = [
+            product(m["H"], x),
+            *(product(m[f"H{i}"], late) for i, late in zip(delays, delayed, strict=True)),
+        ]
+        inner = [f * total(parts) for parts in zip(*seen, strict=True)]
+        # F(t) is rectangular: beyond its main diagonal there are zeros alone
+        common = min(len(inner), len(m["E"][0]))
+        terms.append(product([row[:common] for row in m["E"]], inner[:common]))
     return [total(parts) for parts in zip(*terms, strict=True)]
 
 

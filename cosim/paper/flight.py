@@ -65,7 +65,7 @@ def fly(
         return command([example.PRINTED_K], x[:2], (0.0, 0.0), None)
 
     def rate(t: float, state: list[float], lagged: list[list[float]]) -> list[float]:
-        x, late = state[:2], lagged[0][:2]
+        x, late = state[:2], [lagged[0][:2]]
         u, w = control(x), disturbance(t)
         slope = derivatives(t, x, late, u, w, _MATRICES, uncertainty, math)
         z = output(x, u, w, _MATRICES)

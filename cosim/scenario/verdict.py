@@ -14,12 +14,12 @@ import numpy as np
 
 from cosim.hinf import Design, WorstCase, check_certificate
 from cosim.master import Run
-from cosim.models.auv import TABLE_1
 from cosim.network import PacketSchedule
 from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
 from cosim.scenario.gain import Problem
 from cosim.scenario.limits import Saturation, saturation
 from cosim.scenario.performance import binding_for, measured_gain
+from cosim.scenario.plant import is_plant_of, is_vehicle_of
 from cosim.scenario.schema import Scenario
 
 _ENVELOPE = {"u": "nu.u", "v": "nu.v", "w": "nu.w", "r": "nu.r", "psi": "eta.psi"}
@@ -194,40 +194,11 @@ def _plant_as_designed(flight: Flight) -> bool:
     station = next((s for s in flight.run.stations if part and s.name == part.plant), None)
     if problem is None or station is None:
         return False
-    ports, given = station.component.description.ports, station.component.parameters
-
-    def value(name: str) -> float | None:
-        return given.get(name, ports[name].start) if name in ports else None
-
-    if problem.vehicle is not None:
-        vehicle = problem.vehicle
-        wanted = {name: vehicle.parameters[name] for name in TABLE_1}
-        wanted |= {f"damping.{axis}": a for axis, a in zip("uvwr", vehicle.damping, strict=True)}
-        # what is proved for a delay is proved for every shorter one
-        delay = value("delay.d")
-        return (
-            all(value(name) == target for name, target in wanted.items())
-            and delay is not None
-            and delay <= vehicle.state_delay
-        )
-    return _matrices_match(problem, value)
-
-
-def _matrices_match(problem: Problem, value: Any) -> bool:
-    system = problem.system
-    delayed = [delay for delay in system.delays if not delay.feedback]
-    if len(delayed) != 1:
-        return False
-    letters = {
-        **{name: getattr(system, name) for name in ("A", "B", "C", "D", "D1", "D2", "E", "H")},
-        "A1": delayed[0].A,
-        "H1": delayed[0].H,
+    component = station.component
+    parameters = {
+        name: component.parameters.get(name, port.start)
+        for name, port in component.description.ports.items()
     }
-    entries_match = all(
-        value(f"{letter}[{i + 1},{j + 1}]") == matrix[i, j]
-        for letter, matrix in letters.items()
-        for i in range(matrix.shape[0])
-        for j in range(matrix.shape[1])
-    )
-    d = value("delay.d")
-    return entries_match and d is not None and d <= delayed[0].d
+    if problem.vehicle is not None:
+        return is_vehicle_of(problem.vehicle, parameters)
+    return is_plant_of(problem.system, parameters)

@@ -15,7 +15,8 @@ from cosim.verbs.common import JsonOption, answer
 from cosim.verbs.fmu_view import check_view, info_view
 
 fmu_app = typer.Typer(
-    no_args_is_help=True, help="Look into any FMU, or check it, without loading its binary."
+    no_args_is_help=True,
+    help="Make an FMU of your plant or controller; look into any FMU, or check it.",
 )
 
 FileArgument = Annotated[Path, typer.Argument(help="Any FMU: FMI 1.0, 2.0 or 3.0.")]

@@ -13,6 +13,14 @@ from cosim.carried import certificate_in
 from cosim.errors import InputError
 from cosim.pack import pack_controller
 from cosim.verbs.common import JsonOption, answer
+from cosim.verbs.fmu_options import (
+    FlavourOption,
+    NameOption,
+    OutOption,
+    PlatformsOption,
+    kind_of,
+    not_onto,
+)
 
 
 def controller(
@@ -20,12 +28,10 @@ def controller(
         Path,
         typer.Argument(help="What --save wrote, or a trace or FMU that carries a certificate."),
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", help="The FMU; its stem names the model (default: FILE with .fmu)."
-        ),
-    ] = None,
+    out: OutOption = None,
+    name: NameOption = None,
+    flavour: FlavourOption = "native",
+    platforms: PlatformsOption = "host",
     sample_time: Annotated[
         float | None,
         typer.Option(help="Sampling period in seconds; 0: at every communication point."),
@@ -43,8 +49,9 @@ def controller(
     The proof is checked before anything is written. A design for the vehicle gives a
     controller from position and speed to thrust, as HinfController; any other one from the
     state x to the control u. Gain, limits and sample time stay parameters; the certificate is
-    about the gain as packed. The FMU is a pythonfmu slave and needs a Python host.
+    about the gain as packed.
     """
+    kind = kind_of(flavour, platforms)
     carried = certificate_in(file)
     if carried.mismatch is not None:
         raise InputError(
@@ -52,20 +59,22 @@ def controller(
         )
     bounds = None if limits is None else numbers("--limits", limits)
     target = file.with_suffix(".fmu") if out is None else out
-    if target.resolve() == file.resolve():
-        raise InputError(
-            "the FMU would replace what it is made from",
-            where=str(file),
-            hint="another file: --out",
-        )
+    not_onto(file, target)
     packed = pack_controller(
-        carried.data, target, where=str(file), sample_time=sample_time, limits=bounds
+        carried.data,
+        target,
+        where=str(file),
+        kind=kind,
+        name=name,
+        sample_time=sample_time,
+        limits=bounds,
     )
     answer(
         as_json,
         lambda: {
             "fmu": str(packed.path),
             "model": packed.name,
+            "flavour": packed.kind.flavour,
             "form": packed.form,
             "K": packed.K,
             "claim": packed.claim,

@@ -77,6 +77,53 @@ def _variables() -> list[Variable]:
     return table
 
 
+_SCENARIO = """\
+title = "Station keeping in a sea"
+
+[run]
+end = 60.0
+step = 0.05
+
+[components.plant]
+fmu = "AuvPlant"
+parameters = { "initial.eta.x" = 0.5 }
+
+[components.controller]
+fmu = "HinfController"
+parameters = { "eta.x" = 0.5 }  # what it goes by until the first measurement arrives
+
+[components.sea]
+fmu = "WaveField"
+
+[[connections]]
+from = "sea.disturbance"
+to = "plant.disturbance"
+
+[[connections]]
+from = "plant.eta"
+to = "controller.eta"
+link = "uplink"
+
+[[connections]]
+from = "plant.nu"
+to = "controller.nu"
+link = "uplink"
+
+[[connections]]
+from = "controller.force"
+to = "plant.force"
+
+[[connections]]
+from = "controller.moment"
+to = "plant.moment"
+
+[links.uplink]
+kind = "packet"
+sample_time = 0.2
+delay = 0.5
+loss = 0.05
+"""
+
 SPEC = ComponentSpec(
     name="AuvPlant",
     description=(
@@ -94,4 +141,5 @@ SPEC = ComponentSpec(
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,
     step_size=0.05,
+    scenario=_SCENARIO,
 )

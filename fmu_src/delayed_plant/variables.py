@@ -1,89 +1,124 @@
-"""FMI variables of DelayedPlant, for any dimensions of Eq. (7); the default is section 5's."""
+"""FMI variables of DelayedPlant, for any system in the letters of Eq. (7).
+
+The default is the example of the paper's section 5. With one delay its matrices are A1, H1 and
+it is `delay.d`, as in the paper; with several they are A1, H1, `delay.d1`, A2, H2, `delay.d2`, ...
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from cosim.models import paper_example
+from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models.products import product
+from fmu_src.page.loop import loop_scenario
 from fmu_src.spec import ComponentSpec, Variable
 
-LETTERS = ("A", "A1", "B", "C", "D", "D1", "D2", "E", "H", "H1")
+from .page import notes
+from .step import default_step
 
-Matrix = Sequence[Sequence[float]]
+STEPS = 1000
+"""Communication steps of the default experiment."""
+
+
+def plant_delays(system: DelaySystem) -> list[Delay]:
+    """The delays that belong to the plant.
+
+    One through which the control alone acts is the link's, and not among them.
+    """
+    return [d for d in system.delays if not d.feedback or d.A.any() or d.H.any()]
+
+
+def delay_names(count: int) -> list[str]:
+    """The parameters that hold the delays."""
+    return ["delay.d"] if count == 1 else [f"delay.d{i}" for i in range(1, count + 1)]
 
 
 def delayed_plant_spec(
-    matrices: Mapping[str, Matrix],
+    system: DelaySystem,
     *,
-    d: float,
-    initial: Sequence[float],
-    F: tuple[float, float],
     name: str = "DelayedPlant",
-    description: str = "Linear system with delay, disturbance and uncertainty, Eq. (7)",
-    stop_time: float = 10.0,
-    step_size: float = 0.01,
+    plant: str | None = None,
+    controller: str = "controller.fmu",
+    initial: Sequence[float] = (),
+    F: tuple[float, float] = (0.0, 1.0),
+    origin: str = "",
 ) -> ComponentSpec:
-    """A DelayedPlant of the given matrices (all of `LETTERS`, as lists of rows).
+    """A plant of the given matrices; dimensions are fixed, numbers are start values.
 
-    `F` is amplitude and angular frequency [rad/s] of the uncertainty F(t); start values are
-    the given ones, dimensions are fixed.
+    Parameters
+    ----------
+    system : the matrices; of a delay with `feedback` only its A and H, if it has any.
+    name : of the model.
+    plant, controller : what the page's example flies, files or built-in FMUs; by default
+        NAME.fmu and controller.fmu.
+    initial : x(t) for t <= start, length n; zero by default.
+    F : amplitude, at most 1 in size, and angular frequency [rad/s] of the uncertainty F(t).
+    origin : where the numbers are from, a sentence for the page.
     """
-    shapes = {
-        k: [len(matrices[k]), len(matrices[k][0]) if len(matrices[k]) else 0] for k in LETTERS
-    }
-    n, m = shapes["B"]
-    p, q = shapes["D"][0], shapes["C"][1]
-    at_start = [sum(a * b for a, b in zip(row, initial, strict=True)) for row in matrices["D"]]
+    n, m = system.B.shape
+    q = system.C.shape[1]
+    delays = plant_delays(system)
+    named = delay_names(len(delays))
+    start = np.asarray(initial if len(initial) else np.zeros(n), dtype=np.float64)
+    matrices = plant_matrices(system)
+    step = default_step(matrices)
     u = [f"u[{j}]" for j in range(1, m + 1)]
     w = [f"w[{k}]" for k in range(1, q + 1)]
-    table = [Variable(name_, "input", f"control {name_}") for name_ in u]
-    table += [Variable(name_, "input", f"disturbance {name_}") for name_ in w]
+    table = [Variable(one, "input", f"control {one}") for one in u]
+    table += [Variable(one, "input", f"disturbance {one}") for one in w]
     table += [
-        Variable(f"x[{i}]", "output", f"state x[{i}]", start=float(initial[i - 1]))
-        for i in range(1, n + 1)
+        Variable(f"x[{i}]", "output", f"state x[{i}]", start=float(value))
+        for i, value in enumerate(start, 1)
     ]
-    for row in range(p):
-        table.append(
-            Variable(
-                f"z[{row + 1}]",
-                "output",
-                f"performance output z[{row + 1}] = D x + D1 w + D2 u",
-                start=float(at_start[row]),
-                # every entry of D1 and D2 may be set at run time: all inputs may reach z
-                depends_on=tuple(u + w),
-            )
-        )
-    for letter in LETTERS:
-        for i, entries in enumerate(matrices[letter], 1):
-            for j, value in enumerate(entries, 1):
-                text = f"entry ({i},{j}) of {letter} in Eq. (7)"
-                table.append(Variable(f"{letter}[{i},{j}]", "parameter", text, None, float(value)))
     table += [
-        Variable("delay.d", "parameter", "delay d of Eq. (7)", "s", d, minimum=0.0),
         Variable(
-            "F.amplitude",
-            "parameter",
-            "F(t) = amplitude sin(omega t), times the identity",
-            None,
-            F[0],
-            minimum=-1.0,
-            maximum=1.0,
-        ),
-        Variable("F.omega", "parameter", "angular frequency of F(t)", "rad/s", F[1]),
+            f"z[{i}]",
+            "output",
+            f"performance output z[{i}] = D x + D1 w + D2 u",
+            start=float(value),
+            # every entry of D1 and D2 may be set at run time: all inputs may reach z
+            depends_on=tuple(u + w),
+        )
+        for i, value in enumerate(product(system.D.tolist(), start.tolist()), 1)
     ]
+    table += [
+        Variable(
+            f"{letter}[{i},{j}]",
+            "parameter",
+            f"entry ({i},{j}) of {letter} in Eq. (7)",
+            None,
+            float(value),
+        )
+        for letter, matrix in matrices.items()
+        for (i, j), value in _entries(matrix)
+    ]
+    table += [
+        Variable(one, "parameter", f"delay {one[6:]} of Eq. (7)", "s", delay.d, minimum=0.0)
+        for one, delay in zip(named, delays, strict=True)
+    ]
+    if "E" in matrices:
+        table += _uncertainty(F)
     table += [
         Variable(f"initial.x[{i}]", "parameter", f"x[{i}] for all t <= start", None, float(value))
-        for i, value in enumerate(initial, 1)
+        for i, value in enumerate(start, 1)
     ]
     table.append(
         Variable(
-            "solver.step", "parameter", "largest internal integration step", "s", 0.01, minimum=1e-6
+            "solver.step",
+            "parameter",
+            "largest internal integration step",
+            "s",
+            step,
+            minimum=min(1e-6, step),
         )
     )
     return ComponentSpec(
         name=name,
-        description=description,
+        description="Linear system with delay, disturbance and uncertainty, Eq. (7)",
         variables=tuple(table),
         behaviour="fmu_src.delayed_plant.behaviour:DelayedPlant",
         sources=(
@@ -94,15 +129,59 @@ def delayed_plant_spec(
             "fmu_src.delayed_plant.behaviour",
         ),
         readme=Path(__file__).with_name("readme.md"),
-        stop_time=stop_time,
-        step_size=step_size,
-        constants={"shapes": shapes},
+        stop_time=STEPS * step,
+        step_size=step,
+        constants={
+            "shapes": {letter: list(matrix.shape) for letter, matrix in matrices.items()},
+            "delays": named,
+        },
+        notes=notes(system, delays, named, origin),
+        scenario=loop_scenario(
+            plant or f"{name}.fmu",
+            controller if m else None,
+            feedback_delay=system.feedback_delay,
+            step=step,
+            end=STEPS * step,
+        ),
     )
 
 
+def plant_matrices(system: DelaySystem) -> dict[str, np.ndarray]:
+    """Every matrix of the plant by its letter; E, H, H1, ... only where something is uncertain."""
+    delays = plant_delays(system)
+    found = {"A": system.A}
+    found |= {f"A{i}": delay.A for i, delay in enumerate(delays, 1)}
+    found |= {letter: getattr(system, letter) for letter in ("B", "C", "D", "D1", "D2")}
+    if system.E.size:
+        found |= {"E": system.E, "H": system.H}
+        found |= {f"H{i}": delay.H for i, delay in enumerate(delays, 1)}
+    return found
+
+
+def _entries(matrix: np.ndarray) -> list[tuple[tuple[int, int], float]]:
+    return [((i + 1, j + 1), value) for (i, j), value in np.ndenumerate(matrix)]
+
+
+def _uncertainty(F: tuple[float, float]) -> list[Variable]:
+    return [
+        Variable(
+            "F.amplitude",
+            "parameter",
+            "F(t) = amplitude sin(omega t) on its main diagonal",
+            None,
+            F[0],
+            minimum=-1.0,
+            maximum=1.0,
+        ),
+        Variable("F.omega", "parameter", "angular frequency of F(t)", "rad/s", F[1]),
+    ]
+
+
 SPEC = delayed_plant_spec(
-    {letter: getattr(paper_example, letter) for letter in LETTERS},
-    d=paper_example.d,
+    paper_example.system(),
+    plant="DelayedPlant",
+    controller="PaperController",
     initial=paper_example.INITIAL_STATE,
     F=(paper_example.F_AMPLITUDE, paper_example.F_OMEGA),
+    origin="The start values are the example of the paper's section 5.",
 )

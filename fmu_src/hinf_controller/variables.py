@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.models.auv import STATE, TABLE_1, inertia
+from fmu_src.page.loop import loop_scenario
 from fmu_src.spec import ComponentSpec, Variable
 
 LIMITS = (2500.0, 2500.0)
@@ -24,7 +25,49 @@ _SOURCES = (
 _BEHAVIOUR = "fmu_src.hinf_controller.behaviour:StateFeedback"
 _README = Path(__file__).with_name("readme.md")
 _FORCE = (("force.x", "N"), ("force.y", "N"), ("force.z", "N"), ("moment.z", "N.m"))
+_STEP = 0.01  # [s], of the default experiment
 _UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
+
+
+_SCENARIO = """\
+title = "Station keeping"
+
+[run]
+end = 60.0
+step = 0.05
+
+[components.plant]
+fmu = "AuvPlant"
+parameters = {{ "initial.eta.x" = 0.5 }}
+
+[components.controller]
+fmu = "{controller}"
+parameters = {{ "eta.x" = 0.5 }}  # what it goes by until the first measurement arrives
+
+[[connections]]
+from = "plant.eta"
+to = "controller.eta"
+link = "uplink"
+
+[[connections]]
+from = "plant.nu"
+to = "controller.nu"
+link = "uplink"
+
+[[connections]]
+from = "controller.force"
+to = "plant.force"
+
+[[connections]]
+from = "controller.moment"
+to = "plant.moment"
+
+[links.uplink]
+kind = "packet"
+sample_time = 0.2
+delay = 0.5
+loss = 0.05
+"""
 
 
 def _gain(K: Sequence[Sequence[float]]) -> list[Variable]:
@@ -65,10 +108,12 @@ def vehicle_spec(
     *,
     sample_time: float = 0.05,
     limits: Sequence[float] = LIMITS,
+    controller: str | None = None,
 ) -> ComponentSpec:
     """A controller of the vehicle with the gain (4, 8) that `certificate` proves.
 
-    `limits` : of each thrust [N] and of the moment [N m]; `sample_time` [s].
+    `limits` : of each thrust [N] and of the moment [N m]; `sample_time` [s]; `controller` : what
+    the page's example flies, by default NAME.fmu.
     """
     table = [
         Variable(name, "input", f"measured {name}", unit, discrete=False)
@@ -113,6 +158,7 @@ def vehicle_spec(
             "mapped": True,
         },
         certificate=certificate,
+        scenario=_SCENARIO.format(controller=controller or f"{name}.fmu"),
     )
 
 
@@ -124,13 +170,16 @@ def feedback_spec(
     sample_time: float = 0.0,
     limits: Sequence[float] = (),
     stop: float = 10.0,
+    plant: str = "plant.fmu",
+    controller: str | None = None,
 ) -> ComponentSpec:
     """A controller u = K x for a system in the letters of Eq. (7).
 
     Its gain (m, n) is the one that `certificate` proves; `limits` holds one bound per command,
-    or nothing.
+    or nothing. `plant` and `controller` (by default NAME.fmu) are what the page's example flies.
     """
-    K = json.loads(certificate)["K"]
+    proved = json.loads(certificate)
+    K = proved["K"]
     m, n = len(K), len(K[0])
     measured = [f"x[{j}]" for j in range(1, n + 1)]
     outputs = [f"u[{i}]" for i in range(1, m + 1)]
@@ -152,7 +201,7 @@ def feedback_spec(
         sources=_SOURCES,
         readme=_README,
         stop_time=stop,
-        step_size=0.01,
+        step_size=_STEP,
         constants={
             "measured": measured,
             "reference": [None] * n,
@@ -161,6 +210,16 @@ def feedback_spec(
             "mapped": False,
         },
         certificate=certificate,
+        scenario=loop_scenario(
+            plant,
+            controller or f"{name}.fmu",
+            feedback_delay=max(
+                (delay["d"] for delay in proved["claim"]["delays"] if delay["feedback"]),
+                default=0.0,
+            ),
+            step=_STEP,
+            end=stop,
+        ),
     )
 
 
@@ -168,9 +227,11 @@ def _beside(file: str) -> bytes:
     return Path(__file__).with_name(file).read_bytes()
 
 
-SPEC = vehicle_spec("HinfController", _beside("auv.json"))
+SPEC = vehicle_spec("HinfController", _beside("auv.json"), controller="HinfController")
 PAPER_SPEC = feedback_spec(
     "PaperController",
     _beside("paper.json"),
     description="Sampled state feedback of the paper's section 5 with its printed gain",
+    plant="DelayedPlant",
+    controller="PaperController",
 )

@@ -39,9 +39,9 @@ def host_compiler() -> list[str]:
         "native FMUs need a C compiler",
         expected="cc, gcc or clang on the PATH, or the one named by CC",
         got=f"CC={chosen}" if chosen else "none of them",
-        hint="install one (Debian: apt install gcc), or build with --platforms all and the extra "
-        "that brings a cross compiler (pip install 'auv-cosim[cross]'); the python flavour needs "
-        "none",
+        hint="install one (Debian: apt install gcc), or the extra that brings a cross compiler, "
+        "pip install 'auv-cosim[cross]', and build with --platforms all; --flavour python "
+        "needs none",
     )
 
 

@@ -7,6 +7,8 @@ import sys
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from cosim.errors import InputError
+
 
 @dataclass(frozen=True)
 class Platform:
@@ -55,3 +57,21 @@ def host() -> Platform:
     )
     name = f"{machine}-{system}"
     return PLATFORMS.get(name, Platform(name, name, suffix, ""))
+
+
+def platforms_named(text: str) -> tuple[Platform, ...]:
+    """From `host` (none: the machine's own compiler), `all`, or names with commas.
+
+    Raises
+    ------
+    InputError : a platform that does not exist.
+    """
+    if text == "host":
+        return ()
+    names = list(PLATFORMS) if text == "all" else text.split(",")
+    for name in names:
+        if name not in PLATFORMS:
+            raise InputError.unknown(
+                "platform", name, ("host", "all", *PLATFORMS), where="--platforms"
+            )
+    return tuple(PLATFORMS[name] for name in PLATFORMS if name in names)

@@ -80,6 +80,25 @@ def _variables() -> list[Variable]:
     return table
 
 
+_SCENARIO = """\
+title = "The vehicle adrift in a sea"
+
+[run]
+end = 60.0
+step = 0.05
+
+[components.plant]
+fmu = "AuvPlant"
+
+[components.sea]
+fmu = "WaveField"
+parameters = { Hs = 2.0, Tp = 7.0, depth = 20.0, seed = 3 }
+
+[[connections]]
+from = "sea.disturbance"
+to = "plant.disturbance"
+"""
+
 SPEC = ComponentSpec(
     name="WaveField",
     description=(
@@ -92,5 +111,6 @@ SPEC = ComponentSpec(
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,
     step_size=0.05,
+    scenario=_SCENARIO,
     constants={"slots": SLOTS},
 )

@@ -34,10 +34,36 @@ def test_equation_7_is_its_matrices(n: int, m: int, q: int, p: int) -> None:
     expected = (M["A"] + M["E"] @ F @ M["H"]) @ x + (M["A1"] + M["E"] @ F @ M["H1"]) @ late
     expected = expected + M["B"] @ u + M["C"] @ w
     lists: Any = {letter: matrix.tolist() for letter, matrix in M.items()}
-    got = derivatives(t, x, late, u, w, lists, (amplitude, omega), math)
+    got = derivatives(t, x, [late], u, w, lists, (amplitude, omega), math)
     assert got == pytest.approx(expected, rel=1e-13, abs=1e-13)
     z = M["D"] @ x + M["D1"] @ w + M["D2"] @ u
     assert output(x, u, w, lists) == pytest.approx(z, rel=1e-13, abs=1e-13)
+
+
+def nothing(rows: int, columns: int) -> list[list[float]]:
+    """A matrix of these sizes, one of which may be zero."""
+    return np.zeros((rows, columns)).tolist()  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize(("s", "r"), [(1, 3), (3, 1), (2, 2)])
+@pytest.mark.parametrize("delays", [0, 1, 3])
+def test_several_delays_and_a_rectangular_f(delays: int, s: int, r: int) -> None:
+    """F(t) is (s, r) with its one number on the main diagonal; F'F <= I for any sizes."""
+    generator = np.random.default_rng(10 * s + r + delays)
+    A = generator.normal(size=(delays + 1, 2, 2))
+    H = generator.normal(size=(delays + 1, r, 2))
+    E, states = generator.normal(size=(2, s)), generator.normal(size=(delays + 1, 2))
+    F = 0.5 * math.sin(1.3 * 0.7) * np.eye(s, r)
+    expected = sum((A[i] + E @ F @ H[i]) @ states[i] for i in range(delays + 1))
+    letters = ["", *map(str, range(1, delays + 1))]
+    m: Any = {f"A{i}": A[k].tolist() for k, i in enumerate(letters)}
+    m |= {f"H{i}": H[k].tolist() for k, i in enumerate(letters)}
+    m |= {"B": nothing(2, 0), "C": nothing(2, 0), "E": E.tolist()}
+    got = derivatives(0.7, states[0], states[1:], [], [], m, (0.5, 1.3), math)
+    assert got == pytest.approx(expected, rel=1e-13, abs=1e-13)
+    certain = derivatives(0.7, states[0], states[1:], [], [], m, None, math)
+    plain = sum(A[i] @ states[i] for i in range(delays + 1))
+    assert certain == pytest.approx(plain, rel=1e-13, abs=1e-13)
 
 
 def test_section_5_over_symbols_is_section_5_over_floats() -> None:
@@ -45,11 +71,11 @@ def test_section_5_over_symbols_is_section_5_over_floats() -> None:
     matrices = {letter: getattr(paper_example, letter) for letter in LETTERS}
     names = symengine.symbols("t x0 x1 l0 l1 u w")
     t, x0, x1, l0, l1, u, w = names
-    written = derivatives(t, [x0, x1], [l0, l1], [u], [w], matrices, (0.5, 1.0), symengine)
+    written = derivatives(t, [x0, x1], [[l0, l1]], [u], [w], matrices, (0.5, 1.0), symengine)
     compiled = symengine.Lambdify(names, written)
     for point in np.random.default_rng(2).normal(size=(20, 7)):
         a = [float(value) for value in point]
-        floats = derivatives(a[0], a[1:3], a[3:5], a[5:6], a[6:7], matrices, (0.5, 1.0), math)
+        floats = derivatives(a[0], a[1:3], [a[3:5]], a[5:6], a[6:7], matrices, (0.5, 1.0), math)
         assert np.asarray(compiled(a)) == pytest.approx(floats, rel=1e-13, abs=1e-13)
 
 

@@ -1,0 +1,51 @@
+"""Whether the plant that flew is the one that a design is about, parameter by parameter."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from cosim.hinf import AuvDesign
+from cosim.models.auv import TABLE_1
+from cosim.models.delay_system import DelaySystem
+from fmu_src.delayed_plant.variables import delay_names, plant_delays, plant_matrices
+
+_ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")
+
+
+def is_vehicle_of(design: AuvDesign, parameters: Mapping[str, float | None]) -> bool:
+    """Whether these parameters are the vehicle that was designed for."""
+    wanted = {name: design.parameters[name] for name in TABLE_1}
+    wanted |= {f"damping.{axis}": a for axis, a in zip("uvwr", design.damping, strict=True)}
+    return all(parameters.get(name) == value for name, value in wanted.items()) and _no_longer(
+        parameters, {"delay.d": design.state_delay}
+    )
+
+
+def is_plant_of(system: DelaySystem, parameters: Mapping[str, float | None]) -> bool:
+    """Whether these parameters are the matrices and delays of a system in Eq. (7)'s letters.
+
+    Matrices that the system does not have may be there, if they are zero.
+    """
+    wanted = {
+        f"{letter}[{i + 1},{j + 1}]": float(value)
+        for letter, matrix in plant_matrices(system).items()
+        for (i, j), value in np.ndenumerate(matrix)
+    }
+    # an entry that the system has and the plant does not is no number, and not equal either
+    found = {
+        name: parameters.get(name) for name in (*wanted, *filter(_ENTRY.fullmatch, parameters))
+    }
+    delays = plant_delays(system)
+    named = zip(delay_names(len(delays)), (delay.d for delay in delays), strict=True)
+    return all(value == wanted.get(name, 0.0) for name, value in found.items()) and _no_longer(
+        parameters, dict(named)
+    )
+
+
+def _no_longer(parameters: Mapping[str, float | None], delays: Mapping[str, float]) -> bool:
+    """What is proved for a delay is proved for every shorter one."""
+    found = [(parameters.get(name), d) for name, d in delays.items()]
+    return all(value is not None and value <= d for value, d in found)

@@ -1,0 +1,61 @@
+"""What the documentation page says of one plant: its sizes and where its delays are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cosim.models.delay_system import Delay, DelaySystem
+
+
+def notes(system: DelaySystem, delays: Sequence[Delay], named: Sequence[str], origin: str) -> str:
+    """Markdown: sizes, and where each delay of the system is found.
+
+    Parameters
+    ----------
+    delays, named : those that belong to the plant, and their parameters.
+    origin : where the numbers are from, a sentence.
+    """
+    n, m = system.B.shape
+    p, q = system.D1.shape
+    sizes = [
+        f"{n} state{_s(n)} x",
+        f"{m} control{_s(m)} u",
+        f"{q} disturbance{_s(q)} w",
+        f"{p} performance output{_s(p)} z",
+    ]
+    uncertain = f"F(t) is {system.E.shape[1]} × {system.H.shape[0]}"
+    sentences = [
+        ", ".join(sizes) + ";",
+        f"{uncertain}." if system.E.size else "nothing is uncertain: no E, F, H.",
+        origin,
+        "They have the units of that system; time is in seconds.",
+    ]
+    lines = ["## This plant", "", " ".join(part for part in sentences if part), ""]
+    if not system.delays:
+        return "\n".join([*lines, "It has no delay.", ""])
+    lines += ["| delay | where it is |", "|---|---|"]
+    parameters = {id(delay): i for i, delay in enumerate(delays)}
+    for delay in system.delays:
+        lines.append(f"| {delay.d:g} s | {_place(delay, parameters, named)} |")
+    return "\n".join([*lines, ""])
+
+
+def _place(delay: Delay, parameters: dict[int, int], named: Sequence[str]) -> str:
+    parts = []
+    if id(delay) in parameters:
+        number = parameters[id(delay)] + 1
+        age = " (constant here, where the design allows every age up to it)"
+        parts.append(
+            f"in the plant: A{number} x(t − d), d = `{named[number - 1]}`"
+            + (age if delay.any_age and not delay.feedback else "")
+        )
+    if delay.feedback:
+        parts.append(
+            "between the plant and its controller: u = K x(t − d). It is **not** in this FMU, "
+            "where u acts at once; link, sampling and exchange together make it up"
+        )
+    return "; and ".join(parts)
+
+
+def _s(count: int) -> str:
+    return "" if count == 1 else "s"
