@@ -61,8 +61,8 @@ def test_a_proved_rate_is_borne_by_every_delay_and_every_uncertainty(seed: int) 
             shorter = with_delays(system, [scale * x.d for x in system.delays])
             for F in [np.zeros((3, 2)), np.eye(3, 2), -np.eye(3, 2)] if system.E.size else [None]:
                 assert spectral_abscissa(_disturbed(shorter, K, F)) <= -rate + 1e-9
-    if abscissa >= 0:
-        assert proved == 0
+    assert abscissa < 0
+    assert proved >= (0 if seed in {0, 3, 8, 9} else 1)
 
 
 def _disturbed(system: DelaySystem, K: np.ndarray, F: np.ndarray | None) -> ClosedLoop:

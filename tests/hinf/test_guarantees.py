@@ -157,3 +157,13 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
     data["guarantees"]["decai"] = data["guarantees"].pop("decay")
     with pytest.raises(InputError, match="did you mean decay"):
         check_certificate(data)
+
+
+def test_guarantees_beside_a_proof_that_has_none_are_only_notes(saved: Any) -> None:
+    """Put into the file of a design by order, where no check reads them: not in the design."""
+    sharper = design(paper_example.system(), (0.6,), (0.2,), order=0)
+    data = json.loads(json.dumps(design_to_json(sharper)))
+    data["guarantees"] = saved["guarantees"]
+    again = design_from_json(data, where="file")
+    assert again.guarantees.decay is None
+    assert "guarantees" not in again.certificate
