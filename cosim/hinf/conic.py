@@ -112,14 +112,21 @@ def solve(
         right.append(np.array([equal[1]]))
         cones.append(clarabel.ZeroConeT(1))
     b = np.concatenate(right)
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix((len(q), len(q))),
-        q,
-        sparse.csc_matrix(sparse.vstack(rows)),
-        b,
-        cones,
-        settings,
-    ).solve()
+    try:
+        found = clarabel.DefaultSolver(
+            sparse.csc_matrix((len(q), len(q))),
+            q,
+            sparse.csc_matrix(sparse.vstack(rows)),
+            b,
+            cones,
+            settings,
+        ).solve()
+    except BaseException as error:
+        # Rust's panic on numbers far out of range is no Exception, and cannot be named
+        if type(error).__name__ != "PanicException":
+            raise
+        nothing = np.full(len(q), np.nan)
+        return Solution("failed", nothing, np.nan, (), "Panic")
     y, z = np.array(found.x), np.array(found.z)
     status = _STATUS.get(str(found.status), "failed")
     if not (np.isfinite(y).all() and np.isfinite(z).all()):

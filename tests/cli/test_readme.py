@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from cli.shell import COMMAND, cosim, flight, home
 
+pytestmark = pytest.mark.xdist_group("readme")  # what a line writes, a later one reads
+
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)

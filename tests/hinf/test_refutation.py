@@ -340,4 +340,4 @@ def test_a_refutation_is_no_gain_to_pack(tmp_path: Path) -> None:
     """It speaks of every K and holds none: refused by name."""
     proof = gamma_floor(paper_example.system(), 5.0)
     with pytest.raises(InputError, match="no gain to pack"):
-        pack_controller(proof, tmp_path / "Controller.fmu", where="proof.json")
+        pack_controller(proof, tmp_path / "Controller.fmu", where="proof.json", kind="python")
