@@ -44,7 +44,7 @@ def _claims(data: dict[str, Any]) -> list[str]:
         gamma = _not_below(Fraction(claim["gamma"]))
         lines.append(f"gain from disturbance w to output z at most gamma = {gamma}")
     if claim["uncertain"]:
-        lines.append("for every uncertainty F(t) with F'F <= I")
+        lines.append("for every uncertainty F(t) with F'F ≤ I")
     for number, delay in enumerate(claim["delays"], 1):
         text = f"delay {number} with d = {delay['d']:g} s, age {delay['age']}"
         if delay["feedback"]:

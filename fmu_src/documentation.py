@@ -52,18 +52,14 @@ def _page(spec: ComponentSpec, picture: bytes) -> str:
 
 
 def _facts(spec: ComponentSpec) -> str:
-    counts = [
-        f"{sum(v.causality == causality for v in spec.variables)} {title}"
-        for causality, title in (
-            ("input", "inputs"),
-            ("output", "outputs"),
-            ("parameter", "parameters"),
-        )
-    ]
-    return (
-        f"FMU for co-simulation · {' · '.join(counts)} · SI units · by default "
-        f"{spec.stop_time:g} s in steps of {spec.step_size:g} s"
-    )
+    facts = ["FMU for co-simulation"]
+    for causality in ("input", "output", "parameter"):
+        count = sum(v.causality == causality for v in spec.variables)
+        facts.append(f"{count} {causality}{'' if count == 1 else 's'}")
+    if all(v.unit is not None for v in spec.variables if v.causality != "parameter"):
+        facts.append("SI units")
+    facts.append(f"by default {spec.stop_time:g} s in steps of {spec.step_size:g} s")
+    return " · ".join(facts)
 
 
 def _licence(spec: ComponentSpec) -> str:

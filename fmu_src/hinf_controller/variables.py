@@ -29,6 +29,15 @@ _STEP = 0.01  # [s], of the default experiment
 _UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
 
 
+_VEHICLE_NOTES = """
+## From accelerations to forces
+
+The state is x = (`eta`, `nu`), and u is an acceleration. What leaves the controller is M u =
+(`force.x`, `force.y`, `force.z`, `moment.z`), each held within ± `limit.force` and
+± `limit.moment`. M, the parameter `thrust_map`, is the mass matrix of the vehicle, added mass
+included.
+"""
+
 _SCENARIO = """\
 title = "Station keeping"
 
@@ -158,6 +167,7 @@ def vehicle_spec(
             "mapped": True,
         },
         certificate=certificate,
+        notes=_VEHICLE_NOTES,
         scenario=_SCENARIO.format(controller=controller or f"{name}.fmu"),
     )
 
@@ -210,6 +220,7 @@ def feedback_spec(
             "mapped": False,
         },
         certificate=certificate,
+        notes=_feedback_notes(m, n, limited=bool(limits)),
         scenario=loop_scenario(
             plant,
             controller or f"{name}.fmu",
@@ -220,6 +231,14 @@ def feedback_spec(
             step=_STEP,
             end=stop,
         ),
+    )
+
+
+def _feedback_notes(m: int, n: int, *, limited: bool) -> str:
+    bounds = ", held within ± `limit.u[i]`" if limited else ", without limits"
+    return (
+        "\n## This controller\n\nFor a system in the letters of Eq. (7): "
+        f"{n} measured state{'s' * (n != 1)} `x[j]`, {m} command{'s' * (m != 1)} `u[i]`{bounds}.\n"
     )
 
 

@@ -46,7 +46,7 @@ def _mathml(latex: str) -> str:
     found = re.sub(r"<mo>&#x0005B;</mo><mtable>", '<mtable class="matrix">', found)
     found = re.sub(r"</mtable><mo>&#x0005D;</mo>", "</mtable>", found)
     return re.sub(
-        r"<mover><mi>([^<]+)</mi><mo>&#x002D9;</mo></mover>",
+        r"<mover>(?:<mrow>)?<mi>([^<]+)</mi>(?:</mrow>)?<mo>&#x002D9;</mo></mover>",
         lambda match: f"<mi>{_italic(html.unescape(match[1]))}\u0307</mi>",
         found,
     )

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from fmu_src.spec import ComponentSpec, Variable
 
 _ENTRY = re.compile(r"(.+)\[(\d+),(\d+)\]")
+_WIDE = 8  # columns of a matrix beyond which its numbers are shown to four digits
 _GROUPS = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
 
 
@@ -56,16 +57,20 @@ def _table(variables: Sequence[Variable]) -> str:
 def _grid(name: str, entries: Mapping[tuple[int, int], Variable]) -> str:
     rows = max(i for i, _ in entries)
     columns = max(j for _, j in entries)
+    digits = 6 if columns <= _WIDE else 4
     first = next(iter(entries.values()))
     body = "".join(
-        "<tr>" + "".join(_cell(entries.get((i, j))) for j in range(1, columns + 1)) + "</tr>\n"
+        "<tr>"
+        + "".join(_cell(entries.get((i, j)), digits) for j in range(1, columns + 1))
+        + "</tr>\n"
         for i in range(1, rows + 1)
     )
     unit = "" if first.unit is None else f", {_unit(first.unit)}"
+    wide = " many" if columns > _WIDE else ""
     meaning = html.escape(_of_any_entry(first.description))
     return (
         f'<figure><figcaption><code>{html.escape(name)}[i,j]</code> <span class="size">{rows} × '
-        f'{columns}{unit}: {meaning}</span></figcaption><table class="matrix">{body}</table>'
+        f'{columns}{unit}: {meaning}</span></figcaption><table class="matrix{wide}">{body}</table>'
         "</figure>\n"
     )
 
@@ -77,19 +82,19 @@ def _of_any_entry(description: str) -> str:
     return description
 
 
-def _cell(v: Variable | None) -> str:
+def _cell(v: Variable | None, digits: int) -> str:
     if v is None:
         return "<td></td>"
     faint = ' class="zero"' if v.start == 0 else ""
     exact = html.escape(f"{v.name} = {v.start!r}: {v.description}")
-    return f'<td title="{exact}"{faint}>{_number(v.start)}</td>'
+    return f'<td title="{exact}"{faint}>{_number(v.start, digits)}</td>'
 
 
-def _number(value: float) -> str:
-    """A double as it is if that is short, else to six digits; a typeset minus."""
+def _number(value: float, digits: int = 6) -> str:
+    """A double as it is if that is short, else to so many digits; a typeset minus."""
     exact = repr(float(value)).removesuffix(".0")
-    short = len(exact) <= 8 or exact.isdigit()
-    return (exact if short else f"{value:.6g}").replace("-", "−")
+    short = len(exact) <= digits + 2 or exact.isdigit()
+    return (exact if short else f"{value:.{digits}g}").replace("-", "−")
 
 
 def _range(v: Variable) -> str:

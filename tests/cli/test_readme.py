@@ -28,14 +28,12 @@ COMMANDS = [line for line in LINES if not line.startswith("make ")]
 
 
 def files() -> dict[str, str]:
-    """The TOML blocks under the names that the commands give them: a system, a scenario."""
-    named = sorted({word for line in COMMANDS for word in line.split() if word.endswith(".toml")})
+    """The TOML blocks by their first line, which names them; each is used by a command."""
     blocks = [block for language, block in BLOCKS if language == "toml"]
-    result = {}
-    for name in named:
-        wanted = "[system]" if "system" in name else "[components."
-        result[name] = next(block for block in blocks if wanted in block)
-    assert len(result) == len(blocks)
+    result = {re.match(r"# (\S+\.toml)\n", block)[1]: block for block in blocks}  # type: ignore[index]
+    assert set(result) == {
+        word for line in COMMANDS for word in line.split() if word.endswith(".toml")
+    }
     return result
 
 

@@ -52,6 +52,7 @@ k2 = [0.5, 0.5, 0.5]
 """
 INITIAL = (1.0, 0.0, -0.5)
 FLAVOURS = ("native", "python")
+EVERY = (*FLAVOURS, "native-fmi3")
 
 LOOP = """
 title = "My plant, my controller"
@@ -80,11 +81,11 @@ gain = {gain}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What a user has after four commands: design, plant and controller of either flavour."""
+    """What a user has after three commands: a design, plant and controller, of every flavour."""
     folder = tmp_path_factory.mktemp("own")
     (folder / "my-system.toml").write_text(SYSTEM, "utf-8")
     assert cosim("design", "my-system.toml", "--save", "my-design.json", cwd=folder).code == 0
-    for flavour in FLAVOURS:
+    for flavour in EVERY:
         common = ("--flavour", flavour, "--json")
         start = ",".join(map(str, INITIAL))
         made(folder, "build", "my-system.toml", "-o", f"{flavour}/my-plant.fmu", *common, start)
@@ -120,7 +121,7 @@ def truth(u: Hold, w: Hold, end: float, amplitude: float = 0.0, omega: float = 0
     return solve(rate, INITIAL, [0.4, 0.7], end, switches=[*u.times, *w.times])
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("flavour", EVERY)
 def test_the_plant_is_the_solution_of_its_equation(folder: Path, flavour: str) -> None:
     """By FMPy: two delays, a rectangular F(t), inputs that jump; x and z to eight digits."""
     columns = [("time", float), ("u[1]", float), ("w[1]", float)]
@@ -188,7 +189,7 @@ def test_another_plant_is_not_as_designed(folder: Path) -> None:
         assert flown.json["metrics"]["assumptions"]["plant_as_designed"] is as_designed
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("flavour", EVERY)
 @pytest.mark.parametrize("name", ["my-plant", "my-controller"])
 def test_each_is_sound_for_other_eyes_too(folder: Path, name: str, flavour: str) -> None:
     """`cosim fmu check --run` finds nothing, FMPy's validation neither."""
@@ -216,14 +217,12 @@ def test_both_flavours_take_the_same_steps(folder: Path) -> None:
 
 def test_variables_start_with_the_numbers_of_the_file(folder: Path) -> None:
     """Every entry of every matrix under its name, in both versions of FMI; no link's delay."""
-    made(folder, "build", "my-system.toml", "-o", "3/my-plant.fmu", "--flavour", "native-fmi3",
-         "--json", "1,0,-0.5")  # fmt: skip
     system = tomllib.loads(SYSTEM)["system"]
     first, second, _ = system["delays"]
     wanted = {letter: system[letter] for letter in ("A", "B", "C", "D", "D2", "E", "H")}
     wanted |= {"A1": first["A"], "H1": first["H"], "A2": second["A"]}
     wanted |= {"D1": [[0.0], [0.0]], "H2": [[0.0] * 3] * 2}
-    for version in ("native", "3"):
+    for version in ("native", "native-fmi3"):
         model = read_model_description(str(folder / version / "my-plant.fmu"))
         start = {v.name: float(v.start) for v in model.modelVariables if v.start is not None}
         for letter, matrix in wanted.items():
@@ -457,3 +456,14 @@ def test_no_compiler_is_an_error_that_names_a_way_out(
     assert "need a C compiler" in result.error["what"]
     assert "--flavour python" in result.error["hint"]
     assert not (folder / "none.fmu").exists()
+
+
+@pytest.mark.slow
+def test_one_file_for_several_platforms(folder: Path) -> None:
+    """Named platforms are cross-compiled, into the folders of FMI 2.0."""
+    pytest.importorskip("ziglang")
+    command = ("fmu", "build", "my-system.toml", "-o", "several.fmu", "--platforms")
+    assert cosim(*command, "x86_64-windows,aarch64-linux", cwd=folder).code == 0
+    with zipfile.ZipFile(folder / "several.fmu") as archive:
+        binaries = {n.split("/", 1)[1] for n in archive.namelist() if n.startswith("binaries/")}
+    assert binaries == {"win64/several.dll", "aarch64-linux/several.so"}

@@ -1,0 +1,124 @@
+"""The page inside an FMU: whole, offline, set, exact, and its programs run."""
+
+from __future__ import annotations
+
+import html
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from cli.shell import cosim
+from lxml import etree
+
+from fmu_src.catalogue import CATALOGUE
+from fmu_src.documentation import documentation_files
+from fmu_src.page.text import to_html
+
+NAMES = sorted(CATALOGUE)
+MATHML = "{http://www.w3.org/1998/Math/MathML}"
+
+
+def page_of(name: str) -> str:
+    return documentation_files(CATALOGUE[name])["documentation/index.html"].decode()
+
+
+def programs(page: str, language: str) -> list[str]:
+    pattern = f'<pre><code class="language-{language}">(.*?)</code></pre>'
+    return [html.unescape(found) for found in re.findall(pattern, page, re.DOTALL)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_needs_nothing_from_elsewhere(name: str) -> None:
+    """No address but the name of MathML; every link leads into the page or to the licence."""
+    page = page_of(name)
+    assert set(re.findall(r"https?://[^\"\s<]+", page)) == {"http://www.w3.org/1998/Math/MathML"}
+    anchors = set(re.findall(r'id="([^"]+)"', page))
+    for target in re.findall(r'href="([^"]+)"', page):
+        assert target == "licenses/license.txt" or target.removeprefix("#") in anchors
+    assert set(re.findall(r'src="(.{22})', page)) == {"data:image/png;base64,"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_equations_are_set(name: str) -> None:
+    """MathML that parses, and nothing of LaTeX or Markdown left over in the text."""
+    page = page_of(name)
+    equations = re.findall(r"<math .*?</math>", page, re.DOTALL)
+    assert equations
+    for equation in equations:
+        root = etree.fromstring(equation)
+        assert root.tag == f"{MATHML}math"
+        assert not root.findall(f".//{MATHML}merror")
+        assert "\\" not in "".join(root.itertext())
+    text = re.sub(r"<pre>.*?</pre>|<style>.*?</style>|<math .*?</math>", "", page, flags=re.DOTALL)
+    assert "```" not in text
+    assert "\\" not in text
+
+
+def test_a_dotted_letter_and_a_matrix_are_readable_without_a_mathematical_font() -> None:
+    """The dot belongs to the letter, Latin and Greek; brackets are the table's."""
+    page = to_html("```math\n\\dot{x} = \\dot\\psi \\begin{bmatrix} 1 & 2 \\end{bmatrix}\n```\n")
+    assert "<mi>\N{MATHEMATICAL ITALIC SMALL X}\u0307</mi>" in page
+    assert "<mi>\N{MATHEMATICAL ITALIC SMALL PSI}\u0307</mi>" in page
+    assert '<mtable class="matrix">' in page
+    assert "[" not in re.sub("<[^>]*>", "", page)
+
+
+def test_html_in_a_text_is_text() -> None:
+    """No markup gets from a component's words into the page."""
+    page = to_html("<script>alert(1)</script>\n\n    <b>\n\n```toml\n</code><i>\n```\n")
+    assert not re.search("<(script|b|i)>", page)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_start_value_can_be_read_off_exactly(name: str) -> None:
+    """Entries of a matrix carry their double; a table shows six digits or all there are."""
+    page = page_of(name)
+    page = page[page.index('<h2 id="variables">') :]
+    for v in CATALOGUE[name].variables:
+        if re.search(r"\[\d+,\d+\]", v.name):
+            assert f'title="{v.name} = {v.start!r}: ' in page
+        else:
+            row = page[page.index(f"<code>{v.name}</code></td>") :]
+            cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
+            shown = float(cells[1].replace("−", "-"))
+            assert shown == pytest.approx(v.start, rel=5e-6, abs=0)
+            assert (cells[0] != "–") == (v.unit is not None)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_fmpy_program_runs(name: str, native_fmus: Path) -> None:
+    """As it stands, beside the FMU: two numbers, and the first is the end."""
+    (program,) = programs(page_of(name), "python")
+    done = subprocess.run(  # noqa: S603 - what the page tells people to type
+        [sys.executable, "-W", "error", "-c", program],
+        cwd=native_fmus,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    end, value = map(float, done.stdout.split())
+    assert end == CATALOGUE[name].stop_time
+    assert value != 0.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_scenario_flies(name: str, fmus: Path, tmp_path: Path) -> None:
+    """As it stands but for a second of it, with the built-in FMUs that it names."""
+    (scenario,) = programs(page_of(name), "toml")
+    short = re.sub(r"end = [\d.]+", "end = 1.0", scenario)
+    (tmp_path / "my-scenario.toml").write_text(short, "utf-8")
+    flown = cosim("run", "my-scenario.toml", "--fmus", fmus.parent, "--json", cwd=tmp_path)
+    assert flown.code == 0, flown.err
+    assert flown.json["status"] == "finished"
+
+
+def test_the_page_is_in_every_flavour(fmus: Path, native_fmus: Path) -> None:
+    """One page, whatever the FMU is made of."""
+    for folder in (fmus, native_fmus):
+        with zipfile.ZipFile(folder / "PaperController.fmu") as archive:
+            found = archive.read("documentation/index.html").decode()
+        assert found == page_of("PaperController")
