@@ -12,8 +12,6 @@ from pathlib import Path
 import pytest
 from cli.shell import COMMAND, cosim, flight, home
 
-pytestmark = pytest.mark.xdist_group("readme")  # what a line writes, a later one reads
-
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
@@ -63,24 +61,37 @@ def test_target_exists(line: str) -> None:
         assert re.search(rf"^{target}:", makefile, re.MULTILINE)
 
 
-@pytest.mark.parametrize("line", COMMANDS)
-def test_command_works(line: str, folder: Path) -> None:
-    """Typed in the order of the README, each command ends with exit code 0."""
-    program, *arguments = shlex.split(line)
-    if program == "cosim":
+def test_commands_and_programs_work(folder: Path) -> None:
+    """Typed in the order of the README, each command and each Python block ends with success.
+
+    One test, since what a line writes, a later one reads.
+    """
+    failed = {}
+    programs = [block for language, block in BLOCKS if language == "python"]
+    for text, attempt in [(line, typed) for line in COMMANDS] + [(b, program) for b in programs]:
+        try:
+            attempt(text, folder)
+        except AssertionError as error:
+            failed[text] = str(error)
+    assert not failed
+
+
+def typed(line: str, folder: Path) -> None:
+    """What a reader types."""
+    name, *arguments = shlex.split(line)
+    if name == "cosim":
         result = cosim(*arguments, cwd=folder)
         assert result.code == 0, result.err
         if "--json" in arguments:
             assert result.json
-    elif program == "python":
+    elif name == "python":
         run([sys.executable, *arguments], folder)
     else:
-        run([COMMAND.with_name(program), *arguments], folder)
+        run([COMMAND.with_name(name), *arguments], folder)
 
 
-@pytest.mark.parametrize("block", [block for language, block in BLOCKS if language == "python"])
-def test_program_works(block: str, folder: Path) -> None:
-    """Each Python block runs as it stands."""
+def program(block: str, folder: Path) -> None:
+    """What a reader runs."""
     run([sys.executable, "-c", block], folder)
 
 

@@ -48,15 +48,15 @@ def test_norm_that_is_only_a_limit() -> None:
     found = measured(DelaySystem([[-1]], C=[[1]], D=[[-1]], D1=[[1]]), np.zeros((0, 1)))
     assert (found.exact_norm, found.norm_frequency, found.delay_margin) == (1.0, None, ())
     assert found.exact_norm_upper is not None
-    assert 1.0 < found.exact_norm_upper <= 1 + 1e-6
+    assert 1.0 < found.exact_norm_upper <= 1 + 1.01e-5
 
 
 def test_gain_that_falls_to_its_limit_has_a_wider_bound() -> None:
-    """Section 5 with the gain of its design: |D1| = 5 at infinity, proved to 1e-6."""
+    """Section 5 with the gain of its design: |D1| = 5 at infinity, proved to 1e-5."""
     found = measured(paper_example.system(), [[0.101086, 0.247102]])
     assert (found.exact_norm, found.norm_frequency) == (5.0, None)
     assert found.exact_norm_upper is not None
-    assert 5.0 < found.exact_norm_upper <= 5 * (1 + 1.01e-6)
+    assert 5.0 < found.exact_norm_upper <= 5 * (1 + 1.01e-5)
 
 
 @pytest.mark.parametrize("rate", [1e-100, 1e-9, 1e9, 1e150])
