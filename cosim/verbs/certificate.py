@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from cosim import show
-from cosim.carried import certificate_in
 from cosim.errors import CheckFailedError
 from cosim.hinf import check_certificate
+from cosim.packing.carried import certificate_in
 from cosim.verbs.common import JsonOption, answer
+from cosim.verbs.design_view import certificate_view
 
 certificate_app = typer.Typer(
     no_args_is_help=True, help="Check what a design or an analysis claims."
@@ -49,7 +49,7 @@ def check(
             "reason": checked.reason,
             "claim": checked.claim,
         },
-        lambda: show.certificate_view(str(file), checked, carried),
+        lambda: certificate_view(str(file), checked, carried),
     )
     if not checked.valid:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cosim import show
 from cosim.scenario.assemble import Hangar
+from cosim.verbs.terminal import console
 from fmu_src.build import FLAVOUR
 
 FMUS = Path("fmus")
@@ -31,13 +31,13 @@ def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> N
     if as_json:
         print(json.dumps(data(), indent=1, allow_nan=False))
     else:
-        show.console().print(view())
+        console().print(view())
 
 
 @contextmanager
 def progress() -> Iterator[Callable[[str, float], None]]:
     """A bar on standard error for what takes longer than a moment; none without a terminal."""
-    terminal = show.console(error=True)
+    terminal = console(error=True)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),

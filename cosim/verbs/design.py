@@ -11,9 +11,6 @@ from typing import Annotated
 
 import typer
 
-from cosim import show
-from cosim.answers import analysis_json, design_json
-from cosim.arguments import gain_from, named_problem, numbers, with_weights, write
 from cosim.errors import InputError, NotAchievableError
 from cosim.hinf import (
     DELAY_LIMIT,
@@ -27,7 +24,10 @@ from cosim.hinf import (
 )
 from cosim.hinf import analyse as make_analysis
 from cosim.hinf import design as make_design
+from cosim.verbs.answers import analysis_json, design_json
+from cosim.verbs.arguments import gain_from, named_problem, numbers, with_weights, write
 from cosim.verbs.common import JsonOption, answer, progress
+from cosim.verbs.design_view import analysis_view, design_view
 
 
 def design(
@@ -180,7 +180,7 @@ def design(
     answer(
         as_json,
         lambda: design_json(name, found, reach, save, kept, nominal, named.weights),
-        lambda: show.design_view(name, found, reach, nominal),
+        lambda: design_view(name, found, reach, nominal),
     )
 
 
@@ -262,5 +262,5 @@ def analyse(
     answer(
         as_json,
         lambda: analysis_json(name, found, reach, saved),
-        lambda: show.analysis_view(name, found, reach),
+        lambda: analysis_view(name, found, reach),
     )

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from cosim import show
 from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.read import builtin_names, load
 from cosim.verbs.common import FMUS, TRACES, FmusOption, JsonOption, answer, hangar, progress
+from cosim.verbs.run_view import demo_view, outcome_view, scenarios_view
 
 
 class Engine(enum.Enum):
@@ -38,13 +38,13 @@ def demo(
     """Design two gains, fly both over the same acoustic link, compare them in one picture."""
     with progress() as tell:
         result = demonstrate(hangar(fmus), out, tell)
-    answer(as_json, result.to_json, lambda: show.demo_view(result))
+    answer(as_json, result.to_json, lambda: demo_view(result))
 
 
 def scenarios(*, as_json: JsonOption = False) -> None:
     """List the scenarios that come with the package."""
     rows = [{"name": name, "title": load(name).scenario.title} for name in builtin_names()]
-    answer(as_json, lambda: {"scenarios": rows}, lambda: show.scenarios_view(rows))
+    answer(as_json, lambda: {"scenarios": rows}, lambda: scenarios_view(rows))
 
 
 def run(
@@ -75,6 +75,6 @@ def run(
     with progress() as tell:
         prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
         outcome = fly(prepared, trace, progress=tell, engine=engine.value)
-    answer(as_json, outcome.to_json, lambda: show.outcome_view(outcome))
+    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)

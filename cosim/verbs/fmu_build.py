@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from cosim import show
-from cosim.arguments import numbers
-from cosim.pack_plant import pack_plant
+from cosim.packing.plant import pack_plant
+from cosim.verbs.arguments import numbers
 from cosim.verbs.common import JsonOption, answer
+from cosim.verbs.design_view import plant_view
 from cosim.verbs.fmu_options import (
     FlavourOption,
     NameOption,
@@ -64,5 +64,5 @@ def build(
             "feedback_delay": packed.system.feedback_delay,
             "solver_step": packed.step,
         },
-        lambda: show.plant_view(packed),
+        lambda: plant_view(packed),
     )

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from cosim import show
-from cosim.arguments import numbers
-from cosim.carried import certificate_in
 from cosim.errors import InputError
-from cosim.pack import pack_controller
+from cosim.packing.carried import certificate_in
+from cosim.packing.controller import pack_controller
+from cosim.verbs.arguments import numbers
 from cosim.verbs.common import JsonOption, answer
+from cosim.verbs.design_view import packed_view
 from cosim.verbs.fmu_options import (
     FlavourOption,
     NameOption,
@@ -80,5 +80,5 @@ def controller(
             "claim": packed.claim,
             "certificate_sha256": packed.sha256,
         },
-        lambda: show.packed_view(packed),
+        lambda: packed_view(packed),
     )

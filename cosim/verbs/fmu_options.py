@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cosim.errors import InputError
-from cosim.fmu_file import Flavour, Kind
+from cosim.packing.fmu_file import Flavour, Kind
 from fmu_src.native_shell.platforms import platforms_named
 
 OutOption = Annotated[

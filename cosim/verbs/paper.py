@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from cosim.arguments import write
 from cosim.errors import InputError
 from cosim.trace.picture import pyplot
+from cosim.verbs.arguments import write
 from cosim.verbs.common import JsonOption, answer, progress
 
 

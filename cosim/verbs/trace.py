@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from cosim import show
 from cosim.errors import CheckFailedError
 from cosim.replay import rerun as run_again
 from cosim.trace import describe, render
 from cosim.verbs.common import FMUS, FmusOption, JsonOption, answer, hangar, progress
+from cosim.verbs.run_view import rerun_view
 
 trace_app = typer.Typer(no_args_is_help=True, help="Look into a trace, or run it again.")
 
@@ -37,6 +37,6 @@ def rerun(
     """Rebuild the run from the trace alone, fly it again, and compare (exit 1 if it differs)."""
     with progress() as tell:
         result = run_again(file, hangar(fmus), output=out, progress=tell)
-    answer(as_json, result.to_json, lambda: show.rerun_view(result))
+    answer(as_json, result.to_json, lambda: rerun_view(result))
     if not result.identical:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -28,7 +28,7 @@ from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.refutation_proof import AffineLmi, Place
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
-from cosim.pack import pack_controller
+from cosim.packing.controller import pack_controller
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.fmu_file import Kind, checked_name, model_name, write_fmu
 from cosim.hinf import certificate_bytes, certificate_hash, check_certificate
 from cosim.hinf.system_json import system_from_json
 from cosim.models.delay_system import DelaySystem
+from cosim.packing.fmu_file import Kind, checked_name, model_name, write_fmu
 from fmu_src.hinf_controller.variables import LIMITS, feedback_spec, vehicle_spec
 from fmu_src.spec import ComponentSpec
 

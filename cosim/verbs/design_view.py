@@ -1,33 +1,20 @@
-"""Results in words and tables for people; `--json` prints none of this."""
+"""Designs, analyses, certificates and what is packed, for people; `--json` prints none of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.carried import Carried
 from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay
 from cosim.hinf.guarantees import Guarantees
 from cosim.models.delay_system import Delay
-from cosim.pack import Packed
-from cosim.pack_plant import PackedPlant
-from cosim.replay import Rerun
-from cosim.scenario.demo import Demo
-from cosim.scenario.outcome import Outcome
-
-_STATUS = {
-    "finished": "green",
-    "limit_cycle": "yellow",
-    "diverged": "red",
-    "failed": "red",
-}
-
-_NONE = "–"
+from cosim.packing.carried import Carried
+from cosim.packing.controller import Packed
+from cosim.packing.plant import PackedPlant
+from cosim.verbs.terminal import facts_table, number
 
 _WHOSE = {
     "file": "",
@@ -43,7 +30,7 @@ def design_view(
     nominal: float | None = None,
 ) -> RenderableType:
     """A design: what is proved, what is computed, and the gain."""
-    facts = _facts()
+    facts = facts_table()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
     facts.add_row("gamma", gamma, "certified: exact rational proof, for the gain below as it flies")
     if nominal is not None and design.gamma is not None:
@@ -98,7 +85,7 @@ def analysis_view(
         head = Text.assemble(("certified", "bold green"), f": {what}")
     else:
         head = Text.assemble(("not certified", "bold yellow"), f": {what}\n  {analysis.reason}")
-    facts = _facts()
+    facts = facts_table()
     facts.add_row("condition", _condition(analysis.order), "")
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
@@ -136,7 +123,7 @@ def _yardsticks(facts: Table, found: Design | Analysis) -> None:
         if upper is not None:
             above = f"norm + {upper - norm:.1e}"
             facts.add_row("  at most", above, "proved in ball arithmetic, stability with it")
-    abscissa = _number(found.abscissa, 6, "1/s")
+    abscissa = number(found.abscissa, 6, "1/s")
     facts.add_row("abscissa", abscissa, "computed: rightmost root, nominal loop")
     if found.abscissa is not None and found.abscissa < 0.0:
         for i, margin in enumerate(found.delay_margin or (), 1):
@@ -173,7 +160,7 @@ def certificate_view(file: str, certificate: Certificate, carried: Carried) -> R
         if certificate.valid
         else Text.assemble(("not proved", "bold red"), f": {file}\n  {certificate.reason}")
     )
-    facts = _facts()
+    facts = facts_table()
     facts.add_row("claim", claim["property"], "")
     facts.add_row("condition", _condition(claim["order"]) if "order" in claim else "Theorem 2", "")
     if claim["gamma"] is not None:
@@ -198,7 +185,7 @@ def certificate_view(file: str, certificate: Certificate, carried: Carried) -> R
 def packed_view(packed: Packed) -> RenderableType:
     """A controller FMU that was made, and what its certificate proves."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
-    facts = _facts()
+    facts = facts_table()
     how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
     facts.add_row("model", packed.name, f"{packed.kind.text}; {how}")
     facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
@@ -214,7 +201,7 @@ def plant_view(packed: PackedPlant) -> RenderableType:
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
-    facts = _facts()
+    facts = facts_table()
     facts.add_row("model", packed.name, packed.kind.text)
     facts.add_row("inputs", f"{m} u, {q} w", "")
     facts.add_row("outputs", f"{n} x, {p} z", "")
@@ -225,176 +212,3 @@ def plant_view(packed: PackedPlant) -> RenderableType:
         facts.add_row("feedback", late, "of the link between plant and controller, not in the FMU")
     facts.add_row("solver.step", f"{packed.step:g} s", "largest internal step")
     return Group(head, facts)
-
-
-def outcome_view(outcome: Outcome) -> RenderableType:
-    """A run: status, figures with how each was obtained, links, assumptions."""
-    colour = _STATUS[outcome.status]
-    head = Text.assemble(
-        (outcome.title, "bold"),
-        "\n",
-        (outcome.status.replace("_", " "), f"bold {colour}"),
-        f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
-        f"{outcome.steps} communication steps",
-    )
-    parts: list[RenderableType] = [head]
-    if outcome.reason:
-        parts.append(Text(outcome.reason, style=colour))
-    facts = _facts()
-    for label, value, how in _figures(outcome):
-        if value != _NONE:
-            facts.add_row(label, value, how)
-    parts += [facts, *_links(outcome.links), _assumptions(outcome.metrics["assumptions"])]
-    if outcome.trace is not None:
-        parts.append(Text(f"trace: {outcome.trace}"))
-    return Group(*parts)
-
-
-def demo_view(demo: Demo) -> RenderableType:
-    """Both flights side by side."""
-    outcomes = list(demo.outcomes.values())
-    table = Table(title="One vehicle, one sea, one acoustic link; two gains", title_justify="left")
-    table.add_column("")
-    table.add_column("", style="dim")
-    for label in demo.outcomes:
-        table.add_column(label, justify="right")
-    table.add_row("status", "judged", *(_status(outcome) for outcome in outcomes))
-    for rows in zip(*map(_figures, outcomes), strict=True):
-        label, _, how = rows[0]
-        table.add_row(label, how, *(value for _, value, _ in rows))
-    for name in outcomes[0].links:
-        links = [outcome.links[name] for outcome in outcomes]
-        table.add_section()
-        table.add_row(
-            f"{name} messages",
-            "sent, delivered, dropped",
-            *(f"{s['sent']}, {s['delivered']}, {s['dropped']}" for s in links),
-        )
-        for label, key in (("mean delay", "mean_delay_s"), ("largest age", "max_age_s")):
-            table.add_row(f"{name} {label}", "measured", *(_number(s[key], 3, "s") for s in links))
-    table.add_section()
-    for name in outcomes[0].metrics["assumptions"]:
-        table.add_row(
-            name.replace("_", " "),
-            "assumption",
-            *(_tick(outcome.metrics["assumptions"].get(name)) for outcome in outcomes),
-        )
-    files = Text.assemble(
-        "picture: ",
-        (str(demo.picture), "bold"),
-        *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
-    )
-    return Group(table, files)
-
-
-def rerun_view(result: Rerun) -> RenderableType:
-    """Whether the run again is the run."""
-    if result.identical:
-        return Text.assemble(
-            ("identical", "bold green"),
-            f": every message of {result.original} came out again, "
-            f"bit for bit\ncontent hash {result.original_hash}",
-        )
-    lines = "\n".join(f"  {line}" for line in result.differences[:20])
-    return Text.assemble(("not identical", "bold red"), f" to {result.original}\n{lines}")
-
-
-def scenarios_view(rows: list[dict[str, str]]) -> RenderableType:
-    """Names and titles."""
-    table = Table(box=None)
-    table.add_column("scenario", style="bold")
-    table.add_column("what it is")
-    for row in rows:
-        table.add_row(row["name"], row["title"])
-    return table
-
-
-def _facts() -> Table:
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column(justify="right")
-    table.add_column(style="dim")
-    return table
-
-
-def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
-    """(figure, value, how it was obtained)."""
-    m = outcome.metrics
-    largest = m["largest_command"] or {}
-    thrust = max((v for n, v in largest.items() if n.startswith("force.")), default=None)
-    use = m["envelope_use"]
-    return [
-        ("gamma", _number(m["gamma"], 5), "certified"),
-        ("exact norm, nominal loop", _number(m["exact_norm"], 5), "computed"),
-        ("gain of the flight from rest", _number(m["gain"], 5), _gain_measured(m)),
-        ("final position error", _number(m["position_error_m"], 3, "m"), "measured"),
-        ("largest thrust", _number(thrust, 4, "N"), "measured"),
-        ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
-        ("age designed for", _number(m["designed_age_s"], 4, "s"), "certified up to it"),
-        ("oldest measurement used", _number(m["message_age_s"], 4, "s"), "measured"),
-        ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
-    ]
-
-
-def _gain_measured(metrics: Mapping[str, Any]) -> str:
-    """How the gain was obtained, and for a worst case how much of the norm it reached."""
-    worst, reached = metrics["worst_case"], metrics["norm_reached"]
-    if worst is None or reached is None:
-        return "measured"
-    at = f"worst case at {worst['omega']:.4g} rad/s"
-    return f"measured: {at}, {100 * reached:.2f} % of the exact norm"
-
-
-def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
-    if not links:
-        return []
-    table = Table(box=None, pad_edge=False)
-    for column in ("link", "sent", "delivered", "dropped", "mean delay", "max delay", "max age"):
-        table.add_column(column, justify="left" if column == "link" else "right")
-    for name, s in links.items():
-        table.add_row(
-            name,
-            str(s["sent"]),
-            str(s["delivered"]),
-            str(s["dropped"]),
-            *(_number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
-        )
-    return [table]
-
-
-def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
-    if not assumptions:
-        return Text("no design, nothing is guaranteed", style="dim")
-    table = Table(
-        box=None,
-        pad_edge=False,
-        title="Assumptions of the guarantee",
-        title_justify="left",
-        show_header=False,
-    )
-    for name, met in assumptions.items():
-        table.add_row(_tick(met), name.replace("_", " "))
-    return table
-
-
-def _status(outcome: Outcome) -> Text:
-    return Text(outcome.status.replace("_", " "), style=_STATUS[outcome.status])
-
-
-def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
-    if met is None:
-        return Text(_NONE)
-    return Text("met", style="green") if met else Text("not met", style="red")
-
-
-def _number(value: float | None, digits: int, unit: str = "") -> str:
-    return _NONE if value is None else f"{value:.{digits}g} {unit}".strip()
-
-
-def _percent(value: float | None) -> str:
-    return _NONE if value is None else f"{100 * value:.1f} %"
-
-
-def console(*, error: bool = False) -> Console:
-    """Where people read: standard output, or standard error for progress and messages."""
-    return Console(stderr=error, highlight=False)

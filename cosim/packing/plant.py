@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.errors import InputError
-from cosim.fmu_file import Kind, checked_name, model_name, write_fmu
 from cosim.hinf import system_by_name
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
+from cosim.packing.fmu_file import Kind, checked_name, model_name, write_fmu
 from fmu_src.delayed_plant.variables import delay_names, delayed_plant_spec, plant_delays
 
 _PAPER_F = (paper_example.F_AMPLITUDE, paper_example.F_OMEGA)

@@ -1,0 +1,1 @@
+"""What travels: systems and designs as FMUs, and the certificate that a file carries."""

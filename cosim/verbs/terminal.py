@@ -1,0 +1,27 @@
+"""Where people read, and the table of facts that every answer has."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+NONE = "–"
+
+
+def facts_table() -> Table:
+    """Label, value, how it was obtained."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    return table
+
+
+def console(*, error: bool = False) -> Console:
+    """Where people read: standard output, or standard error for progress and messages."""
+    return Console(stderr=error, highlight=False)
+
+
+def number(value: float | None, digits: int, unit: str = "") -> str:
+    """So many digits and the unit, or a dash."""
+    return NONE if value is None else f"{value:.{digits}g} {unit}".strip()
