@@ -52,7 +52,8 @@ def design(
         ),
     ] = None,
     delays: Annotated[
-        str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
+        str | None,
+        typer.Option(help="Delays in seconds, instead of the system's own, as in 0.5,1.25."),
     ] = None,
     max_delay: Annotated[
         bool,
@@ -62,7 +63,7 @@ def design(
         ),
     ] = False,
     delay_limit: Annotated[
-        float, typer.Option(help="Where the search for a greatest delay ends [s].")
+        float, typer.Option(help="Where the search for a greatest delay ends, in seconds.")
     ] = DELAY_LIMIT,
     price: Annotated[
         bool,
@@ -219,7 +220,8 @@ def analyse(
         float | None, typer.Option(help="A bound to prove, instead of the least one.")
     ] = None,
     delays: Annotated[
-        str | None, typer.Option(help="Delays instead of the system's own, as in 0.5,1.25 [s].")
+        str | None,
+        typer.Option(help="Delays in seconds, instead of the system's own, as in 0.5,1.25."),
     ] = None,
     max_delay: Annotated[
         bool,
@@ -230,7 +232,7 @@ def analyse(
         ),
     ] = False,
     delay_limit: Annotated[
-        float, typer.Option(help="Where the search for a greatest delay ends [s].")
+        float, typer.Option(help="Where the search for a greatest delay ends, in seconds.")
     ] = DELAY_LIMIT,
     save: Annotated[
         Path | None, typer.Option(help="Write the exact certificate here (JSON), if there is one.")

@@ -49,7 +49,9 @@ def check(
     ] = False,
     time: Annotated[
         float,
-        typer.Option(min=0.1, max=3600.0, help="Time allowed for --run, per kind of use [s]."),
+        typer.Option(
+            min=0.1, max=3600.0, help="Time allowed for --run, per kind of use, in seconds."
+        ),
     ] = 30.0,
     as_json: JsonOption = False,
 ) -> None:
