@@ -58,7 +58,7 @@ class Analysis:
     exact_norm: float | None
     exact_norm_upper: float | None
     norm_frequency: float | None
-    delay_margin: tuple[float | None, ...]
+    delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any] | None
 
     @property

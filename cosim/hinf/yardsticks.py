@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
+from cosim.errors import NotAchievableError
 from cosim.hinf.closed_loop import close
 from cosim.hinf.delay_margin import delay_margin
 from cosim.hinf.norm import ROOTS, NormResult, hinf_norm
@@ -34,14 +36,15 @@ class Yardsticks(NamedTuple):
         and more where it is flat or only reached at infinite frequency. None without a proof.
     norm_frequency : where the norm is attained [rad/s]; None at infinite frequency.
     delay_margin : for each delay its value at the first loss of stability as it grows, the
-        others held [s], computed; None: no loss, or (abscissa >= 0) nothing to lose.
+        others held [s], computed; None: no loss, or (abscissa >= 0) nothing to lose. None for
+        all where a root comes so close to the axis that it cannot be decided.
     """
 
     abscissa: float
     exact_norm: float | None
     exact_norm_upper: float | None
     norm_frequency: float | None
-    delay_margin: tuple[float | None, ...]
+    delay_margin: tuple[float | None, ...] | None
 
 
 @one_thread
@@ -51,8 +54,7 @@ def measured(system: DelaySystem, K: ArrayLike) -> Yardsticks:
     Raises
     ------
     InputError : K (m, n) does not fit.
-    NotAchievableError : roots or margins that cannot be told (see `characteristic_roots` and
-        `delay_margin`).
+    NotAchievableError : roots that cannot be told (see `characteristic_roots`).
     """
     loop = close(system, K)
     roots = characteristic_roots(loop, ROOTS if system.has_performance else 1)
@@ -64,8 +66,15 @@ def measured(system: DelaySystem, K: ArrayLike) -> Yardsticks:
         exact_norm=None if peak is None else peak.value,
         exact_norm_upper=None if peak is None else _proved_above(system, K, peak),
         norm_frequency=peak.frequency if peak is not None and finite else None,
-        delay_margin=delay_margin(system, K, abscissa),
+        delay_margin=_margins(system, K, abscissa),
     )
+
+
+def _margins(system: DelaySystem, K: ArrayLike, abscissa: float) -> tuple[float | None, ...] | None:
+    """The margins; None where a root comes so close to the axis that they cannot be decided."""
+    with suppress(NotAchievableError):
+        return delay_margin(system, K, abscissa)
+    return None
 
 
 def _proved_above(system: DelaySystem, K: ArrayLike, peak: NormResult) -> float | None:

@@ -126,6 +126,8 @@ def _yardsticks(facts: Table, found: Design | Analysis) -> None:
     abscissa = number(found.abscissa, 6, "1/s")
     facts.add_row("abscissa", abscissa, "computed: rightmost root, nominal loop")
     if found.abscissa is not None and found.abscissa < 0.0:
+        if found.delay_margin is None:
+            facts.add_row("delay margin", "–", "a root comes too close to the axis to be told")
         for i, margin in enumerate(found.delay_margin or (), 1):
             facts.add_row(
                 f"margin of delay {i}",

@@ -170,3 +170,11 @@ def test_roots_of_the_vehicle_in_closed_form(present: float) -> None:
     slope = 2 * s + (q - present * (p + q * s)) * late
     assert np.abs(f / slope).max() < 1e-10
     assert spectral_abscissa(loop) == pytest.approx(s[0].real, abs=1e-10)
+
+
+def test_a_margin_that_cannot_be_decided_stops_nothing() -> None:
+    """x' = -0.9 x - 0.1 x(t-1/2) - x(t-d), stable for every d with nothing to spare at s = 0."""
+    system = DelaySystem([[-0.9]], delays=[Delay(20.0, [[-1]]), Delay(0.5, [[-0.1]])])
+    found = analyse(system, order=1)
+    assert found.delay_margin is None
+    assert found.abscissa < 0
