@@ -97,14 +97,7 @@ class NotAchievableError(CosimError):
     exit_code = 5
 
     def __init__(
-        self,
-        what: str,
-        *,
-        where: str | None = None,
-        expected: str | None = None,
-        got: str | None = None,
-        hint: str | None = None,
-        certificate: dict[str, Any] | None = None,
+        self, what: str, *, certificate: dict[str, Any] | None = None, **more: str | None
     ) -> None:
         self.certificate = certificate
-        super().__init__(what, where=where, expected=expected, got=got, hint=hint)
+        super().__init__(what, **more)

@@ -44,9 +44,9 @@ def greatest_delay(
     NotAchievableError : no delay at all can be certified.
     """
     system = checked_system(system)
-    if order is None:
-        return delay_of_theorem_2(system, gamma, k1, k2, which=which, limit=limit, search=search)
     one, two, look = starting(system, k1, k2, search)
+    if order is None:
+        return delay_of_theorem_2(system, gamma, one, two, which=which, limit=limit, search=look)
     return sharper_delay(
         system, gamma, one, two, order=order, which=which, limit=limit, search=look
     )

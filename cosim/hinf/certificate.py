@@ -26,14 +26,7 @@ from cosim.hinf.analysis_certificate import KIND, check_analysis
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.proof import Certificate, Variables, claim_of, exact_variables, proved
-from cosim.hinf.rational import (
-    exact_matrix,
-    from_text,
-    is_symmetric,
-    matrix_from_text,
-    matrix_to_text,
-    to_text,
-)
+from cosim.hinf.rational import exact_matrix, matrix_from_text, matrix_to_text
 from cosim.hinf.refutation_certificate import (
     FLOOR,
     REFUTATION,
@@ -42,6 +35,7 @@ from cosim.hinf.refutation_certificate import (
 )
 from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
+from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -105,19 +99,11 @@ def certificate_to_json(
     gain = _gain(K, system)
     v = exact_variables(system, variables)
     more = guarantees or Guarantees()
+    texts, Y = variables_to_json(v), matrix_to_text(exact_matrix(gain) * v.X)
     return {
         "claim": claim_of(system, v.gamma) | more.claim(),
         "system": system_to_json(system),
-        "variables": {
-            "X": matrix_to_text(v.X),
-            "Y": matrix_to_text(exact_matrix(gain) * v.X),
-            "Q": [matrix_to_text(Q) for Q in v.Q],
-            "R": [matrix_to_text(R) for R in v.R],
-            "eps": None if v.eps is None else to_text(v.eps),
-            "k1": [to_text(value) for value in v.k1],
-            "k2": [to_text(value) for value in v.k2],
-            "gamma": None if v.gamma is None else to_text(v.gamma),
-        },
+        "variables": {"X": texts.pop("X"), "Y": Y, **texts},
         "K": gain.tolist(),
         **more.to_json(),
     }
@@ -166,10 +152,9 @@ def check_certificate(data: Any) -> Certificate:
             reason="the claim is not the one that system and variables make",
             claim=claim,
         )
-    named = [("X", v.X), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q))]
-    for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
-        if not is_symmetric(value):
-            return Certificate(valid=False, reason=f"{name} is not symmetric", claim=claim)
+    name = asymmetric(v)
+    if name is not None:
+        return Certificate(valid=False, reason=f"{name} is not symmetric", claim=claim)
     if exact_matrix(gain) * v.X != Y:
         return Certificate(valid=False, reason="Y is not K X", claim=claim)
     reason = proved(system, gain, v).reason or more.failure(system, gain)
@@ -221,25 +206,7 @@ def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
 def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables, Any]:
     """The variables and Y, as their texts say."""
     known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
-    (n, m), N = system.B.shape, len(system.delays)
-    for name in ("Q", "R", "k1", "k2"):
-        if not isinstance(data[name], list) or len(data[name]) != N:
-            raise InputError("one per delay", where=f"variables.{name}", expected=f"a list of {N}")
-    for name, needed in (("eps", bool(system.E.size)), ("gamma", system.has_performance)):
-        if needed != (data[name] is not None):
-            raise InputError(
-                "does not fit the system",
-                where=f"variables.{name}",
-                expected="a number" if needed else "null",
-                got=shown(data[name]),
-            )
-    v = ExactVariables(
-        X=matrix_from_text(data["X"], "variables.X", n, n),
-        Q=tuple(matrix_from_text(Q, f"variables.Q[{j}]", n, n) for j, Q in enumerate(data["Q"])),
-        R=tuple(matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
-        eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
-        k1=tuple(from_text(x, f"variables.k1[{j}]") for j, x in enumerate(data["k1"])),
-        k2=tuple(from_text(x, f"variables.k2[{j}]") for j, x in enumerate(data["k2"])),
-        gamma=None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma"),
-    )
+    others = {key: value for key, value in data.items() if key != "Y"}
+    v = variables_from_json(others, system, "variables", gain=system.has_performance)
+    n, m = system.B.shape
     return v, matrix_from_text(data["Y"], "variables.Y", m, n)

@@ -25,7 +25,6 @@ from cosim.hinf.modes import unstabilisable
 from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.reach import furthest
 from cosim.hinf.refutation import refute
-from cosim.hinf.search import starting
 from cosim.hinf.synthesis import (
     Design,
     check_reachable,
@@ -75,12 +74,12 @@ class GreatestDelay:
 def greatest_delay(
     system: DelaySystem,
     gamma: float | None,
-    k1: Sequence[float] | None = None,
-    k2: Sequence[float] | None = None,
+    k1: Sequence[float],
+    k2: Sequence[float],
     *,
     which: int = 0,
     limit: float = DELAY_LIMIT,
-    search: bool | None = None,
+    search: bool = False,
 ) -> GreatestDelay:
     """The greatest delay `which` at which gamma (None: stability) is certified.
 
@@ -88,7 +87,7 @@ def greatest_delay(
     ----------
     system : the delays other than `which` are held.
     gamma : bound of the gain from w to z; None for a system without w and z.
-    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+    k1, k2 : one number per delay; where searched, the first start.
     which : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
@@ -115,7 +114,6 @@ def greatest_delay(
         raise InputError(
             "a greatest delay needs a gamma to be kept", where="gamma", expected="a number"
         )
-    k1, k2, search = starting(system, k1, k2, search)
     p = checked_scalars(system, k1, k2)
     start = _with_delay(system, which, limit)
     problem = Problem(start)

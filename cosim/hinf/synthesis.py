@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError, NotAchievableError
+from cosim.hinf.analysis import gain_of
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
@@ -130,7 +131,7 @@ def design(
     NotAchievableError : the LMI has no certified solution at k1, k2 (and gamma).
     """
     scalars = checked_scalars(system, k1, k2)
-    fixed = None if gain is None else _fitting(gain, system)
+    fixed = None if gain is None else gain_of(system, gain)
     if gamma is not None:
         check_reachable(gamma, system)
     problem = problem or Problem(system)
@@ -297,19 +298,6 @@ def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[f
             got=str(list(numbers)),
         )
     return numbers
-
-
-def _fitting(gain: ArrayLike, system: DelaySystem) -> NDArray[np.float64]:
-    K = np.asarray(gain, dtype=np.float64)
-    n, m = system.B.shape
-    if K.shape != (m, n) or not np.isfinite(K).all():
-        raise InputError(
-            "the gain does not fit the system",
-            where="gain",
-            expected=f"{m} rows of {n} finite numbers",
-            got=f"shape {K.shape}",
-        )
-    return K
 
 
 def check_reachable(gamma: float, system: DelaySystem) -> None:

@@ -1,9 +1,9 @@
-"""The LMI's variables as JSON: exact numbers as "p/q", for guarantees that have their own.
+"""The LMI's variables as JSON: exact numbers as "p/q", of a design and of each guarantee.
 
     {"X": [["p/q", ...]], "Q": [...], "R": [...], "eps": ..., "k1": [...], "k2": [...],
      "gamma": ...}
 
-Y is left out: it is K X.
+Y is left out, being K X; a design's certificate writes it beside them.
 """
 
 from __future__ import annotations

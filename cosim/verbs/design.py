@@ -24,16 +24,26 @@ from cosim.hinf import (
 )
 from cosim.hinf import analyse as make_analysis
 from cosim.hinf import design as make_design
+from cosim.models.delay_system import DelaySystem
 from cosim.verbs.answers import analysis_json, design_json
 from cosim.verbs.arguments import gain_from, named_problem, numbers, with_weights, write
 from cosim.verbs.common import JsonOption, answer, progress
 from cosim.verbs.design_view import analysis_view, design_view
 
+SystemArgument = Annotated[
+    str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
+]
+DelaysOption = Annotated[
+    str | None,
+    typer.Option(help="Delays in seconds, instead of the system's own, as in 0.5,1.25."),
+]
+DelayLimitOption = Annotated[
+    float, typer.Option(help="Where the search for a greatest delay ends, in seconds.")
+]
+
 
 def design(
-    name: Annotated[
-        str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
-    ],
+    name: SystemArgument,
     k1: Annotated[
         str | None, typer.Option(help="Free scalars k1, one per delay, as in -0.3,-1.0.")
     ] = None,
@@ -51,10 +61,7 @@ def design(
             "from 1 on proved at exactly these delays, or up to them at the same gamma."
         ),
     ] = None,
-    delays: Annotated[
-        str | None,
-        typer.Option(help="Delays in seconds, instead of the system's own, as in 0.5,1.25."),
-    ] = None,
+    delays: DelaysOption = None,
     max_delay: Annotated[
         bool,
         typer.Option(
@@ -62,9 +69,7 @@ def design(
             help="The greatest delay for the given gamma: of the feedback, or else the first.",
         ),
     ] = False,
-    delay_limit: Annotated[
-        float, typer.Option(help="Where the search for a greatest delay ends, in seconds.")
-    ] = DELAY_LIMIT,
+    delay_limit: DelayLimitOption = DELAY_LIMIT,
     price: Annotated[
         bool,
         typer.Option(
@@ -150,7 +155,7 @@ def design(
                     expected="no decay, gain limit or peak of the control beside it",
                     hint="--delays, to try them at a delay",
                 )
-            which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+            which = _in_question(system)
             reach = greatest_delay(
                 system,
                 goal,
@@ -200,10 +205,13 @@ def _proof_kept(path: Path | None) -> Iterator[None]:
         raise
 
 
+def _in_question(system: DelaySystem) -> int:
+    """Which delay `--max-delay` asks about: that of the feedback, or else the first."""
+    return next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+
+
 def analyse(
-    name: Annotated[
-        str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
-    ],
+    name: SystemArgument,
     gain: Annotated[
         str | None,
         typer.Option(
@@ -219,10 +227,7 @@ def analyse(
     gamma: Annotated[
         float | None, typer.Option(help="A bound to prove, instead of the least one.")
     ] = None,
-    delays: Annotated[
-        str | None,
-        typer.Option(help="Delays in seconds, instead of the system's own, as in 0.5,1.25."),
-    ] = None,
+    delays: DelaysOption = None,
     max_delay: Annotated[
         bool,
         typer.Option(
@@ -231,9 +236,7 @@ def analyse(
             "first.",
         ),
     ] = False,
-    delay_limit: Annotated[
-        float, typer.Option(help="Where the search for a greatest delay ends, in seconds.")
-    ] = DELAY_LIMIT,
+    delay_limit: DelayLimitOption = DELAY_LIMIT,
     save: Annotated[
         Path | None, typer.Option(help="Write the exact certificate here (JSON), if there is one.")
     ] = None,
@@ -253,7 +256,7 @@ def analyse(
     with progress() as tell:
         tell(f"analysis of {name}", 0.0)
         if max_delay:
-            which = next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
+            which = _in_question(system)
             reach = certified_delay(system, K, gamma, which=which, order=order, limit=delay_limit)
             found = reach.analysis
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +13,15 @@ from cosim.master.engine.program import Call, Halt, Program
 from cosim.master.wiring import Route
 
 _WHAT: tuple[Literal["get", "set", "step", "range"], ...] = ("get", "set", "step", "range")
+"""The words of a `Halt`, by the kernel's number."""
 _Integers = NDArray[np.int64]
 
 
 class CompiledEngine:
     """Carries a program out in machine code; the same results, bit for bit."""
 
-    name: Final = "compiled"
-
     def __init__(self, program: Program) -> None:
-        self._program = program
+        self._program = program  # the addresses below point into its arrays
         self._place = np.zeros(2, np.int64)
         self._tables: list[_Integers] = list(program.tables)
         self._weights: list[NDArray[np.float64]] = []
@@ -70,8 +69,8 @@ class CompiledEngine:
 
     def advance(self, first: int, last: int) -> Halt | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
-        k, complete, station, why = kernel.advance(first, last, *self._arguments)
-        return Halt(k, complete, _WHAT[why // 8 - 1], station, why % 8) if why else None
+        k, complete, why, station, status = kernel.advance(first, last, *self._arguments)
+        return None if why == kernel.NOTHING else Halt(k, complete, _WHAT[why], station, status)
 
     def _calls(self, calls: Sequence[Call]) -> _Integers:
         table = np.zeros((len(calls), kernel.CALL_FIELDS), np.int64)

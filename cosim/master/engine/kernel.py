@@ -17,6 +17,8 @@ CALL_FIELDS = 9
 """Columns of a table of calls: function, component, references, count, column, scratch,
 table, own, station."""
 FUNCTION, COMPONENT, REFERENCES, COUNT, COLUMN, SCRATCH, TABLE, OWN, STATION = range(CALL_FIELDS)
+GET, SET, STEP, RANGE, NOTHING = range(5)
+"""What may end a stretch."""
 MOVE_FIELDS = 6
 """Columns of a table of moves: table, weight, first, last (of the pairs of columns),
 quantized, substituted."""
@@ -56,26 +58,12 @@ def _do_step(_typing: Any, function: Any, component: Any, now: Any, size: Any) -
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _get(call: Any, k: int, rows: Any, row: int, scratch: Any) -> int:
     """Read a group into row k."""
-    if call[SCRATCH] < 0:
-        return int(
-            _exchange(
-                call[FUNCTION],
-                call[COMPONENT],
-                call[REFERENCES],
-                call[COUNT],
-                row + 8 * call[COLUMN],
-            )
-        )
     at = call[SCRATCH]
-    status = _exchange(
-        call[FUNCTION],
-        call[COMPONENT],
-        call[REFERENCES],
-        call[COUNT],
-        scratch.ctypes.data + 4 * at,
-    )
-    for j in range(call[COUNT]):
-        rows[k, call[COLUMN] + j] = scratch[at + j]
+    values = row + 8 * call[COLUMN] if at < 0 else scratch.ctypes.data + 4 * at
+    status = _exchange(call[FUNCTION], call[COMPONENT], call[REFERENCES], call[COUNT], values)
+    if at >= 0:
+        for j in range(call[COUNT]):
+            rows[k, call[COLUMN] + j] = scratch[at + j]
     return int(status)
 
 
@@ -140,7 +128,7 @@ def advance(  # noqa: C901, PLR0912 - what happens at a point, in one place
     scratch: Any,
     outputs: int,
     bound: float,
-) -> tuple[int, int, int, int]:
+) -> tuple[int, int, int, int, int]:
     """Exchange at the points first to last - 1, and step from each but the run's last.
 
     `place` is kept at (point, whether its row is complete) for whoever is called back. `parts`
@@ -148,8 +136,8 @@ def advance(  # noqa: C901, PLR0912 - what happens at a point, in one place
 
     Returns
     -------
-    point, complete rows, station or column, and `what * 8 + status`: what is 1 for a get, 2 for
-    a set, 3 for a step that was refused, 4 for an output out of range; 0 where all went well.
+    point, complete rows, what ended it (GET, SET, STEP: a call that was refused; RANGE: an output
+    out of it; NOTHING), station (or column of the output), status of the call.
     """
     base, stride = rows.ctypes.data, rows.strides[0]
     end = points.size - 1
@@ -159,25 +147,25 @@ def advance(  # noqa: C901, PLR0912 - what happens at a point, in one place
         for i in range(sends.shape[0]):
             status = _get(sends[i], k, rows, row, scratch)
             if status > 1:
-                return k, k, sends[i, STATION], 8 + status
+                return k, k, GET, sends[i, STATION], status
         for p in range(parts.shape[0]):
             for i in range(parts[p, 0], parts[p, 1]):
                 _move(moves[i], k, rows, tables, weights, pairs, numbers)
             for i in range(parts[p, 2], parts[p, 3]):
                 status = _set(sets[i], k, rows, base, stride, tables, scratch)
                 if status > 1:
-                    return k, k, sets[i, STATION], 16 + status
+                    return k, k, SET, sets[i, STATION], status
             for i in range(parts[p, 4], parts[p, 5]):
                 status = _get(gets[i], k, rows, row, scratch)
                 if status > 1:
-                    return k, k, gets[i, STATION], 8 + status
+                    return k, k, GET, gets[i, STATION], status
         outside = 0
         for j in range(outputs):
             outside += not abs(rows[k, j]) <= bound  # NaN is in no range
         if outside > 0:
             for j in range(outputs):
                 if not abs(rows[k, j]) <= bound:
-                    return k, k + 1, j, 32
+                    return k, k + 1, RANGE, j, 0
         if k == end:
             break
         place[1] = 1
@@ -185,5 +173,5 @@ def advance(  # noqa: C901, PLR0912 - what happens at a point, in one place
         for i in range(steps.shape[0]):
             status = _do_step(steps[i, 1], steps[i, 2], now, size)
             if status > 1:
-                return k, k + 1, steps[i, 0], 24 + status
-    return last, last, 0, 0
+                return k, k + 1, STEP, steps[i, 0], status
+    return last, last, NOTHING, 0, 0

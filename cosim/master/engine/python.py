@@ -46,8 +46,6 @@ class _Turn(NamedTuple):
 class PythonEngine:
     """Carries a program out in Python."""
 
-    name: Final = "python"
-
     def __init__(self, program: Program) -> None:
         self._program = program
         self._rows = program.rows
