@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,15 +15,21 @@ from fmpy import read_model_description
 
 from cosim.errors import InputError
 
-SignalKind = Literal["float", "int", "bool"]
-_KINDS: Mapping[str, SignalKind] = MappingProxyType(
-    {"Real": "float", "Integer": "int", "Enumeration": "int", "Boolean": "bool"}
+SignalKind = Literal["float", "int", "bool", "string"]
+_TYPES: Mapping[str, tuple[SignalKind, str, str]] = MappingProxyType(
+    {
+        "Real": ("float", "Real", "f8"),
+        "Integer": ("int", "Integer", "i4"),
+        "Enumeration": ("int", "Integer", "i4"),
+        "Boolean": ("bool", "Boolean", "i4"),
+        "String": ("string", "String", "S"),
+    }
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A variable as the master sees it; `kind` is None for what it cannot exchange (String)."""
+    """A variable as the master sees it; `kind` is None for what it cannot exchange."""
 
     name: str
     reference: int
@@ -35,6 +42,14 @@ class Port:
     maximum: float | None
     description: str | None
     feedthrough: bool  # an output that some input reaches without delay
+    getter_type: str = "Real"
+    c_type: str = "f8"
+    shape: tuple[int, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        return math.prod(self.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +69,11 @@ class FmuDescription:
     model: Any
     ports: Mapping[str, Port]
     xml: bytes
+
+    @property
+    def version(self) -> Literal["2.0", "3.0"]:
+        """Of FMI."""
+        return "2.0"
 
     @property
     def variable_step(self) -> bool:
@@ -98,7 +118,7 @@ def describe_fmu(path: Path) -> FmuDescription:
     ports = {}
     for variable in model.modelVariables:
         start = variable.start
-        kind = _KINDS.get(variable.type)
+        kind, getter_type, c_type = _TYPES.get(variable.type, (None, "", ""))
         ports[variable.name] = Port(
             name=variable.name,
             reference=variable.valueReference,
@@ -107,11 +127,13 @@ def describe_fmu(path: Path) -> FmuDescription:
             kind=kind,
             unit=variable.unit
             or (variable.declaredType.unit if variable.declaredType is not None else None),
-            start=None if start is None or kind is None else _number(start),
+            start=None if start is None or kind in (None, "string") else _number(start),
             minimum=None if variable.min is None else _number(variable.min),
             maximum=None if variable.max is None else _number(variable.max),
             description=variable.description,
             feedthrough=variable.name in direct,
+            getter_type=getter_type,
+            c_type=c_type,
         )
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml)

@@ -24,7 +24,7 @@ from fmpy import fmi2
 from numpy.typing import NDArray
 
 from cosim.errors import ComponentError, InputError
-from cosim.fmu.description import FmuDescription, Port, SignalKind
+from cosim.fmu.description import FmuDescription, Port
 
 LogSink = Callable[[str, str], None]
 """Takes (level, message): level is debug, info, warning, error or fatal."""
@@ -129,7 +129,13 @@ class FmuSlave:
         return callbacks
 
     def initialise(self, parameters: Mapping[str, float], start: float, stop: float) -> None:
-        """Set parameters and start values, and pass through initialization mode.
+        """Set parameters and start values, and pass through initialization mode."""
+        self.set_start(parameters)
+        self.enter_initialisation(start, stop)
+        self.exit_initialisation()
+
+    def set_start(self, parameters: Mapping[str, float]) -> None:
+        """Set parameters and start values, before initialization mode.
 
         Raises
         ------
@@ -158,10 +164,16 @@ class FmuSlave:
         if settable:
             row = np.array([parameters[port.name] for port in settable], dtype=np.float64)
             Bundle(self, settable).write(row)
+
+    def enter_initialisation(self, start: float, stop: float) -> None:
+        """Set up the experiment from `start` to `stop` [s], and enter initialization mode."""
         fmu = self.fmu
         self.call("setupExperiment", fmu.fmi2SetupExperiment, 0, 0.0, start, 1, stop)
         self.call("enterInitializationMode", fmu.fmi2EnterInitializationMode)
-        self.call("exitInitializationMode", fmu.fmi2ExitInitializationMode)
+
+    def exit_initialisation(self) -> None:
+        """Leave initialization mode; from here on the slave takes steps."""
+        self.call("exitInitializationMode", self.fmu.fmi2ExitInitializationMode)
         if self.last_error is not None:
             raise self._failed("initialisation")
         self._stepping = True
@@ -180,10 +192,9 @@ class FmuSlave:
         """Address of the instance."""
         return int(self.fmu.component)
 
-    def address(self, way: Literal["get", "set", "step"], kind: SignalKind = "float") -> int:
-        """Address of fmi2Get..., fmi2Set... (for variables of a kind) or fmi2DoStep."""
-        getter, setter, _ = _CALLS[kind]
-        name = {"get": getter, "set": setter, "step": "fmi2DoStep"}[way]
+    def address(self, way: Literal["get", "set", "step"], getter_type: str = "Real") -> int:
+        """Address of fmi2Get..., fmi2Set... (for variables of a type) or fmi2DoStep."""
+        name = "fmi2DoStep" if way == "step" else f"fmi2{way.title()}{getter_type}"
         found = ctypes.cast(self.fmu.dll[name], ctypes.c_void_p).value
         return int(found or 0)
 

@@ -3,19 +3,25 @@
 from cosim.master.engine import EngineChoice, EngineName
 from cosim.master.journal import Observer
 from cosim.master.loop import simulate
+from cosim.master.pacing import Pace
 from cosim.master.recorder import TraceRecorder
 from cosim.master.run import Run
+from cosim.master.session import Session
+from cosim.master.snapshot import Snapshot
 from cosim.master.system import (
+    Algorithm,
     Component,
     Connection,
     Endpoint,
     Link,
+    Policy,
     System,
     Timetable,
     make_timetable,
 )
 
 __all__ = [
+    "Algorithm",
     "Component",
     "Connection",
     "Endpoint",
@@ -23,7 +29,11 @@ __all__ = [
     "EngineName",
     "Link",
     "Observer",
+    "Pace",
+    "Policy",
     "Run",
+    "Session",
+    "Snapshot",
     "System",
     "Timetable",
     "TraceRecorder",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from cosim.master.wiring import Station
+from cosim.errors import InputError
+from cosim.master.stations import Station
 
 
 class Observer(Protocol):
@@ -19,6 +20,15 @@ class Observer(Protocol):
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """A component, or the loop, has said something."""
+
+    def rewind(self, complete: int) -> None:
+        """Rows from `complete` on come about anew; an `InputError` if that cannot be."""
+        del complete
+        raise InputError(
+            "what has been recorded cannot be taken back",
+            where=type(self).__name__,
+            hint="go back in a session without it, or start a new session from the snapshot",
+        )
 
 
 class Journal:
@@ -46,6 +56,14 @@ class Journal:
             for observer in self._observers:
                 observer.log(time_ns, level, name, message)
         self._span(complete)
+
+    def rewind(self, complete: int) -> None:
+        """Rows from `complete` on come about anew."""
+        if self._told > complete:
+            for observer in self._observers:
+                observer.rewind(complete)
+        self._lines = []
+        self._told = complete
 
     def close(self) -> None:
         """What was said last, when no more rows are to come."""

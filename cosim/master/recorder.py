@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.fmu import Port
+from cosim.master.columns import Column
+from cosim.master.journal import Observer
+from cosim.master.stations import Station
 from cosim.master.system import System
-from cosim.master.wiring import Station
 from cosim.network import DELIVERED, LOST, OVERTAKEN, REASONS, PacketSchedule
 from cosim.trace import Poses, Rows, Signal, TraceWriter, input_topic, link_topic, output_topic
 
@@ -22,7 +24,7 @@ _AT_ONCE = 4096
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
 
 
-class TraceRecorder:
+class TraceRecorder(Observer):
     """An observer that writes rows, messages, drops, poses and log lines in order of time."""
 
     def __init__(self, writer: TraceWriter, system: System) -> None:
@@ -40,19 +42,19 @@ class TraceRecorder:
         self._poses = []
         for station in sorted(stations, key=lambda s: list(self._system.components).index(s.name)):
             component = _identifier(station.name)
-            for ports, topic, direction, into in (
-                (station.output_ports, output_topic(station.name), "Output", self._send),
-                (station.input_ports, input_topic(station.name), "Input", self._receive),
+            for columns, topic, direction, into in (
+                (station.output_columns, output_topic(station.name), "Output", self._send),
+                (station.input_columns, input_topic(station.name), "Input", self._receive),
             ):
-                if ports:
+                if columns:
                     topic_id = self._writer.add_topic(
                         topic,
-                        [signal_of(p) for p in ports],
+                        [signal_of(c.port, c.name) for c in columns],
                         schema_name=f"cosim.{component}.{direction}",
                         metadata={"component": station.name, "coupling": "held over a step"},
                     )
-                    into.append((station, topic_id, _cast(ports)))
-            places = [p.name for p in station.output_ports]
+                    into.append((station, topic_id, _cast(station, columns)))
+            places = [c.name for c in station.output_columns]
             if all(name in places for name in _POSE):
                 self._poses.append((station, [places.index(name) for name in _POSE]))
         self._writer.log(
@@ -69,20 +71,30 @@ class TraceRecorder:
             self._write(begin, min(begin + _AT_ONCE, last))
 
     def _write(self, first: int, last: int) -> None:
-        times = self._points[first:last]
-        parts: list[Rows | Poses] = [
-            Rows(topic_id, times, cast(station.outputs[first:last]), rank=(_SENT,))
-            for station, topic_id, cast in self._send
-        ]
+        parts: list[Rows | Poses] = []
+        for station, topic_id, cast in self._send:
+            own, times = self._own(station, first, last)
+            parts.append(Rows(topic_id, times, cast(station.outputs[own]), rank=(_SENT,)))
         for station, places in self._poses:
-            parts.append(Poses(times, station.outputs[first:last][:, places], rank=(_POSED,)))
+            own, times = self._own(station, first, last)
+            parts.append(Poses(times, station.outputs[own][:, places], rank=(_POSED,)))
         for number, traffic in enumerate(self._traffic):
-            parts += traffic.until(int(times[-1]), _DELIVERED + number)
-        parts += [
-            Rows(topic_id, times, cast(station.inputs(last)[first:last]), rank=(_RECEIVED,))
-            for station, topic_id, cast in self._receive
-        ]
+            parts += traffic.until(int(self._points[last - 1]), _DELIVERED + number)
+        for station, topic_id, cast in self._receive:
+            own, times = self._own(station, first, last)
+            values = cast(station.inputs(last)[own])
+            parts.append(Rows(topic_id, times, values, rank=(_RECEIVED,)))
         self._writer.write_rows(parts)
+
+    def _own(
+        self, station: Station, first: int, last: int
+    ) -> tuple[slice | NDArray[np.int64], NDArray[np.int64]]:
+        """Rows of a stretch that are a station's own, and their times."""
+        if station.beat.always:
+            return slice(first, last), self._points[first:last]
+        begin, end = np.searchsorted(station.beat.own, [first, last])
+        own = station.beat.own[begin:end]
+        return own, self._points[own]
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write a line to /log."""
@@ -104,14 +116,11 @@ def signal_of(port: Port, name: str | None = None) -> Signal:
     )
 
 
-def _cast(ports: Sequence[Port]) -> _Cast:
-    """Rows of doubles -> rows of values of the ports' own types."""
-    if all(p.kind == "float" for p in ports):
+def _cast(station: Station, columns: Sequence[Column]) -> _Cast:
+    """Rows of doubles -> rows of values of the columns' own types."""
+    if all(column.port.kind == "float" for column in columns):
         return lambda rows: rows
-    types = [{"float": float, "int": int, "bool": bool}[p.kind or "float"] for p in ports]
-    return lambda rows: [
-        [to(value) for to, value in zip(types, row, strict=True)] for row in rows.tolist()
-    ]
+    return lambda rows: station.values(rows, columns)
 
 
 def _identifier(name: str) -> str:
@@ -136,19 +145,21 @@ class _Traffic:
         by_name = {s.name: s for s in stations}
         sources = list(dict.fromkeys(c.source for c in system.connections if c.link == name))
         self._sources = []
+        columns = []
         for end in sources:
             station = by_name[end.component]
-            column = [p.name for p in station.output_ports].index(end.variable)
-            self._sources.append((station, column))
-        ports = [system.port(end) for end in sources]
+            for j, column in enumerate(station.output_columns):
+                if column.port.name == end.variable:
+                    self._sources.append((station, j))
+                    columns.append(Column(column.port, f"{end.component}.{column.name}"))
         link = schedule.link
         self._topic = writer.add_topic(
             link_topic(name),
-            [signal_of(p, str(end)) for p, end in zip(ports, sources, strict=True)],
+            [signal_of(column.port, column.name) for column in columns],
             schema_name=f"cosim.link.{_identifier(name)}",
             metadata={"link": name, "order": link.order, "on_loss": str(link.on_loss)},
         )
-        self._cast = _cast(ports)
+        self._cast = _cast(next(iter(stations)), columns)
         self._dropped = writer.add_dropped_topic(name)
         told = np.isin(schedule.status, (DELIVERED, LOST, OVERTAKEN))
         order = np.argsort(schedule.arrival_ns, kind="stable")
@@ -179,7 +190,7 @@ class _Traffic:
         rows = self._rows[messages]
         values = np.empty((messages.size, len(self._sources)))
         for column, (station, j) in enumerate(self._sources):
-            values[:, column] = station.outputs[rows, j]
+            values[:, column] = station.outputs[station.beat.last[rows], j]
         return self._cast(self._schedule.link.quantize(values))
 
     def _reasons(self, messages: NDArray[np.int64]) -> Any:

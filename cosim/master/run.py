@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.master.engine import EngineChoice
-from cosim.master.wiring import Station
+from cosim.master.stations import Station
 
-Ending = Literal["finished", "diverged", "failed"]
+Ending = Literal["finished", "stopped", "diverged", "failed"]
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,9 @@ class Run:
 
     Attributes
     ----------
-    ending : "finished" at the end; "diverged" when an output left the allowed range or
-        the numbers; "failed" when a component refused for another reason.
+    ending : "finished" at the end; "stopped" when somebody, or a component, asked for it;
+        "diverged" when an output left the allowed range or the numbers; "failed" when a
+        component refused for another reason.
     reason : in words, None when finished.
     points_ns : the points reached [ns], int64 (k,).
     stations : the rows, of which the first k are valid.
@@ -47,12 +48,13 @@ class Run:
         if station is None:
             raise InputError.unknown("component", component, names)
         reached = self.points_ns.size
-        for ports, rows in (
-            (station.output_ports, station.outputs),
-            (station.input_ports, station.inputs(reached)),
+        held = station.beat.last[:reached]
+        for columns, rows in (
+            (station.output_columns, station.outputs),
+            (station.input_columns, station.inputs(reached)),
         ):
-            for j, port in enumerate(ports):
-                if port.name == variable:
-                    return rows[:reached, j]
-        known = [p.name for p in (*station.output_ports, *station.input_ports)]
+            for j, column in enumerate(columns):
+                if column.name == variable:
+                    return rows[:reached, j] if station.beat.always else rows[held, j]
+        known = [c.name for c in (*station.output_columns, *station.input_columns)]
         raise InputError.unknown("signal", variable, known, where=f"component {component!r}")

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription, Port
+from cosim.master.beats import Beat, beat_of, own_instants
 from cosim.network import PacketLink, PacketSchedule, TransportLink, align, schedule
 
 Link = PacketLink | TransportLink
 Events = Literal["align", "grid"]
+Algorithm = Literal["jacobi", "gauss-seidel"]
+Policy = Literal["hold", "midpoint", "linear"]
+"""What an input is held at over a step: see `cosim.master.routes`."""
 
 _MOST_POINTS = 20_000_000
 
@@ -35,14 +40,19 @@ class Connection(NamedTuple):
     source: Endpoint
     target: Endpoint
     link: str | None = None
+    policy: Policy = "hold"
 
 
 @dataclass(frozen=True)
 class Component:
-    """An FMU with the parameters it starts from."""
+    """An FMU with the parameters it starts from.
+
+    `every_ns` : its own communication step [ns]; None: it communicates at every point.
+    """
 
     description: FmuDescription
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    every_ns: int | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,10 @@ class System:
     events : "align": sends and arrivals become communication points; "grid": they are moved
         to the next point of the grid.
     divergence : a magnitude of any output from which on the run counts as diverged.
+    algorithm : "jacobi": all step from the same point on what was exchanged there;
+        "gauss-seidel": one after the other, each on what those before it have reached.
+    order : in which components step under Gauss-Seidel, all of them; None: senders before
+        those whose outputs follow them at once, else as in `components`.
     """
 
     components: Mapping[str, Component]
@@ -67,10 +81,20 @@ class System:
     driven: Mapping[Endpoint, NDArray[np.float64]]
     timetable: Timetable
     divergence: float
+    algorithm: Algorithm = "jacobi"
+    order: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         _check_links(self)
         _check(self)
+
+    @cached_property
+    def beats(self) -> Mapping[str, Beat]:
+        """When each component communicates."""
+        points = self.timetable.points_ns
+        steps = {component.every_ns for component in self.components.values()}
+        made = {every: beat_of(every, points) for every in steps}
+        return {name: made[component.every_ns] for name, component in self.components.items()}
 
     def port(self, end: Endpoint) -> Port:
         """The variable behind an endpoint."""
@@ -98,9 +122,16 @@ class Timetable:
 
 
 def make_timetable(
-    links: Mapping[str, Link], step_ns: int, end_ns: int, events: Events
+    links: Mapping[str, Link],
+    step_ns: int,
+    end_ns: int,
+    events: Events,
+    every_ns: Iterable[int] = (),
 ) -> Timetable:
     """Lay out the whole run in time before it starts.
+
+    `every_ns` : steps of components that have their own [ns]; under "align" their multiples
+    become points, on the grid they are to be multiples of the step.
 
     Raises
     ------
@@ -121,6 +152,17 @@ def make_timetable(
             got=f"{end_ns // step_ns}: one each {step_ns / 1e9:g} s up to {end_ns / 1e9:g} s",
         )
     grid = np.append(np.arange(0, end_ns, step_ns, dtype=np.int64), np.int64(end_ns))
+    for every in every_ns:
+        if not step_ns <= every <= end_ns or (events == "grid" and every % step_ns):
+            raise InputError(
+                "a component's own step does not fit the run",
+                where="run",
+                expected="at least the communication step, at most the end"
+                + (", a multiple of the step" if events == "grid" else ""),
+                got=f"{every / 1e9:g} s, step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
+            )
+        if events == "align":
+            grid = np.union1d(grid, own_instants(every, end_ns))
     packet = [link for link in links.values() if isinstance(link, PacketLink)]
     if not packet:
         return Timetable(grid, {}, step_ns)
@@ -145,14 +187,28 @@ def _check(system: System) -> None:
     taken: dict[Endpoint, str] = {}
     _check_connections(system, taken)
     _check_driven(system, taken)
-    irregular = np.unique(np.diff(system.timetable.points_ns)).size > 1
+    _check_order(system)
     for name, component in system.components.items():
-        if irregular and not component.description.variable_step:
+        own = system.timetable.points_ns[system.beats[name].own]
+        if np.unique(np.diff(own)).size > 1 and not component.description.variable_step:
             raise InputError(
                 "this FMU takes steps of one size only",
                 where=f"component {name!r} ({component.description.path.name})",
-                hint='set events = "grid" and an end that is a multiple of the step',
+                hint='set events = "grid" and an end that is a multiple of the step, or give '
+                "the component a step of its own of which the end is a multiple",
             )
+
+
+def _check_order(system: System) -> None:
+    if system.order is None:
+        return
+    if system.algorithm != "gauss-seidel" or sorted(system.order) != sorted(system.components):
+        raise InputError(
+            "the order does not fit the system",
+            where="order",
+            expected=f"under gauss-seidel, each of {', '.join(system.components)} once",
+            got=f"{system.algorithm}: {', '.join(system.order)}",
+        )
 
 
 def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
@@ -165,13 +221,7 @@ def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
                 where=where,
                 got=f"{source.causality} -> {target.causality}",
             )
-        if source.kind is None or source.kind != target.kind:
-            raise InputError(
-                "the types of the two ends do not fit",
-                where=where,
-                expected="both Real, both Integer or both Boolean",
-                got=f"{source.kind or 'String'} -> {target.kind or 'String'}",
-            )
+        _check_types(source, target, where)
         if source.unit and target.unit and source.unit != target.unit:
             raise InputError(
                 "the units of the two ends differ",
@@ -180,18 +230,63 @@ def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
             )
         if connection.link is not None and connection.link not in system.links:
             raise InputError.unknown("link", connection.link, system.links, where=where)
+        if source.kind != "float" and connection.policy != "hold":
+            raise InputError(
+                "only real numbers have a value in between",
+                where=where,
+                expected="the policy hold",
+                got=connection.policy,
+            )
         if connection.link is not None and source.kind != "float":
             _check_carries(system.links[connection.link], source, where)
         _take(taken, connection.target, f"connection from {connection.source}")
 
 
+_NAMES = {"float": "Real", "int": "Integer", "bool": "Boolean", "string": "String"}
+
+
+def _check_types(source: Port, target: Port, where: str) -> None:
+    """Same kind, same shape, and room for every value."""
+    if source.kind is None or source.kind != target.kind:
+        raise InputError(
+            "the types of the two ends do not fit",
+            where=where,
+            expected="both Real, both Integer (or Enumeration), both Boolean or both String",
+            got=" -> ".join(_NAMES.get(p.kind or "", "Binary or Clock") for p in (source, target)),
+        )
+    if source.shape != target.shape:
+        raise InputError(
+            "the arrays at the two ends differ in shape",
+            where=where,
+            got=f"{source.shape or 'a scalar'} -> {target.shape or 'a scalar'}",
+        )
+    if source.kind == "int" and not _has_room(source, target):
+        raise InputError(
+            "the target's integers are too small for the source's",
+            where=where,
+            got=f"{source.getter_type} -> {target.getter_type}",
+            hint="a source that declares min and max within the target's range",
+        )
+
+
+def _has_room(source: Port, target: Port) -> bool:
+    limits = np.iinfo(target.c_type)
+    declared = np.iinfo(source.c_type)
+    low = declared.min if source.minimum is None else source.minimum
+    high = declared.max if source.maximum is None else source.maximum
+    return bool(limits.min <= low and high <= limits.max)
+
+
 def _check_carries(link: Link, port: Port, where: str) -> None:
     """Refuse a link that would make a number in between out of an Integer or Boolean."""
-    if isinstance(link, TransportLink) or link.quantization:
+    text_replaced = port.kind == "string" and not (
+        isinstance(link, PacketLink) and link.on_loss == "hold"
+    )
+    if isinstance(link, TransportLink) or link.quantization or text_replaced:
         raise InputError(
             f"link {link.name!r} carries real numbers only",
             where=where,
-            expected="a packet link without quantization",
+            expected="a packet link without quantization" + ", on_loss hold" * text_replaced,
             got=f"{port.name} of kind {port.kind}",
         )
 
@@ -199,11 +294,11 @@ def _check_carries(link: Link, port: Port, where: str) -> None:
 def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:
     for end, values in system.driven.items():
         port = system.port(end)
-        if port.causality != "input" or port.kind != "float":
+        if port.causality != "input" or port.kind != "float" or port.shape:
             raise InputError(
                 "only a Real input can follow a signal",
                 where=str(end),
-                got=f"{port.causality}, {port.kind or 'String'}",
+                got=f"{port.causality}, {port.kind or 'String'}{' array' if port.shape else ''}",
             )
         if values.shape != system.timetable.points_ns.shape or not np.isfinite(values).all():
             raise InputError("the signal of an input must be finite", where=str(end))

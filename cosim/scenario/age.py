@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run
-from cosim.master.wiring import Route, Station
+from cosim.master.routes import Route
+from cosim.master.stations import Station
 
 NONE_IN_USE = -1
 

@@ -83,7 +83,7 @@ def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float
     station = next(s for s in run.stations if s.name == component)
     reached = run.points_ns.size
     for name in names:
-        recorded = {p.name for p in (*station.output_ports, *station.input_ports)}
+        recorded = {c.name for c in (*station.output_columns, *station.input_columns)}
         if name in recorded:
             columns.append(run.signal(component, name))
         else:

@@ -146,8 +146,8 @@ def _final_reference(scenario: Scenario) -> dict[str, float]:
 def _outputs(run: Run, component: str) -> dict[str, float]:
     for station in run.stations:
         if station.name == component and run.points_ns.size:
-            row = station.outputs[run.points_ns.size - 1]
-            return {p.name: float(row[j]) for j, p in enumerate(station.output_ports)}
+            row = station.outputs[station.beat.last[run.points_ns.size - 1]]
+            return {c.name: float(row[j]) for j, c in enumerate(station.output_columns)}
     return {}
 
 

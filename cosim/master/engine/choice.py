@@ -32,13 +32,23 @@ class Engine(Protocol):
         """Exchange at the points first to last - 1, and step from each but the run's last."""
 
 
-def choose(asked: EngineName, points: int) -> EngineChoice:
-    """The engine for a run of so many points.
+def choose(asked: EngineName, points: int, *, texts: bool = False) -> EngineChoice:
+    """The engine for a run of so many points; `texts`: it exchanges Strings.
 
     Raises
     ------
-    InputError : the compiled engine is asked for, and numba is not installed.
+    InputError : the compiled engine is asked for, and numba is not installed, or there are
+        Strings to be exchanged.
     """
+    if texts and asked == "compiled":
+        raise InputError(
+            "the compiled engine exchanges numbers only",
+            where="engine",
+            expected="no outputs or connected inputs of type String",
+            hint="take the engine python, or auto",
+        )
+    if texts and asked == "auto":
+        return EngineChoice("python", "Strings are exchanged")
     if asked == "python":
         return EngineChoice("python", "asked for")
     compiled = find_spec("numba") is not None

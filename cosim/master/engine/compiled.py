@@ -9,10 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master.engine import kernel
-from cosim.master.engine.program import Call, Halt, Program
-from cosim.master.wiring import Route
+from cosim.master.engine.program import (
+    Adjust,
+    Call,
+    Complete,
+    Halt,
+    Move,
+    Operation,
+    Program,
+    Step,
+)
+from cosim.master.routes import Route
 
-_WHAT: tuple[Literal["get", "set", "step", "range"], ...] = ("get", "set", "step", "range")
+_WHAT: tuple[Literal["get", "set", "step", "range", "end"], ...] = (
+    "get",
+    "set",
+    "step",
+    "range",
+    "end",
+)
 """The words of a `Halt`, by the kernel's number."""
 _Integers = NDArray[np.int64]
 
@@ -23,42 +38,31 @@ class CompiledEngine:
     def __init__(self, program: Program) -> None:
         self._program = program  # the addresses below point into its arrays
         self._place = np.zeros(2, np.int64)
-        self._tables: list[_Integers] = list(program.tables)
+        self._tables: list[_Integers] = []
         self._weights: list[NDArray[np.float64]] = []
         self._pairs: list[_Integers] = []
         self._numbers: list[float] = []
         self._moves: list[list[int]] = []
         self._scratch = 0
-        sends = _in_order(program.sends)
-        sets: list[Call] = []
-        gets: list[Call] = []
-        parts = []
-        for part in program.parts:
-            bounds = [len(self._moves), len(sets), len(gets)]
-            for route in part.moves:
-                self._add_move(route)
-            sets += _in_order(part.sets)
-            gets += _in_order(part.gets)
-            ends = [len(self._moves), len(sets), len(gets)]
-            parts.append([x for pair in zip(bounds, ends, strict=True) for x in pair])
-        calls = [self._calls(group) for group in (sends, sets, gets)]
+        lists = (program.opening, program.point, program.closing)
+        self._lists = [self._coded(operations) for operations in lists]
         n = program.points_ns.size
+        scratch = np.zeros(max(self._scratch, 1), np.uint64)
+        beats = [np.full(n, -1) if beat is None else beat for beat in program.beats]
         self._arguments: tuple[Any, ...] = (
             self._place,
             program.rows,
             program.points_ns,
             program.seconds,
-            calls[0],
-            np.array(parts, np.int64).reshape(-1, 6),
+            np.array(beats, np.int64).reshape(-1, n)
+            if any(beat is not None for beat in program.beats)
+            else np.zeros((1, 1), np.int64),
             np.array(self._moves, np.int64).reshape(-1, kernel.MOVE_FIELDS),
-            calls[1],
-            calls[2],
-            np.array(program.steps, np.int64).reshape(-1, 3),
             np.array(self._tables, np.int64).reshape(-1, n),
             np.array(self._weights, np.float64).reshape(-1, n),
             np.array([p for pairs in self._pairs for p in pairs], np.int64).reshape(-1, 2),
             np.array(self._numbers, np.float64),
-            np.zeros(max(self._scratch, 1), np.int32),
+            tuple(scratch.view(code) for code in kernel.TYPES),
             program.outputs,
             program.bound,
         )
@@ -69,33 +73,95 @@ class CompiledEngine:
 
     def advance(self, first: int, last: int) -> Halt | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
-        k, complete, why, station, status = kernel.advance(first, last, *self._arguments)
+        end = self._program.points_ns.size - 1
+        opening, point, closing = self._lists
+        halt = None
+        if first == 0 and len(opening):
+            halt = self._run(0, 1, opening, checked=False)
+        if halt is None and first < min(last, end):
+            halt = self._run(first, min(last, end), point)
+        if halt is None and last > end:
+            halt = self._run(end, last, closing)
+        return halt
+
+    def _run(
+        self, first: int, last: int, operations: _Integers, *, checked: bool = True
+    ) -> Halt | None:
+        *arguments, outputs, bound = self._arguments
+        k, complete, why, station, status = kernel.run(
+            first,
+            last,
+            operations.ctypes.data,
+            len(operations),
+            *arguments,
+            outputs if checked else 0,
+            bound,
+        )
         return None if why == kernel.NOTHING else Halt(k, complete, _WHAT[why], station, status)
 
-    def _calls(self, calls: Sequence[Call]) -> _Integers:
-        table = np.zeros((len(calls), kernel.CALL_FIELDS), np.int64)
-        for i, call in enumerate(calls):
-            scratch = -1
-            if not call.reals:
-                scratch, self._scratch = self._scratch, self._scratch + call.references.size
-            table[i] = (
-                call.function,
-                call.component,
-                call.references.ctypes.data,
-                call.references.size,
-                call.column,
-                scratch,
-                call.table,
-                call.own,
-                call.station,
+    def _coded(self, operations: Sequence[Operation]) -> _Integers:
+        table = np.zeros((len(operations), kernel.FIELDS), np.int64)
+        for line, operation in zip(table, operations, strict=True):
+            self._code(line, operation)
+            always = isinstance(operation, Complete) or (
+                self._program.beats[operation.station] is None
             )
+            line[kernel.BEAT] = -1 if always else operation.station
+            line[kernel.STATION] = operation.station
         return table
 
-    def _add_move(self, route: Route) -> None:
-        self._tables.append(route.row)
-        weight = -1
-        if route.weight is not None:
-            weight = len(self._weights)
+    def _code(self, line: _Integers, operation: Operation) -> None:
+        match operation:
+            case Complete():
+                line[kernel.KIND] = kernel.COMPLETE
+            case Move():
+                line[kernel.KIND] = kernel.MOVE
+                line[kernel.TABLE] = self._add_move(operation.route)
+            case Adjust():
+                line[kernel.KIND] = kernel.ADJUST
+                line[kernel.OFFSET] = 8 * operation.column
+                line[kernel.AHEAD] = operation.ahead
+                line[kernel.COUNT] = self._number(operation.by.factor)
+                self._number(operation.by.offset)
+            case Step():
+                line[kernel.KIND] = kernel.STEP_2 if operation.version == "2.0" else kernel.STEP_3
+                line[kernel.FUNCTION] = operation.function
+                line[kernel.COMPONENT] = operation.component
+                line[kernel.RESULTS] = operation.results
+            case Call():
+                self._code_call(line, operation)
+
+    def _code_call(self, line: _Integers, call: Call) -> None:
+        newer = call.version != "2.0"
+        line[kernel.WAY] = kernel.GET if call.way == "get" else kernel.SET
+        line[kernel.FUNCTION] = call.function
+        line[kernel.COMPONENT] = call.component
+        line[kernel.REFERENCES] = call.references.ctypes.data
+        line[kernel.COUNT] = call.count
+        line[kernel.VALUES] = call.values
+        line[kernel.OFFSET] = 8 * call.column
+        line[kernel.OWN] = 8 * call.own
+        line[kernel.AHEAD] = call.ahead
+        if call.exchange is not None:
+            line[kernel.KIND] = kernel.TYPED
+            line[kernel.TYPE] = kernel.TYPES.index(call.c_type)
+            line[kernel.SCRATCH] = self._scratch
+            line[kernel.RESULTS] = newer
+            self._scratch += call.values
+        elif call.table is not None:
+            line[kernel.KIND] = kernel.LATE_3 if newer else kernel.LATE_2
+            line[kernel.TABLE] = self._table(call.table)
+        else:
+            line[kernel.KIND] = kernel.EXCHANGE_3 if newer else kernel.EXCHANGE_2
+
+    def _table(self, table: _Integers) -> int:
+        self._tables.append(table)
+        return len(self._tables) - 1
+
+    def _add_move(self, route: Route) -> int:
+        weight, after = -1, -1
+        if route.weight is not None and route.after is not None:
+            weight, after = len(self._weights), self._table(route.after)
             self._weights.append(route.weight)
         begin = sum(len(pairs) for pairs in self._pairs)
         self._pairs.append(np.column_stack([route.columns, route.targets]).astype(np.int64))
@@ -105,14 +171,10 @@ class CompiledEngine:
         if route.link is not None and route.link.substitute is not None:
             substituted = self._number(route.link.substitute)
         end = begin + route.columns.size
-        table = len(self._tables) - 1
-        self._moves.append([table, weight, begin, end, quantized, substituted])
+        table = self._table(route.row)
+        self._moves.append([table, after, weight, begin, end, quantized, substituted])
+        return len(self._moves) - 1
 
     def _number(self, value: float) -> int:
         self._numbers.append(value)
         return len(self._numbers) - 1
-
-
-def _in_order(calls: Sequence[Call]) -> list[Call]:
-    """As the Python engine makes them: Reals of row k, Reals of other rows, the rest."""
-    return sorted(calls, key=lambda call: (not call.reals, call.table >= 0))

@@ -1,64 +1,114 @@
-"""A run as a list of calls: what both engines carry out at every point.
+"""A run as lists of operations: what both engines carry out at every point.
 
-    every get of `sends`;  then, per station in order: its moves, its sets, its `answers`;
-    is every output in range?  then, unless it is the last point, every step.
+Jacobi, at each point:        Gauss-Seidel, at the first point: every get, into row 0;
+    every get that waits      then at each point:
+      for nobody;                 per component in order: its moves, its sets, its step,
+    per component in order:         its gets, into the row of its next point.
+      its moves, its sets,
+      its other gets;
+    every step.
 
-Values are exchanged where they lie in the rows: a get of Reals is handed the address in row k
-to write to, a set the address to read from, in row k or in the sender's row that the schedule
-names. Only what is interpolated, quantized, substituted or not side by side is moved first.
+At the last point of a run there are no steps, and no gets that would follow one. Outputs are
+held against the range of the run row by row, by the engines. Values are exchanged where they
+lie in the rows: a get of doubles is handed the address in the row to write to, a set the address
+to read from, in row k or in the sender's row that the schedule names. Only what is interpolated,
+quantized, substituted, adjusted or not side by side is moved first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.master.exchange import Exchange
+from cosim.master.routes import Route
+from cosim.master.stations import Group, Rows, Station
 from cosim.master.system import System
-from cosim.master.wiring import Group, Route, Rows, Station, Wiring
+from cosim.master.wiring import Wiring
 
-WARNING = 1
-"""Greatest fmi2Status with which a run goes on: OK is 0, Warning 1."""
+Integers = NDArray[np.int64]
+
+
+class Adjustment(NamedTuple):
+    """factor * value + offset in place of a value; factor 0: offset, whatever the value."""
+
+    factor: float
+    offset: float
 
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """One FMI call that moves a group.
+    """An FMI call that moves a group.
 
     station : number of the station.
-    function, component : addresses.
-    references : value references, uint32 (m,).
-    column : where the values stand in the rows, or are to be read from.
-    scratch : what Integers and Booleans go through, int32 (m,); empty for Reals.
-    table : number of the verbatim route whose row is read; -1: row k itself.
-    own : where the values stand in the station's own part of row k.
+    way : "get" or "set".
+    function, component, references, count, values, column : of the call; `column` is where the
+        first value stands in the row written to or read from.
+    version : of FMI.
+    table : row that is read at each point, int64 (n,); None: row k itself.
+    own : the first column of the values in the station's own part of row k.
+    ahead : a get into the row of the station's next point.
+    exchange : what carries it out where the values are no doubles; None for doubles.
+    c_type : numpy's name of the type of one value.
     """
+
+    station: int
+    way: Literal["get", "set"]
+    function: int
+    component: int
+    references: NDArray[np.uint32]
+    count: int
+    values: int
+    column: int
+    version: str
+    table: Integers | None
+    own: int
+    ahead: bool
+    exchange: Exchange | None
+    c_type: str
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """Put what a route has in use at point k into the receiver's part of row k."""
+
+    station: int
+    route: Route
+
+
+@dataclass(frozen=True, eq=False)
+class Adjust:
+    """Adjust one column, of row k or, `ahead`, of the row of the station's next point."""
+
+    station: int
+    column: int
+    by: Adjustment
+    ahead: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step of a station; `results` is where an FMI 3.0 slave writes what it says of it."""
 
     station: int
     function: int
     component: int
-    references: NDArray[np.uint32]
-    column: int
-    scratch: NDArray[np.int32]
-    table: int
-    own: int
-
-    @property
-    def reals(self) -> bool:
-        """Whether it moves Reals, straight from or to the rows."""
-        return self.scratch.size == 0
+    version: str
+    results: int
 
 
-@dataclass(frozen=True)
-class Part:
-    """What one station does once all have sent."""
+@dataclass(frozen=True, eq=False)
+class Complete:
+    """From here on row k is complete."""
 
-    moves: tuple[Route, ...]
-    sets: tuple[Call, ...]
-    gets: tuple[Call, ...]
+    station: int = -1
+
+
+Operation = Call | Move | Adjust | Step | Complete
 
 
 class Halt(NamedTuple):
@@ -66,20 +116,20 @@ class Halt(NamedTuple):
 
     k : the point.
     complete : number of rows that are complete.
-    what : the FMI call that was refused, "get", "set" or "step"; or "range", where an output
-        has left it.
+    what : the FMI call that was refused, "get", "set" or "step"; "range", where an output has
+        left it; "end", where a component asked for the end of the run.
     station : number of the station in the wiring; of a "range", the column of the output.
     status : as the FMU returned it.
     """
 
     k: int
     complete: int
-    what: Literal["get", "set", "step", "range"]
+    what: Literal["get", "set", "step", "range", "end"]
     station: int
     status: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
     """All that happens at a point, with addresses in place of names.
 
@@ -87,85 +137,150 @@ class Program:
     ----------
     rows, outputs : as in the wiring.
     points_ns, seconds : the points, as integers [ns] and as doubles [s].
-    sends : gets of all stations.
-    parts : per station, in order of receiving.
-    tables : rows in use, by number of the verbatim route.
-    steps : (number of the station, fmi2DoStep, component), in order of stepping.
+    opening : at the first point, before all else.
+    point : at every point but the last; closing : at the last.
+    beats : per station, its next point at its own points, -1 elsewhere; None: every point.
     bound : an output beyond +-bound, or NaN, ends the run.
     """
 
     rows: Rows
     outputs: int
-    points_ns: NDArray[np.int64]
+    points_ns: Integers
     seconds: NDArray[np.float64]
-    sends: tuple[Call, ...]
-    parts: tuple[Part, ...]
-    tables: tuple[NDArray[np.int64], ...]
-    steps: tuple[tuple[int, int, int], ...]
+    opening: tuple[Operation, ...]
+    point: tuple[Operation, ...]
+    closing: tuple[Operation, ...]
+    beats: tuple[Integers | None, ...]
     bound: float
 
 
-class _Maker:
-    """Collects calls and tables."""
+def make_program(
+    system: System, wiring: Wiring, adjustments: Mapping[int, Adjustment] | None = None
+) -> Program:
+    """The program of a wiring whose stations have their slaves.
 
-    def __init__(self, stations: Sequence[Station]) -> None:
-        self.stations = stations
-        self.tables: list[NDArray[np.int64]] = []
-
-    def get(self, number: int, group: Group) -> Call:
-        return self._call(number, group, "get", group.column, -1)
-
-    def part(self, number: int) -> Part:
-        station = self.stations[number]
-        moves = [r for i, r in enumerate(station.routes) if i not in station.straight]
-        sets = []
-        for group in station.takes:
-            if group.route not in station.straight:
-                sets.append(self._call(number, group, "set", group.column, -1))
-                continue
-            route = station.routes[group.route]
-            wire = bool((route.row == np.arange(route.row.size)).all())
-            if not wire:
-                self.tables.append(np.ascontiguousarray(route.row))
-            table = -1 if wire else len(self.tables) - 1
-            sets.append(self._call(number, group, "set", int(route.columns[0]), table))
-        gets = tuple(self.get(number, group) for group in station.answers)
-        return Part(tuple(moves), tuple(sets), gets)
-
-    def _call(
-        self, number: int, group: Group, way: Literal["get", "set"], column: int, table: int
-    ) -> Call:
-        slave = self.stations[number].slave
-        reals = group.kind == "float"
-        return Call(
-            station=number,
-            function=slave.address(way, group.kind),
-            component=slave.component,
-            references=group.references,
-            column=column,
-            scratch=np.zeros(0 if reals else group.references.size, np.int32),
-            table=table,
-            own=group.column,
-        )
-
-
-def make_program(system: System, wiring: Wiring) -> Program:
-    """The program of a wiring whose stations have their slaves."""
-    maker = _Maker(wiring.stations)
-    numbered = list(enumerate(wiring.stations))
-    sends = tuple(maker.get(i, group) for i, station in numbered for group in station.sends)
-    parts = tuple(maker.part(i) for i, _ in numbered)
-    places = {station.name: i for i, station in numbered}
-    slaves = [(places[name], wiring.stations[places[name]].slave) for name in system.components]
+    `adjustments` : by column of the rows; the stations' routes that bring such columns are
+    to be moved ones (`Station.move`).
+    """
+    maker = _Maker(wiring.stations, adjustments or {})
+    opening, point, closing = (
+        maker.gauss_seidel() if system.algorithm == "gauss-seidel" else maker.jacobi(system)
+    )
     points = system.timetable.points_ns
     return Program(
         rows=wiring.rows,
         outputs=wiring.outputs,
         points_ns=points,
         seconds=points / 1e9,
-        sends=sends,
-        parts=parts,
-        tables=tuple(maker.tables),
-        steps=tuple((i, slave.address("step"), slave.component) for i, slave in slaves),
+        opening=tuple(opening),
+        point=tuple(point),
+        closing=tuple(closing),
+        beats=tuple(None if s.beat.always else s.beat.following for s in wiring.stations),
         bound=system.divergence,
     )
+
+
+_Lists = tuple[list[Operation], list[Operation], list[Operation]]
+
+
+class _Maker:
+    """Turns stations into operations."""
+
+    def __init__(
+        self, stations: tuple[Station, ...], adjustments: Mapping[int, Adjustment]
+    ) -> None:
+        self._stations = stations
+        self._adjustments = adjustments
+
+    def jacobi(self, system: System) -> _Lists:
+        exchange: list[Operation] = []
+        for i, station in enumerate(self._stations):
+            exchange += self._gets(i, station.sends)
+        for i, station in enumerate(self._stations):
+            exchange += [*self._takes(i), *self._gets(i, station.answers)]
+        places = {station.name: i for i, station in enumerate(self._stations)}
+        steps = [self._step(places[name]) for name in system.components]
+        return [], [*exchange, Complete(), *steps], exchange
+
+    def gauss_seidel(self) -> _Lists:
+        opening: list[Operation] = []
+        point: list[Operation] = []
+        closing: list[Operation] = []
+        for i, station in enumerate(self._stations):
+            outputs = (*station.sends, *station.answers)
+            opening += self._gets(i, outputs)
+            closing += self._takes(i)
+            point += [*self._takes(i), self._step(i), *self._gets(i, outputs, ahead=True)]
+        return opening, point, closing
+
+    def _takes(self, number: int) -> list[Operation]:
+        station = self._stations[number]
+        moves: list[Operation] = [
+            Move(number, route)
+            for i, route in enumerate(station.routes)
+            if i not in station.straight
+        ]
+        adjusts: list[Operation] = []
+        sets: list[Operation] = []
+        for group in station.takes:
+            adjusts += self._adjusted(number, group, ahead=False)
+            if group.route in station.straight:
+                route = station.routes[group.route]
+                wire = bool((route.row == np.arange(route.row.size)).all())
+                table = None if wire else route.row
+                sets.append(self._call(number, group, "set", int(route.columns[0]), table))
+            else:
+                sets.append(self._call(number, group, "set", group.column, None))
+        return [*moves, *adjusts, *sets]
+
+    def _gets(
+        self, number: int, groups: tuple[Group, ...], *, ahead: bool = False
+    ) -> list[Operation]:
+        found: list[Operation] = []
+        for group in groups:
+            found.append(self._call(number, group, "get", group.column, None, ahead=ahead))
+            found += self._adjusted(number, group, ahead=ahead)
+        return found
+
+    def _adjusted(self, number: int, group: Group, *, ahead: bool) -> list[Operation]:
+        columns = range(group.column, group.column + group.size)
+        return [
+            Adjust(number, column, self._adjustments[column], ahead)
+            for column in columns
+            if column in self._adjustments
+        ]
+
+    def _call(
+        self,
+        number: int,
+        group: Group,
+        way: Literal["get", "set"],
+        column: int,
+        table: Integers | None,
+        *,
+        ahead: bool = False,
+    ) -> Call:
+        station = self._stations[number]
+        slave = station.slave
+        return Call(
+            station=number,
+            way=way,
+            function=slave.address(way, group.getter_type),
+            component=slave.component,
+            references=group.references,
+            count=group.references.size,
+            values=group.size,
+            column=column,
+            version=slave.description.version,
+            table=table,
+            own=group.column,
+            ahead=ahead,
+            exchange=None if group.c_type == "f8" else Exchange(station, group, way),
+            c_type=group.c_type,
+        )
+
+    def _step(self, number: int) -> Step:
+        slave = self._stations[number].slave
+        version = slave.description.version
+        results = slave.step_results if version == "3.0" else 0
+        return Step(number, slave.address("step"), slave.component, version, results)

@@ -1,0 +1,125 @@
+"""One FMI call that moves a group of variables of any type between a slave and a row.
+
+Calls go through cffi with plain addresses, which costs a third less than ctypes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any, Final, Literal
+
+import numpy as np
+from cffi import FFI
+from numpy.typing import NDArray
+
+from cosim.master.stations import Group, Rows, Station
+
+WARNING: Final = 1
+"""Greatest status with which a run goes on: OK is 0, Warning 1."""
+TOO_LARGE: Final = 100
+"""Not a status of FMI: an integer that a double does not hold exactly."""
+
+_FFI: Final = FFI()
+_FORMS: Final = {
+    "2.0": "int(*)(void *, void *, size_t, uintptr_t)",
+    "3.0": "int(*)(void *, void *, size_t, uintptr_t, size_t)",
+}
+_STEPS: Final = {
+    "2.0": "int(*)(void *, double, double, int)",
+    "3.0": "int(*)(void *, double, double, _Bool, uintptr_t, uintptr_t, uintptr_t, uintptr_t)",
+}
+_MOST = 2**53
+
+
+def exchange_function(version: str, address: int) -> Callable[..., int]:
+    """fmi2Get..., fmi3Set..., ... at an address."""
+    function: Any = _FFI.cast(_FORMS[version], address)
+    return function  # type: ignore[no-any-return]
+
+
+def step_function(version: str, address: int) -> Callable[..., int]:
+    """fmi2DoStep or fmi3DoStep at an address."""
+    function: Any = _FFI.cast(_STEPS[version], address)
+    return function  # type: ignore[no-any-return]
+
+
+def pointer(address: int) -> Any:
+    """An address as cffi passes it on fastest."""
+    return _FFI.cast("void *", address)
+
+
+class Exchange:
+    """A get or set of a group; call it with the row.
+
+    Attributes
+    ----------
+    scratch : what passes through it on the way, of the group's own C type; (values,).
+    """
+
+    def __init__(self, station: Station, group: Group, way: Literal["get", "set"]) -> None:
+        slave = station.slave
+        self._function = exchange_function(
+            slave.description.version, slave.address(way, group.getter_type)
+        )
+        self._component = pointer(slave.component)
+        self._references = group.references
+        self._columns = slice(group.column, group.column + group.size)
+        self._texts = station.texts
+        self._kept: Any = None
+        text = group.c_type == "S"
+        self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
+        self._wide = group.c_type in ("i8", "u8")
+        self._more = () if slave.description.version == "2.0" else (group.size,)
+        self._move = {
+            ("get", False): self._get,
+            ("set", False): self._set,
+            ("get", True): self._get_texts,
+            ("set", True): self._set_texts,
+        }[way, text]
+
+    def __call__(self, row: Rows) -> int:
+        """Move the values; returns the status."""
+        return self._move(row)
+
+    def _call(self) -> int:
+        return self._function(
+            self._component,
+            pointer(self._references.ctypes.data),
+            self._references.size,
+            self.scratch.ctypes.data,
+            *self._more,
+        )
+
+    def _get(self, row: Rows) -> int:
+        status = self._call()
+        row[self._columns] = self.scratch
+        if self._wide and status <= WARNING and not self._held_exactly():
+            return TOO_LARGE
+        return status
+
+    def _held_exactly(self) -> bool:
+        return bool(self.scratch.max() <= _MOST and self.scratch.min() >= -_MOST)
+
+    def _set(self, row: Rows) -> int:
+        self.scratch[:] = row[self._columns]
+        return self._call()
+
+    def _get_texts(self, row: Rows) -> int:
+        status = self._call()
+        if status <= WARNING:
+            row[self._columns] = [
+                self._texts.number(ctypes.string_at(address).decode("utf-8", "replace"))
+                if address
+                else 0
+                for address in self.scratch.tolist()
+            ]
+        return status
+
+    def _set_texts(self, row: Rows) -> int:
+        self._kept = [
+            _FFI.new("char[]", self._texts[int(number)].encode("utf-8"))
+            for number in row[self._columns].tolist()
+        ]
+        self.scratch[:] = [int(_FFI.cast("uintptr_t", text)) for text in self._kept]
+        return self._call()

@@ -1,0 +1,81 @@
+"""Holding a run back to the clock on the wall."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+
+_NAP_S = 0.05
+"""Longest sleep at a time: an interrupt is obeyed that soon."""
+
+
+@dataclass
+class Pace:
+    """Real time times a factor, and how well it was kept.
+
+    Parameters
+    ----------
+    factor : simulated seconds per second on the wall, > 0.
+    clock, sleep : for tests.
+
+    Attributes
+    ----------
+    points : communication points held back to the clock.
+    late : of these, those that came about later than the next one was due.
+    largest_s, mean_s : how late points were [s on the wall].
+    """
+
+    factor: float = 1.0
+    clock: Callable[[], float] = field(default=time.perf_counter, repr=False)
+    sleep: Callable[[float], None] = field(default=time.sleep, repr=False)
+    points: int = 0
+    late: int = 0
+    largest_s: float = 0.0
+    total_s: float = field(default=0.0, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.factor < float("inf"):
+            raise InputError(
+                "a pace is a positive factor of real time", where="pace", got=f"{self.factor:g}"
+            )
+        self._began: float | None = None
+        self._from_ns = 0
+
+    @property
+    def mean_s(self) -> float:
+        """Mean lateness [s on the wall]."""
+        return self.total_s / self.points if self.points else 0.0
+
+    def wait(self, points_ns: NDArray[np.int64], first: int) -> int:
+        """Sleep until point `first` is due; how many points are due then, at least one."""
+        if self._began is None:
+            self._began, self._from_ns = self.clock(), int(points_ns[first])
+        while (rest := self._due(int(points_ns[first])) - self.clock()) > 0.0:
+            self.sleep(min(rest, _NAP_S))
+        reached = self._from_ns + (self.clock() - self._began) * 1e9 * self.factor
+        due = int(np.searchsorted(points_ns, reached, side="right")) - first
+        return max(1, due)
+
+    def done(self, points_ns: NDArray[np.int64], first: int, last: int) -> None:
+        """Points first to last - 1 have come about."""
+        now = self.clock()
+        due = np.array([self._due(int(t)) for t in points_ns[first : last + 1]])
+        late = np.maximum(now - due[: last - first], 0.0)
+        self.points += last - first
+        self.total_s += float(late.sum())
+        self.largest_s = max(self.largest_s, float(late.max(initial=0.0)))
+        self.late += int(np.count_nonzero(now > due[1:]))
+
+    def restart(self) -> None:
+        """Count from the next point on: after a pause, or a snapshot."""
+        self._began = None
+
+    def _due(self, time_ns: int) -> float:
+        assert self._began is not None  # noqa: S101 - set by `wait`
+        return self._began + (time_ns - self._from_ns) / 1e9 / self.factor

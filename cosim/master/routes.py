@@ -1,0 +1,176 @@
+"""The way of values from a sender to a receiver: which row is read at each point.
+
+An input is held over its receiver's step. What it is held at, the policy says:
+
+* hold: what the signal, delayed by its link, was at the beginning of the step (order 1);
+* midpoint: what the delayed signal is in the middle of the step; a transport link whose delay
+  is at least half a step has it already (order 2, for a transport delay);
+* linear: the same, extrapolated from the past where it lies ahead (order 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.master.beats import Beat
+from cosim.master.system import Policy, System
+from cosim.network import PacketLink, TransportLink
+
+Integers = NDArray[np.int64]
+
+
+class Way(NamedTuple):
+    """What connections have in common that share a route."""
+
+    source: str
+    link: str | None
+    policy: Policy
+
+    def __str__(self) -> str:
+        return f"from {self.source}" + (f" over {self.link}" if self.link else "")
+
+
+class RowsInUse(NamedTuple):
+    """Which rows are read at each point.
+
+    Attributes
+    ----------
+    row : -1 none yet, -2 the link's substitute, int64 (n,).
+    after : the row that the rest of the value comes from, int64 (n,); None without weights.
+    weight : (1 - weight) row + weight after, (n,); None: row alone.
+    """
+
+    row: Integers
+    after: Integers | None = None
+    weight: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Inputs of one component that read outputs of one other over the same way.
+
+    Attributes
+    ----------
+    way : sender, link and policy.
+    columns, targets : columns of the rows that are read, and that they go to.
+    row, after, weight : as in `RowsInUse`.
+    link : the packet link, or None.
+    """
+
+    way: Way
+    columns: NDArray[np.intp]
+    targets: NDArray[np.intp]
+    row: Integers
+    after: Integers | None
+    weight: NDArray[np.float64] | None
+    link: PacketLink | None
+
+    @property
+    def source(self) -> str:
+        """Name of the sender."""
+        return self.way.source
+
+    @property
+    def verbatim(self) -> bool:
+        """Whether what arrives is what stands side by side in some row, bit for bit.
+
+        Such inputs can be set straight from the sender's row.
+        """
+        altered = self.weight is not None or (
+            self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
+        )
+        return not altered and bool((np.diff(self.columns) == 1).all())
+
+
+def rows_in_use(
+    system: System, way: Way, sender: Beat, receiver: Beat, *, stepped_before: bool
+) -> RowsInUse:
+    """The rows that a receiver reads, at its own points; held in between.
+
+    `stepped_before` : the sender has already taken its step from the same point, and a wire
+    brings what came out of it (Gauss-Seidel).
+
+    Raises
+    ------
+    InputError : a policy that the link does not allow.
+    """
+    points = system.timetable.points_ns
+    channel = None if way.link is None else system.links[way.link]
+    here = np.arange(points.size)
+    if isinstance(channel, PacketLink):
+        if way.policy != "hold":
+            raise InputError(
+                "a packet link delivers messages, which are held",
+                where=f"connection {way}",
+                expected="the policy hold",
+                got=way.policy,
+            )
+        row = system.timetable.schedules[channel.name].rows(points)
+        wire = bool((row == here).all())
+        row = np.where(row >= 0, sender.last[np.maximum(row, 0)], row)
+        channel = None if wire else channel
+        found = RowsInUse(row)
+    if channel is None and way.policy == "hold":
+        reached = np.minimum(here + 1, points.size - 1) if stepped_before else here
+        found = RowsInUse(sender.last[reached])
+    elif not isinstance(channel, PacketLink):
+        found = _sampled(system, way, channel, sender, receiver)
+    return found if receiver.always else _held(found, receiver)
+
+
+def _held(found: RowsInUse, receiver: Beat) -> RowsInUse:
+    return RowsInUse(*(None if part is None else part[receiver.last] for part in found))  # type: ignore[arg-type]
+
+
+def _sampled(
+    system: System, way: Way, channel: TransportLink | None, sender: Beat, receiver: Beat
+) -> RowsInUse:
+    """Rows and weights of a continuous signal, delayed, at the instant the policy names."""
+    points = system.timetable.points_ns
+    delay = 0 if channel is None else channel.delay_ns
+    ahead = np.zeros(points.size, np.int64)
+    if way.policy != "hold":
+        ends = points[np.maximum(receiver.following, 0)]
+        ahead = np.where(receiver.following < 0, 0, ends - points) // 2
+    wanted = np.maximum(points + ahead - np.int64(delay), 0)
+    sent = points[sender.own]
+    index = np.searchsorted(sent, wanted, side="right") - 1
+    known = np.searchsorted(sent, points, side="right") - 1
+    following = np.minimum(index + 1, sent.size - 1)
+    past, gap = wanted - sent[index], np.maximum(sent[following] - sent[index], 1)
+    weight = np.where(past > 0, past / gap, 0.0)
+    beyond = (np.where(past > 0, following, index) > known) & (wanted > sent[known])
+    # between two points of a slow sender the second is not known yet: the first is held
+    weight = np.where(following > known, 0.0, weight)
+    index = np.minimum(index, known)
+    if way.policy == "linear":
+        first = _pair(sent, known, system.timetable.step_ns)
+        span = np.maximum(sent[known] - sent[first], 1)
+        rest = np.where(known > first, (wanted - sent[first]) / span, 0.0)
+        index, following = np.where(beyond, first, index), np.where(beyond, known, following)
+        weight = np.where(beyond, rest, weight)
+    elif way.policy == "midpoint" and beyond[receiver.own[:-1]].any():
+        k = int(receiver.own[np.argmax(beyond[receiver.own])])
+        raise InputError(
+            "the middle of a step is not known when the step begins",
+            where=f"connection {way}",
+            expected=f"a transport delay of at least {int(ahead[k]) / 1e9:g} s"
+            " and a sender that steps as often",
+            got=f"{delay / 1e9:g} s",
+            hint="the policy linear extrapolates",
+        )
+    own = sender.own
+    return RowsInUse(own[index], own[np.minimum(following, sent.size - 1)], weight)
+
+
+def _pair(sent: Integers, known: Integers, step_ns: int) -> Integers:
+    """Where a straight line through the latest value begins: most of a step before it.
+
+    Two points that lie close together, as events do, would make a steep line of rounding.
+    """
+    return np.maximum(np.searchsorted(sent, sent[known] - (3 * step_ns) // 4, side="right") - 1, 0)

@@ -1,0 +1,360 @@
+"""A run under control: step by step, read and set, saved and taken up again.
+
+    with Session(system) as session:
+        session.run_until(10.0)
+        session.set("plant", "damping.u", 0.9)
+        before = session.snapshot()
+        session.run_until()
+        first = session.result()
+        session.restore(before)      # and on, bit for bit as before
+
+At any time the rows up to the last complete one are fixed, and every slave stands at `time_s`,
+the point after it. What is set takes effect there.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.fmu import FmuSlave
+from cosim.master.ending import ending_of
+from cosim.master.engine import (
+    Adjustment,
+    Engine,
+    EngineName,
+    Halt,
+    build,
+    choose,
+    make_program,
+)
+from cosim.master.initial import initialise
+from cosim.master.journal import Journal, Observer
+from cosim.master.pacing import Pace
+from cosim.master.run import Ending, Run
+from cosim.master.snapshot import Snapshot, fingerprint
+from cosim.master.stations import Station
+from cosim.master.system import System
+from cosim.master.wiring import wire
+
+_STRETCH_S = 0.05
+_LONGEST = 1 << 16
+
+Condition = Callable[["Session"], bool]
+
+
+class _Stretch:
+    """How many points a stretch has: what takes about `_STRETCH_S`."""
+
+    def __init__(self) -> None:
+        self.points = 1
+
+    def took(self, points: int, seconds: float) -> None:
+        """Take note of how long the last stretch took."""
+        share = min(8.0, _STRETCH_S / max(seconds, 1e-9))
+        self.points = max(1, min(_LONGEST, int(points * share)))
+
+
+class Session:
+    """A run of a system from its start on; use as a context manager.
+
+    Parameters
+    ----------
+    system : what runs.
+    observers : look on; the trace is one.
+    engine : "python", "compiled", or "auto": compiled where it pays (`choose`).
+
+    Raises
+    ------
+    InputError : a system that cannot be wired, a parameter that does not exist, an engine that
+        is not installed. (From `__enter__`: the FMUs are loaded there.)
+    ComponentError : an FMU that cannot be loaded or initialised.
+    """
+
+    def __init__(
+        self, system: System, observers: Sequence[Observer] = (), *, engine: EngineName = "auto"
+    ) -> None:
+        self.system = system
+        self._observers = observers
+        self._wiring = wire(system)
+        texts = any(
+            column.port.kind == "string"
+            for station in self._wiring.stations
+            for column in (*station.output_columns, *station.input_columns)
+        )
+        self._choice = choose(engine, system.timetable.points_ns.size, texts=texts)
+        self._journal = Journal(observers)
+        self._stack = ExitStack()
+        self._stretch = _Stretch()
+        self._adjustments: dict[int, Adjustment] = {}
+        self._complete = 0
+        self._ending: Ending | None = None
+        self._reason: str | None = None
+        self._halt: Halt | None = None
+        self._engine: Engine
+        self.initial_passes = 0
+
+    def __enter__(self) -> Self:
+        try:
+            for name, component in self.system.components.items():
+                note = functools.partial(self._journal.note, name)
+                slave = self._stack.enter_context(FmuSlave(component.description, name, note))
+                self._wiring.station(name).slave = slave
+            self.initial_passes = initialise(self.system, self._wiring)
+            for observer in self._observers:
+                observer.begin(self._wiring.stations)
+            self._rebuild()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the slaves, and hand on what they say last."""
+        try:
+            self._stack.close()
+        finally:
+            self._journal.close()
+
+    @property
+    def time_ns(self) -> int:
+        """Where the slaves stand [ns]."""
+        points = self.system.timetable.points_ns
+        return int(points[min(self._complete, points.size - 1)])
+
+    @property
+    def time_s(self) -> float:
+        """Where the slaves stand [s]."""
+        return self.time_ns / 1e9
+
+    @property
+    def rows(self) -> int:
+        """How many rows are complete."""
+        return self._complete
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end is reached, or the run cannot go on."""
+        return self._ending is not None
+
+    def step(self, points: int = 1) -> None:
+        """Go on by so many communication points, or to the end."""
+        self._go(min(self._complete + points, self.system.timetable.points_ns.size))
+
+    def run_until(
+        self,
+        seconds: float | None = None,
+        *,
+        stop: Condition | None = None,
+        pace: Pace | None = None,
+    ) -> bool:
+        """Go on until the slaves stand at a point at or after `seconds`; None: to the end.
+
+        Parameters
+        ----------
+        stop : looked at after every row; true ends the call (the session can go on).
+        pace : holds the run back to the clock on the wall.
+
+        Returns
+        -------
+        stopped : whether `stop` ended it.
+        """
+        points = self.system.timetable.points_ns
+        last = points.size
+        if seconds is not None:
+            last = int(np.searchsorted(points, round(seconds * 1e9)))
+        return self._go(last, stop, pace)
+
+    def read(self, component: str, variable: str) -> Any:
+        """The value of any variable, as the slave has it now."""
+        slave = self._station(component).slave
+        return slave.read([variable])[variable]
+
+    def value(self, component: str, variable: str) -> Any:
+        """The value of an output or connected input in the last complete row."""
+        if self._complete == 0:
+            raise InputError(
+                "no row is complete yet",
+                where=f"{component}.{variable}",
+                hint="step() first, or read() what the slave has",
+            )
+        station = self._station(component)
+        k = int(station.beat.last[self._complete - 1])
+        for columns, rows in (
+            (station.output_columns, station.outputs),
+            (station.input_columns, station.inputs(self._complete)),
+        ):
+            for j, column in enumerate(columns):
+                if column.name == variable:
+                    return station.values(rows[k : k + 1, j : j + 1], [column])[0][0]
+        known = [c.name for c in (*station.output_columns, *station.input_columns)]
+        raise InputError.unknown("signal", variable, known, where=f"component {component!r}")
+
+    def set(self, component: str, variable: str, value: Any) -> None:
+        """Set a tunable parameter, or an input that nothing is connected to.
+
+        Raises
+        ------
+        InputError : what cannot be set now, or a connected input.
+        """
+        station = self._station(component)
+        if any(column.name == variable for column in station.input_columns):
+            raise InputError(
+                "this input is connected: what is set is overwritten at the next point",
+                where=f"{component}.{variable}",
+                hint="override() it, or set what drives it",
+            )
+        station.slave.write({variable: value})
+
+    def override(self, component: str, variable: str, value: float) -> None:
+        """From now on, `value` in place of an output or connected input."""
+        self._adjust(component, variable, Adjustment(0.0, value))
+
+    def bias(self, component: str, variable: str, offset: float, factor: float = 1.0) -> None:
+        """From now on, factor * value + offset in place of an output or connected input."""
+        self._adjust(component, variable, Adjustment(factor, offset))
+
+    def release(self, component: str, variable: str) -> None:
+        """From now on, an output or connected input as it comes."""
+        self._adjust(component, variable, None)
+
+    def snapshot(self) -> Snapshot:
+        """The whole run as it stands: every slave's state, the rows, what is overridden.
+
+        Raises
+        ------
+        InputError : a component whose FMU cannot save its state, named.
+        """
+        self._check_open()
+        return Snapshot.take(
+            fingerprint(self.system, self._wiring),
+            self._wiring,
+            self._complete,
+            dict(self._adjustments),
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot, of this session or of another one of the same system.
+
+        Raises
+        ------
+        InputError : a snapshot of another system; an observer, such as a trace, that has seen
+            rows which would come about anew.
+        """
+        snapshot.check(fingerprint(self.system, self._wiring))
+        self._journal.rewind(snapshot.complete)
+        snapshot.put_back(self.system, self._wiring)
+        self._complete = snapshot.complete
+        self._adjustments = dict(snapshot.adjustments)
+        self._ending = self._reason = self._halt = None
+        self._rebuild()
+
+    def result(self) -> Run:
+        """What has happened so far; "stopped" for a run that has not ended by itself."""
+        points = self.system.timetable.points_ns
+        return Run(
+            self._ending or "stopped",
+            self._reason if self._ending else f"stopped at t = {self.time_s:g} s",
+            points[: self._complete],
+            self._wiring.stations,
+            self._choice,
+        )
+
+    def _go(self, last: int, stop: Condition | None = None, pace: Pace | None = None) -> bool:
+        self._check_open()
+        points = self.system.timetable.points_ns
+        while self._ending is None and self._complete < last:
+            first = self._complete
+            most = 1 if stop is not None else self._stretch.points
+            if pace is not None:
+                most = min(most, pace.wait(points, first))
+            self._advance(first, min(last, first + most))
+            if pace is not None:
+                pace.done(points, first, self._complete)
+            if stop is not None and self._complete > first and stop(self):
+                return True
+        return False
+
+    def _advance(self, first: int, last: int) -> None:
+        began = time.perf_counter()
+        halt = self._engine.advance(first, last)
+        self._complete = last if halt is None else halt.complete
+        if halt is not None:
+            self._halt = halt
+            self._ending, self._reason = ending_of(self.system, self._wiring, halt)
+        elif last == self.system.timetable.points_ns.size:
+            self._ending = "finished"
+        # what is said in a step from a point out of range is void, like the step
+        self._journal.hand_on(self._complete, said_after=halt is None or halt.what != "range")
+        self._stretch.took(last - first, time.perf_counter() - began)
+        if self._ending is not None:
+            self._conclude()
+
+    def _conclude(self) -> None:
+        points, halt = self.system.timetable.points_ns, self._halt
+        level = {"finished": "info", "stopped": "info"}.get(self._ending or "", "error")
+        last = halt.k if self._ending == "failed" and halt else max(self._complete - 1, 0)
+        self._journal.where = lambda: (self._complete, int(points[last]))
+        self._journal.note("master", level, self._reason or "the end is reached")
+
+    def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
+        column = self._column(component, variable)
+        if by is None:
+            self._adjustments.pop(column, None)
+        else:
+            self._adjustments[column] = by
+        self._rebuild()
+
+    def _column(self, component: str, variable: str) -> int:
+        station = self._station(component)
+        first = self._wiring.first_output(station)
+        for columns, start in (
+            (station.output_columns, first),
+            (station.input_columns, station.input_column),
+        ):
+            for j, column in enumerate(columns):
+                if column.name == variable and column.port.kind == "string":
+                    raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
+                if column.name == variable:
+                    return start + j
+        known = [c.name for c in (*station.output_columns, *station.input_columns)]
+        raise InputError.unknown(
+            "output or connected input", variable, known, where=f"component {component!r}"
+        )
+
+    def _station(self, component: str) -> Station:
+        if component not in self.system.components:
+            raise InputError.unknown("component", component, self.system.components)
+        return self._wiring.station(component)
+
+    def _rebuild(self) -> None:
+        for station in self._wiring.stations:
+            for number, route in enumerate(station.routes):
+                if any(int(column) in self._adjustments for column in route.targets):
+                    station.move(number, self._complete)
+        program = make_program(self.system, self._wiring, self._adjustments)
+        self._engine = build(self._choice.name, program)
+        self._journal.where = self._where
+
+    def _where(self) -> tuple[int, int]:
+        k, complete = self._engine.where()
+        return k + complete, int(self.system.timetable.points_ns[k])
+
+    def _check_open(self) -> None:
+        if not hasattr(self, "_engine"):
+            raise InputError("the session is not open", where="Session", hint="with Session(...)")
