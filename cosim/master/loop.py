@@ -75,7 +75,7 @@ def simulate(
     try:
         with ExitStack() as stack:
             for name, component in system.components.items():
-                note = functools.partial(journal.note, name)
+                note = functools.partial(_note, journal, name)
                 slave = stack.enter_context(FmuSlave(component.description, name, note))
                 slave.initialise(component.parameters, 0.0, int(points[-1]) / 1e9)
                 by_name[name].slave = slave
@@ -86,6 +86,10 @@ def simulate(
     finally:
         journal.close()  # what slaves say while they end
     return run
+
+
+def _note(journal: Journal, name: str, level: str, message: str, _category: str) -> None:
+    journal.note(name, level, message)
 
 
 def _loop(

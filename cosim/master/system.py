@@ -147,6 +147,12 @@ def _check(system: System) -> None:
     _check_driven(system, taken)
     irregular = np.unique(np.diff(system.timetable.points_ns)).size > 1
     for name, component in system.components.items():
+        if component.description.version != "2.0":
+            raise InputError(
+                "the loop runs FMUs of FMI 2.0",
+                where=f"component {name!r} ({component.description.path.name})",
+                got=f"FMI {component.description.version}",
+            )
         if irregular and not component.description.variable_step:
             raise InputError(
                 "this FMU takes steps of one size only",
@@ -165,7 +171,7 @@ def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
                 where=where,
                 got=f"{source.causality} -> {target.causality}",
             )
-        if source.kind is None or source.kind != target.kind:
+        if source.kind in (None, "string") or source.kind != target.kind:
             raise InputError(
                 "the types of the two ends do not fit",
                 where=where,

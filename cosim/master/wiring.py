@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
-from cosim.fmu import FmuSlave, Port
-from cosim.fmu.description import SignalKind
+from cosim.fmu import FmuSlave, Port, SignalKind
 from cosim.master.system import Component, Connection, Endpoint, System
 from cosim.network import PacketLink, TransportLink
 
@@ -208,7 +207,7 @@ def wire(system: System) -> Wiring:
 def _outputs(component: Component) -> tuple[list[Port], int]:
     """Outputs, those first that do not wait for inputs, types together; how many those are."""
     ports = component.description.ports.values()
-    recorded = [p for p in ports if p.causality == "output" and p.kind is not None]
+    recorded = [p for p in ports if p.causality == "output" and p.kind in _KINDS]
     prompt = [p for p in recorded if not p.feedthrough]
     direct = [p for p in recorded if p.feedthrough]
     return [*_by_kind(prompt), *_by_kind(direct)], len(prompt)

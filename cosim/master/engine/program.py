@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cosim.master.system import System
 from cosim.master.wiring import Group, Route, Rows, Station, Wiring
 
+_TYPES = {"float": "Real", "int": "Integer", "bool": "Boolean"}
 WARNING = 1
 """Greatest fmi2Status with which a run goes on: OK is 0, Warning 1."""
 
@@ -139,7 +140,7 @@ class _Maker:
         reals = group.kind == "float"
         return Call(
             station=number,
-            function=slave.address(way, group.kind),
+            function=slave.address(way, _TYPES[group.kind]),
             component=slave.component,
             references=group.references,
             column=column,
