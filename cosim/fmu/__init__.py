@@ -1,6 +1,18 @@
 """FMUs from the outside: describe, load, call."""
 
-from cosim.fmu.description import FmuDescription, Port, describe_fmu
-from cosim.fmu.slave import Bundle, FmuSlave
+from cosim.fmu.description import FmuDescription, describe_fmu
+from cosim.fmu.messages import LogSink
+from cosim.fmu.port import Port, SignalKind
+from cosim.fmu.slave import FmuSlave, StepResults
+from cosim.fmu.state import State
 
-__all__ = ["Bundle", "FmuDescription", "FmuSlave", "Port", "describe_fmu"]
+__all__ = [
+    "FmuDescription",
+    "FmuSlave",
+    "LogSink",
+    "Port",
+    "SignalKind",
+    "State",
+    "StepResults",
+    "describe_fmu",
+]

@@ -3,53 +3,29 @@
 from __future__ import annotations
 
 import hashlib
-import math
+import io
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
 from fmpy import read_model_description
+from lxml import etree
 
 from cosim.errors import InputError
+from cosim.fmu.port import CARRIERS, Port, parsed, parsed_start
 
-SignalKind = Literal["float", "int", "bool", "string"]
-_TYPES: Mapping[str, tuple[SignalKind, str, str]] = MappingProxyType(
-    {
-        "Real": ("float", "Real", "f8"),
-        "Integer": ("int", "Integer", "i4"),
-        "Enumeration": ("int", "Integer", "i4"),
-        "Boolean": ("bool", "Boolean", "i4"),
-        "String": ("string", "String", "S"),
-    }
-)
+__all__ = ["FmiVersion", "FmuDescription", "describe_fmu"]
 
-
-@dataclass(frozen=True, slots=True)
-class Port:
-    """A variable as the master sees it; `kind` is None for what it cannot exchange."""
-
-    name: str
-    reference: int
-    causality: str
-    variability: str
-    kind: SignalKind | None
-    unit: str | None
-    start: float | None
-    minimum: float | None
-    maximum: float | None
-    description: str | None
-    feedthrough: bool  # an output that some input reaches without delay
-    getter_type: str = "Real"
-    c_type: str = "f8"
-    shape: tuple[int, ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Number of scalars."""
-        return math.prod(self.shape)
+FmiVersion = Literal["2.0", "3.0"]
+_INTERFACES = {
+    "coSimulation": "co-simulation",
+    "modelExchange": "model exchange",
+    "scheduledExecution": "scheduled execution",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +36,9 @@ class FmuDescription:
     ----------
     path, sha256 : the file and the hash of its bytes.
     model : fmpy's model description.
-    ports : variable name -> Port.
+    ports : variable name -> Port; FMI 3's aliases are variables of their own.
     xml : modelDescription.xml as it stands in the FMU.
+    version : of FMI; a 3.0.1 is a 3.0.
     """
 
     path: Path
@@ -69,16 +46,37 @@ class FmuDescription:
     model: Any
     ports: Mapping[str, Port]
     xml: bytes
-
-    @property
-    def version(self) -> Literal["2.0", "3.0"]:
-        """Of FMI."""
-        return "2.0"
+    version: FmiVersion
 
     @property
     def variable_step(self) -> bool:
         """Whether the FMU takes communication steps of changing size."""
         return bool(self.model.coSimulation.canHandleVariableCommunicationStepSize)
+
+    @property
+    def can_get_and_set_state(self) -> bool:
+        """Whether its state can be saved and restored."""
+        return bool(self.model.coSimulation.canGetAndSetFMUstate)
+
+    @property
+    def can_serialize_state(self) -> bool:
+        """Whether a saved state can be turned into bytes."""
+        return bool(self.model.coSimulation.canSerializeFMUstate)
+
+    @property
+    def can_interpolate_inputs(self) -> bool:
+        """Whether it takes derivatives of its inputs (FMI 2)."""
+        return bool(self.model.coSimulation.canInterpolateInputs)
+
+    @property
+    def can_be_instantiated_only_once(self) -> bool:
+        """Whether there may be only one instance of it in a process at a time."""
+        return bool(self.model.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+
+    @property
+    def needs_execution_tool(self) -> bool:
+        """Whether it is a way to another program, which must be there."""
+        return bool(self.model.coSimulation.needsExecutionTool)
 
     def port(self, name: str, *, where: str) -> Port:
         """The variable `name`; an `InputError` with the nearest names if there is none."""
@@ -87,9 +85,38 @@ class FmuDescription:
             raise InputError.unknown("variable", name, self.ports, where=where)
         return found
 
+    def resized(self, parameters: Mapping[str, Any]) -> FmuDescription:
+        """The description whose arrays have the lengths that structural parameters give them.
+
+        Parameters
+        ----------
+        parameters : values of variables; those that are no structural parameter do not matter.
+
+        Raises
+        ------
+        InputError : a length that is no positive integer.
+        """
+        lengths = {d for p in self.ports.values() for d in p.dimensions if isinstance(d, str)}
+        if not lengths & set(parameters):
+            return self
+        values = {}
+        for name in lengths:
+            value = parameters.get(name, self.ports[name].start)
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not number or value != value // 1 or value < 1:
+                raise InputError(
+                    f"{name} is no length of an array",
+                    where=str(self.path),
+                    expected="a positive integer",
+                    got=repr(value),
+                )
+            values[name] = int(value)
+        ports = {name: port.resized(values) for name, port in self.ports.items()}
+        return replace(self, ports=MappingProxyType(ports))
+
 
 def describe_fmu(path: Path) -> FmuDescription:
-    """Read and validate the model description of an FMU 2.0 for co-simulation.
+    """Read and validate the model description of an FMU for co-simulation, FMI 2.0 or 3.0.
 
     Raises
     ------
@@ -99,61 +126,145 @@ def describe_fmu(path: Path) -> FmuDescription:
     if not path.is_file():
         raise InputError("no such FMU", where=str(path), hint="build it: python build_fmu.py")
     try:
-        with zipfile.ZipFile(path) as archive:
+        content = path.read_bytes()
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
             xml = archive.read("modelDescription.xml")
-        model = read_model_description(str(path))
+        model = read_model_description(io.BytesIO(content))
+        version = _version(model, path)
+        ports = _ports(model, xml, version)
+    except InputError:
+        raise
     except Exception as error:  # fmpy and zipfile raise many kinds; each means the same here
         raise InputError(
-            "not a valid FMU", where=str(path), expected="an FMU 2.0", got=str(error)
+            "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
-    if model.fmiVersion != "2.0" or model.coSimulation is None:
-        offered = [k for k in ("coSimulation", "modelExchange") if getattr(model, k, None)]
+    digest = hashlib.sha256(content).hexdigest()
+    return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version)
+
+
+def _version(model: Any, path: Path) -> FmiVersion:
+    """The FMI version of an FMU that can be run here."""
+    if model.fmiVersion == "1.0":
+        raise InputError(
+            "an FMU of FMI 1.0 cannot be run",
+            where=str(path),
+            expected="FMI 2.0 or 3.0 for co-simulation",
+            got="FMI 1.0",
+            hint="export it again: FMI 2.0 replaced FMI 1.0 in 2014",
+        )
+    if model.coSimulation is None:
+        offered = [words for key, words in _INTERFACES.items() if getattr(model, key, None)]
         raise InputError(
             "this FMU cannot be run",
             where=str(path),
-            expected="FMI 2.0 for co-simulation",
-            got=f"FMI {model.fmiVersion}, {', '.join(offered) or 'neither type'}",
+            expected="co-simulation, where the FMU brings its own solver",
+            got=f"FMI {model.fmiVersion}, {' and '.join(offered) or 'no interface'} only",
+            hint="export it for co-simulation",
         )
-    direct = _outputs_with_feedthrough(model)
+    return "2.0" if model.fmiVersion == "2.0" else "3.0"
+
+
+def _ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Port]:
+    direct = _direct(model)
+    words = _Words(xml) if version == "3.0" else None
+    names = {v.valueReference: v.name for v in reversed(model.modelVariables)}
     ports = {}
     for variable in model.modelVariables:
-        start = variable.start
-        kind, getter_type, c_type = _TYPES.get(variable.type, (None, "", ""))
+        carrier = CARRIERS[version][variable.type]
+        number = carrier.kind in ("float", "int")
+        low, high = _range(variable, words) if number else (None, None)
+        declared = variable.declaredType
+        shape = tuple(variable.shape or ())
+        start = [] if variable.start is None else [str(variable.start)]
+        if words is not None:
+            start = words.start(variable, shape)
+        if shape and len(start) > 1 and len(start) != prod(shape):
+            raise ValueError(
+                f"{variable.name} has {len(start)} start values for {prod(shape)} elements"
+            )
         ports[variable.name] = Port(
             name=variable.name,
             reference=variable.valueReference,
             causality=variable.causality,
             variability=variable.variability,
-            kind=kind,
-            unit=variable.unit
-            or (variable.declaredType.unit if variable.declaredType is not None else None),
-            start=None if start is None or kind in (None, "string") else _number(start),
-            minimum=None if variable.min is None else _number(variable.min),
-            maximum=None if variable.max is None else _number(variable.max),
+            kind=carrier.kind,
+            unit=variable.unit or (declared.unit if declared is not None else None),
+            start=parsed_start(carrier.kind, start, shape),
+            minimum=None if low is None or carrier.kind is None else parsed(carrier.kind, low),
+            maximum=None if high is None or carrier.kind is None else parsed(carrier.kind, high),
             description=variable.description,
-            feedthrough=variable.name in direct,
-            getter_type=getter_type,
-            c_type=c_type,
+            feedthrough=(variable.name if version == "2.0" else variable.valueReference) in direct,
+            getter_type=carrier.getter_type,
+            c_type=carrier.c_type,
+            shape=shape,
+            dimensions=tuple(
+                d.start if d.start is not None else names[d.valueReference]
+                for d in variable.dimensions
+            ),
+            initial=variable.initial,
+            items=_items(variable),
         )
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return FmuDescription(path, digest, model, MappingProxyType(ports), xml)
+    return ports
 
 
-def _outputs_with_feedthrough(model: Any) -> set[str]:
-    """Outputs with a direct dependency on an input; undeclared dependencies mean all."""
-    names = set()
+class _Words:
+    """What fmpy's reader leaves out of an FMI 3 description, from the XML itself."""
+
+    def __init__(self, xml: bytes) -> None:
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+        found = etree.fromstring(xml, parser).find("ModelVariables")
+        self._elements = {} if found is None else {v.get("name"): v for v in found}
+
+    def get(self, variable: Any, attribute: str) -> str | None:
+        """An attribute of a variable, or of the one that it is an alias of."""
+        value = self._element(variable).get(attribute)
+        return None if value is None else str(value)
+
+    def start(self, variable: Any, shape: tuple[int, ...]) -> list[str]:
+        """Every start value: texts stand in elements of their own, numbers in one attribute."""
+        element = self._element(variable)
+        if variable.type == "String":
+            return [str(s.get("value")) for s in element.findall("Start")]
+        text = element.get("start")
+        if text is None:
+            return []
+        return str(text).split() if shape else [str(text)]
+
+    def _element(self, variable: Any) -> Any:
+        return self._elements[(variable.alias or variable).name]
+
+
+def _range(variable: Any, words: _Words | None) -> tuple[str | None, str | None]:
+    """The least and greatest value, of the variable or else of its type."""
+    low, high = variable.min, variable.max
+    if words is not None:
+        low, high = words.get(variable, "min"), words.get(variable, "max")
+    declared = variable.declaredType
+    if declared is not None:
+        low = declared.min if low is None else low
+        high = declared.max if high is None else high
+    return low, high
+
+
+def _items(variable: Any) -> tuple[int, ...]:
+    declared = variable.declaredType
+    if variable.type != "Enumeration" or declared is None:
+        return ()
+    return tuple(int(item.value) for item in declared.items)
+
+
+def _direct(model: Any) -> set[Any]:
+    """Outputs with a direct dependency on an input; undeclared dependencies mean all.
+
+    By name in FMI 2, where two variables may share a reference; by reference in FMI 3.
+    """
+    by_name = model.fmiVersion == "2.0"
+    found = set()
     for unknown in model.outputs:
-        dependencies = unknown.dependencies
+        dependencies: Iterable[Any] | None = unknown.dependencies
         if dependencies is None:
-            if any(v.causality == "input" for v in model.modelVariables):
-                names.add(unknown.variable.name)
-        elif any(v.causality == "input" for v in dependencies):
-            names.add(unknown.variable.name)
-    return names
-
-
-def _number(text: Any) -> float:
-    lowered = str(text).strip().lower()
-    if lowered in ("true", "false"):
-        return 1.0 if lowered == "true" else 0.0
-    return float(lowered)
+            dependencies = model.modelVariables
+        if any(v.causality == "input" for v in dependencies):
+            variable = unknown.variable
+            found.add(variable.name if by_name else variable.valueReference)
+    return found

@@ -74,7 +74,7 @@ class _Party:
 
     def __init__(self, station: Station) -> None:
         self._station = station
-        self._routes = [route for route in station.routes if route.row[0] == 0]
+        self._routes = [route for route in station.routes if route.row[0] >= 0]
         numbers = {station.routes.index(route) for route in self._routes}
         self.takes = [
             Exchange(station, group, "set")

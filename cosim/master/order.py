@@ -13,6 +13,9 @@ from cosim.network import TransportLink
 def receiving_order(system: System) -> tuple[str, ...]:
     """Receivers after the senders whose outputs follow their inputs at the same point.
 
+    Under Gauss-Seidel, also after all others that they are wired to, where that goes without a
+    contradiction: in a loop somebody begins, the one that is named first.
+
     Raises
     ------
     InputError : an algebraic loop, named by its components, or a given order that contradicts.
@@ -21,15 +24,19 @@ def receiving_order(system: System) -> tuple[str, ...]:
     for c in system.connections:
         if system.port(c.source).feedthrough and _at_once(system, c.link):
             waits[c.target.component].add(c.source.component)
-    found = _sorted(waits)
-    if system.order is None:
-        return found
-    _check_given(system.order, waits)
-    return tuple(system.order)
+    _check_loops(waits)
+    if system.order is not None:
+        _check_given(system.order, waits)
+        return tuple(system.order)
+    likes: dict[str, set[str]] = {name: set() for name in system.components}
+    if system.algorithm == "gauss-seidel":
+        for c in system.connections:
+            if c.link is None and c.source.component != c.target.component:
+                likes[c.target.component].add(c.source.component)
+    return _sorted(waits, likes)
 
 
-def _sorted(waits: Mapping[str, set[str]]) -> tuple[str, ...]:
-    """Those first that wait for nobody, otherwise as given."""
+def _check_loops(waits: Mapping[str, set[str]]) -> None:
     try:
         TopologicalSorter(waits).prepare()
     except CycleError as error:
@@ -40,12 +47,17 @@ def _sorted(waits: Mapping[str, set[str]]) -> tuple[str, ...]:
             # a transport link passes the initial value on at the start, which is a loop still
             hint="put a packet link with a delay into the loop",
         ) from error
+
+
+def _sorted(waits: Mapping[str, set[str]], likes: Mapping[str, set[str]]) -> tuple[str, ...]:
+    """Those first that wait for nobody, and like to wait for nobody; otherwise as given."""
     order: list[str] = []
     left = list(waits)
     while left:
-        ready = next(name for name in left if waits[name] <= set(order))
-        left.remove(ready)
-        order.append(ready)
+        ready = [name for name in left if waits[name] <= set(order)]
+        chosen = next((name for name in ready if likes[name] <= set(order)), ready[0])
+        left.remove(chosen)
+        order.append(chosen)
     return tuple(order)
 
 

@@ -94,6 +94,7 @@ class Session:
         self._stack = ExitStack()
         self._stretch = _Stretch()
         self._adjustments: dict[int, Adjustment] = {}
+        self._may_go_back = False
         self._complete = 0
         self._ending: Ending | None = None
         self._reason: str | None = None
@@ -104,7 +105,7 @@ class Session:
     def __enter__(self) -> Self:
         try:
             for name, component in self.system.components.items():
-                note = functools.partial(self._journal.note, name)
+                note = functools.partial(self._note, name)
                 slave = self._stack.enter_context(FmuSlave(component.description, name, note))
                 self._wiring.station(name).slave = slave
             self.initial_passes = initialise(self.system, self._wiring)
@@ -233,20 +234,27 @@ class Session:
         """From now on, an output or connected input as it comes."""
         self._adjust(component, variable, None)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self, *, portable: bool = False) -> Snapshot:
         """The whole run as it stands: every slave's state, the rows, what is overridden.
+
+        `portable` : states as bytes, for `Snapshot.save` and for other sessions.
 
         Raises
         ------
-        InputError : a component whose FMU cannot save its state, named.
+        InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
-        self._check_open()
-        return Snapshot.take(
+        self._check_going()
+        found = Snapshot.take(
             fingerprint(self.system, self._wiring),
             self._wiring,
             self._complete,
             dict(self._adjustments),
+            portable=portable,
         )
+        if not self._may_go_back:  # from here on, slaves are told so at each step
+            self._may_go_back = True
+            self._rebuild()
+        return found
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot, of this session or of another one of the same system.
@@ -347,9 +355,14 @@ class Session:
             for number, route in enumerate(station.routes):
                 if any(int(column) in self._adjustments for column in route.targets):
                     station.move(number, self._complete)
-        program = make_program(self.system, self._wiring, self._adjustments)
+        program = make_program(
+            self.system, self._wiring, self._adjustments, may_go_back=self._may_go_back
+        )
         self._engine = build(self._choice.name, program)
         self._journal.where = self._where
+
+    def _note(self, name: str, level: str, message: str, _category: str) -> None:
+        self._journal.note(name, level, message)
 
     def _where(self) -> tuple[int, int]:
         k, complete = self._engine.where()
@@ -358,3 +371,10 @@ class Session:
     def _check_open(self) -> None:
         if not hasattr(self, "_engine"):
             raise InputError("the session is not open", where="Session", hint="with Session(...)")
+
+    def _check_going(self) -> None:
+        self._check_open()
+        if self._ending in ("failed", "diverged"):
+            raise InputError(
+                "the run cannot go on: nothing is left to save", where="Session", got=self._reason
+            )

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
 
 from cosim.errors import InputError
+from cosim.fmu import State
 from cosim.master.engine import Adjustment
 from cosim.master.stations import Rows
 from cosim.master.system import System
@@ -28,7 +34,7 @@ def fingerprint(system: System, wiring: Wiring) -> str:
     return digest.hexdigest()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Snapshot:
     """What `Session.snapshot` gives.
 
@@ -37,7 +43,8 @@ class Snapshot:
     system : fingerprint of the system it belongs to.
     complete : number of complete rows.
     rows : those rows, and the one after them as far as it is there.
-    states : per component.
+    texts : the texts that rows name by number.
+    states : per component: a state of this session's slave, or, portable, bytes.
     adjustments : by column.
     """
 
@@ -45,24 +52,30 @@ class Snapshot:
     complete: int
     rows: Rows
     texts: Sequence[str]
-    states: Mapping[str, Any]
+    states: Mapping[str, State | bytes]
     adjustments: Mapping[int, Adjustment]
 
     @classmethod
     def take(
-        cls, system: str, wiring: Wiring, complete: int, adjustments: Mapping[int, Adjustment]
+        cls,
+        system: str,
+        wiring: Wiring,
+        complete: int,
+        adjustments: Mapping[int, Adjustment],
+        *,
+        portable: bool,
     ) -> Snapshot:
         """Save the state of every slave."""
+        states: dict[str, State | bytes] = {}
         for station in wiring.stations:
             station.inputs(complete)
-        return cls(
-            system,
-            complete,
-            wiring.rows[: complete + 1].copy(),
-            wiring.texts.all(),
-            {station.name: station.slave.snapshot() for station in wiring.stations},
-            adjustments,
-        )
+            state = station.slave.snapshot()
+            states[station.name] = state
+            if portable:
+                states[station.name] = station.slave.serialised(state)
+                station.slave.free(state)
+        rows = wiring.rows[: complete + 1].copy()
+        return cls(system, complete, rows, wiring.texts.all(), states, adjustments)
 
     def check(self, system: str) -> None:
         """Refuse a snapshot of another system."""
@@ -77,7 +90,67 @@ class Snapshot:
         """Restore every slave, and the rows."""
         wiring.texts.learn(self.texts)
         for station in wiring.stations:
-            station.slave.restore(self.states[station.name])
+            saved = self.states[station.name]
+            if isinstance(saved, bytes):
+                state = station.slave.deserialise(saved)
+                station.slave.restore(state)
+                station.slave.free(state)
+            else:
+                station.slave.restore(saved)
             station.forget(self.complete)
         wiring.rows[: self.rows.shape[0]] = self.rows
-        wiring.begin_again(system, self.complete + 1)
+        wiring.begin_again(system, self.rows.shape[0])
+
+    def save(self, path: Path) -> None:
+        """Write a portable snapshot to a file (NumPy's .npz).
+
+        Raises
+        ------
+        InputError : it is not portable.
+        """
+        if not all(isinstance(state, bytes) for state in self.states.values()):
+            raise InputError(
+                "this snapshot is bound to its session",
+                where=str(path),
+                hint="take it with session.snapshot(portable=True)",
+            )
+        about = {
+            "system": self.system,
+            "complete": self.complete,
+            "texts": list(self.texts),
+            "components": list(self.states),
+            "adjustments": {str(c): list(a) for c, a in self.adjustments.items()},
+        }
+        states: dict[str, Any] = {
+            f"state{i}": np.frombuffer(cast("bytes", state), np.uint8)
+            for i, state in enumerate(self.states.values())
+        }
+        with path.open("wb") as stream:
+            np.savez(stream, about=np.array(json.dumps(about)), rows=self.rows, **states)
+
+    @classmethod
+    def load(cls, path: Path) -> Snapshot:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InputError : no such file, or not a snapshot.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as found:
+                about = json.loads(str(found["about"]))
+                states = {
+                    name: found[f"state{i}"].tobytes() for i, name in enumerate(about["components"])
+                }
+                rows = found["rows"]
+            adjustments = {int(c): Adjustment(*a) for c, a in about["adjustments"].items()}
+            return cls(
+                about["system"], about["complete"], rows, about["texts"], states, adjustments
+            )
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise InputError(
+                "not a snapshot",
+                where=str(path),
+                expected="a file that Snapshot.save wrote",
+                got=str(error),
+            ) from error

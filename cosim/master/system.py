@@ -153,12 +153,12 @@ def make_timetable(
         )
     grid = np.append(np.arange(0, end_ns, step_ns, dtype=np.int64), np.int64(end_ns))
     for every in every_ns:
-        if not step_ns <= every <= end_ns or (events == "grid" and every % step_ns):
+        if not 1 <= every <= end_ns or (events == "grid" and every % step_ns):
             raise InputError(
                 "a component's own step does not fit the run",
                 where="run",
-                expected="at least the communication step, at most the end"
-                + (", a multiple of the step" if events == "grid" else ""),
+                expected="0 < step <= end"
+                + (", a multiple of the communication step" if events == "grid" else ""),
                 got=f"{every / 1e9:g} s, step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
             )
         if events == "align":

@@ -128,6 +128,7 @@ class CompiledEngine:
                 line[kernel.FUNCTION] = operation.function
                 line[kernel.COMPONENT] = operation.component
                 line[kernel.RESULTS] = operation.results
+                line[kernel.COUNT] = operation.final
             case Call():
                 self._code_call(line, operation)
 

@@ -34,7 +34,8 @@ from numba.extending import intrinsic
     RESULTS,
 ) = range(16)
 """Columns of the table of operations. OFFSET and OWN in bytes; SCRATCH in elements of 8 bytes; of a
-move TABLE is its number, of an adjustment COUNT the number of its factor."""
+move TABLE is its number, of an adjustment COUNT the number of its factor, of a step COUNT is
+whether it is final."""
 FIELDS = 16
 (
     EXCHANGE_2,
@@ -94,31 +95,35 @@ def _exchange_3(
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _step_2(_typing: Any, function: Any, component: Any, now: Any, size: Any) -> Any:
-    """fmi2DoStep at an address, noSetFMUStatePriorToCurrentPoint true."""
-    del function, component, now, size
-    signature = types.int32(types.int64, types.int64, types.float64, types.float64)
+def _step_2(_typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any) -> Any:
+    """fmi2DoStep at an address; `final`: noSetFMUStatePriorToCurrentPoint."""
+    del function, component, now, size, final
+    signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int32)
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(_INT32, [_INT64, _DOUBLE, _DOUBLE, _INT32])
         function = builder.inttoptr(arguments[0], kind.as_pointer())
-        return builder.call(function, [*arguments[1:], ir.Constant(_INT32, 1)])
+        return builder.call(function, arguments[1:])
 
     return signature, generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _step_3(_typing: Any, function: Any, component: Any, now: Any, size: Any, said: Any) -> Any:
+def _step_3(
+    _typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any, said: Any
+) -> Any:
     """fmi3DoStep at an address; what it says lies at `said`: three C bools, a double at 8."""
-    del function, component, now, size, said
-    signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64)
+    del function, component, now, size, final, said
+    signature = types.int32(
+        types.int64, types.int64, types.float64, types.float64, types.int32, types.int64
+    )
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         # a C bool is passed as an int whose other bits are zero
         kind = ir.FunctionType(_INT32, [_INT64, _DOUBLE, _DOUBLE, _INT32, *[_INT64] * 4])
         function = builder.inttoptr(arguments[0], kind.as_pointer())
-        places = [builder.add(arguments[4], ir.Constant(_INT64, i)) for i in (0, 1, 2, 8)]
-        return builder.call(function, [*arguments[1:4], ir.Constant(_INT32, 1), *places])
+        places = [builder.add(arguments[5], ir.Constant(_INT64, i)) for i in (0, 1, 2, 8)]
+        return builder.call(function, [*arguments[1:5], *places])
 
     return signature, generate
 
@@ -335,7 +340,8 @@ def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
                         continue
                 if kind == STEP_2:
                     h = size if beat < 0 else (points[following] - points[k]) / 1e9
-                    status = _step_2(_field(p, FUNCTION), _field(p, COMPONENT), now, h)
+                    final = np.int32(_field(p, COUNT))
+                    status = _step_2(_field(p, FUNCTION), _field(p, COMPONENT), now, h, final)
                     way = STEP
                 elif kind <= LATE_3:
                     target = row + _field(p, OFFSET)
@@ -370,8 +376,8 @@ def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
                     continue
                 elif kind == STEP_3:
                     h = size if beat < 0 else (points[following] - points[k]) / 1e9
-                    said = _field(p, RESULTS)
-                    status = _step_3(_field(p, FUNCTION), _field(p, COMPONENT), now, h, said)
+                    said, final = _field(p, RESULTS), np.int32(_field(p, COUNT))
+                    status = _step_3(_field(p, FUNCTION), _field(p, COMPONENT), now, h, final, said)
                     way = STEP
                     if status <= 1 and _byte(said + 1) != 0:
                         way, status = END, 2

@@ -133,9 +133,10 @@ class _Writer:
         if self._program.beats[step.station] is not None:
             size = f"{self._sizes(step.station)}[k]"
         if step.version == "2.0":
-            return _refusable(number, f"step{number}({component}, now, {size}, 1)")
+            return _refusable(number, f"step{number}({component}, now, {size}, {int(step.final)})")
         at = step.results
-        text = f"step{number}({component}, now, {size}, 1, {at}, {at + 1}, {at + 2}, {at + 8})"
+        said = ", ".join(str(at + place) for place in (0, 1, 2, 8))
+        text = f"step{number}({component}, now, {size}, {int(step.final)}, {said})"
         self.names[f"said{number}"] = _flag(at + 1)
         asks = f"if said{number}[0]: return k, {number}, {ENDED}"
         return [*_refusable(number, text), asks]

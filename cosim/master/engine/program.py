@@ -92,13 +92,18 @@ class Adjust:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A step of a station; `results` is where an FMI 3.0 slave writes what it says of it."""
+    """A step of a station.
+
+    `results` is where an FMI 3.0 slave writes what it says of it; `final` promises the slave that
+    no state from before the step will be restored.
+    """
 
     station: int
     function: int
     component: int
     version: str
     results: int
+    final: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +160,18 @@ class Program:
 
 
 def make_program(
-    system: System, wiring: Wiring, adjustments: Mapping[int, Adjustment] | None = None
+    system: System,
+    wiring: Wiring,
+    adjustments: Mapping[int, Adjustment] | None = None,
+    *,
+    may_go_back: bool = False,
 ) -> Program:
     """The program of a wiring whose stations have their slaves.
 
     `adjustments` : by column of the rows; the stations' routes that bring such columns are
-    to be moved ones (`Station.move`).
+    to be moved ones (`Station.move`). `may_go_back` : saved states may be restored.
     """
-    maker = _Maker(wiring.stations, adjustments or {})
+    maker = _Maker(wiring.stations, adjustments or {}, final=not may_go_back)
     opening, point, closing = (
         maker.gauss_seidel() if system.algorithm == "gauss-seidel" else maker.jacobi(system)
     )
@@ -187,10 +196,15 @@ class _Maker:
     """Turns stations into operations."""
 
     def __init__(
-        self, stations: tuple[Station, ...], adjustments: Mapping[int, Adjustment]
+        self,
+        stations: tuple[Station, ...],
+        adjustments: Mapping[int, Adjustment],
+        *,
+        final: bool,
     ) -> None:
         self._stations = stations
         self._adjustments = adjustments
+        self._final = final
 
     def jacobi(self, system: System) -> _Lists:
         exchange: list[Operation] = []
@@ -283,4 +297,4 @@ class _Maker:
         slave = self._stations[number].slave
         version = slave.description.version
         results = slave.step_results if version == "3.0" else 0
-        return Step(number, slave.address("step"), slave.component, version, results)
+        return Step(number, slave.address("step"), slave.component, version, results, self._final)

@@ -1,0 +1,144 @@
+"""The shared library of an FMU: where it lies, and its functions with their C types."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import fmpy
+
+from cosim.fmu.description import FmiVersion, FmuDescription
+from cosim.fmu.inspect.platforms import FMI2, this_machine
+
+PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType({"2.0": "fmi2", "3.0": "fmi3"})
+_TYPES: Final[Mapping[str, Any]] = MappingProxyType(
+    {
+        "p": ctypes.c_void_p,
+        "s": ctypes.c_char_p,
+        "i": ctypes.c_int,
+        "z": ctypes.c_size_t,
+        "d": ctypes.c_double,
+        "b": ctypes.c_bool,
+        "-": None,
+    }
+)
+_FMI2_TYPES = ("Real", "Integer", "Boolean", "String")
+_FMI3_TYPES = (
+    *("Float64", "Float32", "Boolean", "String"),
+    *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
+)
+_SIGNATURES: Final[Mapping[FmiVersion, Mapping[str, str]]] = MappingProxyType(
+    {
+        "2.0": {
+            "Instantiate": "p<sisspii",
+            "FreeInstance": "-<p",
+            "SetDebugLogging": "i<pizp",
+            "SetupExperiment": "i<piddid",
+            "EnterInitializationMode": "i<p",
+            "ExitInitializationMode": "i<p",
+            "Terminate": "i<p",
+            **{f"{way}{kind}": "i<ppzp" for way in ("Get", "Set") for kind in _FMI2_TYPES},
+            "DoStep": "i<pddi",
+            "GetBooleanStatus": "i<pip",
+            "GetFMUstate": "i<pp",
+            "SetFMUstate": "i<pp",
+            "FreeFMUstate": "i<pp",
+            "SerializedFMUstateSize": "i<ppp",
+            "SerializeFMUstate": "i<pppz",
+            "DeSerializeFMUstate": "i<ppzp",
+        },
+        "3.0": {
+            "InstantiateCoSimulation": "p<sssbbbbpzppp",
+            "FreeInstance": "-<p",
+            "SetDebugLogging": "i<pbzp",
+            "EnterConfigurationMode": "i<p",
+            "ExitConfigurationMode": "i<p",
+            "EnterInitializationMode": "i<pbddbd",
+            "ExitInitializationMode": "i<p",
+            "Terminate": "i<p",
+            **{f"{way}{kind}": "i<ppzpz" for way in ("Get", "Set") for kind in _FMI3_TYPES},
+            "DoStep": "i<pddbpppp",
+            "GetFMUState": "i<pp",
+            "SetFMUState": "i<pp",
+            "FreeFMUState": "i<pp",
+            "SerializedFMUStateSize": "i<ppp",
+            "SerializeFMUState": "i<pppz",
+            "DeserializeFMUState": "i<ppzp",
+        },
+    }
+)
+"""FMI version -> name without prefix -> result < arguments, each a letter of `_TYPES`."""
+_ALTERED_SEARCH_PATH = 0x8
+"""Windows looks for the libraries that a library needs beside it."""
+
+
+class Binary:
+    """The functions of a loaded library; what it lacks is said when it is asked for.
+
+    A foreign FMU may leave out functions that nobody calls, though the standard wants them all.
+    """
+
+    def __init__(self, library: Path, version: FmiVersion) -> None:
+        self._name = library.name
+        self._version = version
+        self._dll = ctypes.CDLL(str(library), winmode=_ALTERED_SEARCH_PATH)
+        self._functions: dict[str, Any] = {}
+
+    def function(self, name: str) -> Any:
+        """The function of that name, without prefix.
+
+        Raises
+        ------
+        AttributeError : the library has no such function.
+        """
+        found = self._functions.get(name)
+        if found is None:
+            found = self._dll[PREFIX[self._version] + name]
+            result, arguments = _SIGNATURES[self._version][name].split("<")
+            found.restype = _TYPES[result]
+            found.argtypes = [_TYPES[letter] for letter in arguments]
+            self._functions[name] = found
+        return found
+
+    def address(self, name: str) -> int:
+        """Address of the function of that name."""
+        return int(ctypes.cast(self.function(name), ctypes.c_void_p).value or 0)
+
+    def unload(self) -> None:
+        """Give the library back to the system; nothing of it may be called any more."""
+        self._functions.clear()
+        fmpy.freeLibrary(self._dll._handle)  # noqa: SLF001 - ctypes has no other name for it
+
+
+def library_of(description: FmuDescription, folder: Path) -> Path:
+    """The library for this machine among the unpacked files of an FMU.
+
+    Raises
+    ------
+    OSError : there is none, with what there is instead.
+    """
+    identifier = description.model.coSimulation.modelIdentifier
+    here = this_machine()
+    tuple_name = f"{here.architecture}-{here.system}"
+    short = [name for name, platform in FMI2.items() if platform == here]
+    folders = [*short, tuple_name] if description.version == "2.0" else [tuple_name]
+    binaries = folder / "binaries"
+    for name in folders:
+        library = binaries / name / f"{identifier}{here.suffix}"
+        if library.is_file():
+            return library
+        others = sorted(p.name for p in library.parent.glob(f"*{here.suffix}"))
+        if others:
+            raise OSError(
+                f"binaries/{name} holds {', '.join(others)}, but the model identifier is "
+                f"{identifier}"
+            )
+    platforms = sorted(p.name for p in binaries.glob("*") if p.is_dir())
+    raise OSError(
+        f"it has no binary for {folders[0]}, only for {', '.join(platforms)}"
+        if platforms
+        else f"it has no binary for {folders[0]}, nor for any other platform"
+    )

@@ -1,0 +1,263 @@
+"""One instance of an FMU: loaded, called, heard and freed; what its calls mean is the slave's."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Literal
+from weakref import WeakSet
+
+from cosim.errors import ComponentError, InputError
+from cosim.fmu.binary import PREFIX, Binary, library_of
+from cosim.fmu.description import FmuDescription
+from cosim.fmu.inspect.platforms import this_machine
+from cosim.fmu.messages import (
+    LEVELS,
+    LogSink,
+    fmi2_callbacks,
+    fmi3_logger,
+    forget,
+    listen,
+    with_names,
+)
+from cosim.fmu.phase import Phase
+from cosim.fmu.unpacked import unpacked
+
+WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
+"""fmi2Status and fmi3Status; 0 is OK."""
+_STATUS: Final = MappingProxyType({2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"})
+_CO_SIMULATION = 1
+_living: WeakSet[Instance] = WeakSet()
+
+
+class Instance:
+    """An instance between instantiation and the end.
+
+    Attributes
+    ----------
+    name : of the component.
+    description : of the FMU; array shapes follow the structural parameters once they are set.
+    version : of FMI.
+    component : address of the instance.
+    phase : where it stands.
+    last_error : the last message with a status beyond Warning.
+    """
+
+    def __init__(
+        self,
+        description: FmuDescription,
+        name: str,
+        log: LogSink,
+        *,
+        categories: Sequence[str] | None = None,
+    ) -> None:
+        self.name = name
+        self.description = description
+        self.version = description.version
+        self.phase: Phase = "instantiated"
+        self.last_error: str | None = None
+        self.component = 0
+        self._complaint: str | None = None
+        self._log = log
+        self._categories = categories
+        self._fatal = False
+        self._where = f"component {name!r} ({description.path.name})"
+        self._check_categories()
+        self._check_alone()
+        folder = unpacked(description)
+        self._resources = folder / "resources"
+        self._binary = self._loaded(folder)
+        self._environment = listen(name, self._heard)
+        try:
+            self._instantiate()
+        except BaseException:
+            self.end(terminate=False)
+            raise
+        _living.add(self)
+
+    def _check_categories(self) -> None:
+        known = {category.name for category in self.description.model.logCategories}
+        for category in self._categories or ():
+            if category not in known:
+                raise InputError.unknown("log category", category, known, where=self._where)
+
+    def _check_alone(self) -> None:
+        if not self.description.can_be_instantiated_only_once:
+            return
+        for other in _living:
+            if other.description.sha256 == self.description.sha256 and other.phase != "closed":
+                raise InputError(
+                    "this FMU can be instantiated only once in a process",
+                    where=self._where,
+                    got=f"component {other.name!r} is an instance of it",
+                    hint="one component of it per run; runs in processes of their own",
+                )
+
+    def _loaded(self, folder: Path) -> Binary:
+        try:
+            return Binary(library_of(self.description, folder), self.version)
+        except OSError as error:
+            here = this_machine()
+            sources = (folder / "sources").is_dir()
+            raise ComponentError(
+                "the FMU cannot be loaded",
+                where=f"component {self.name!r} ({self.description.path})",
+                expected=f"a library for {here.architecture} {here.system} that loads",
+                got=str(error),
+                hint="it brings its C sources: fmpy compile" if sources else None,
+            ) from error
+
+    def _instantiate(self) -> None:
+        create = self._create_fmi2 if self.version == "2.0" else self._create_fmi3
+        try:
+            self.component = int(create() or 0)
+        except AttributeError as error:
+            raise self._lacks(error) from error
+        if not self.component:
+            model = self.description.model
+            tool = self.description.needs_execution_tool
+            raise ComponentError(
+                "the FMU refuses to be instantiated",
+                where=self._where,
+                got=self.last_error or "no message",
+                hint=f"it needs a program to run in, made by: {model.generationTool or 'not said'}"
+                if tool
+                else None,
+            )
+        if self._categories is not None:
+            names = [category.encode() for category in self._categories]
+            array = (ctypes.c_char_p * len(names))(*names)
+            self.call("choosing log categories", "SetDebugLogging", bool(names), len(names), array)
+
+    def _create_fmi2(self) -> int | None:
+        self._callbacks = fmi2_callbacks(self._environment)
+        found: int | None = self._binary.function("Instantiate")(
+            self.name.encode(),
+            _CO_SIMULATION,
+            self.description.model.guid.encode(),
+            self._resources.as_uri().encode(),
+            ctypes.byref(self._callbacks),
+            0,
+            int(self._categories is None or bool(self._categories)),
+        )
+        return found
+
+    def _create_fmi3(self) -> int | None:
+        event_mode = early_return = visible = False
+        found: int | None = self._binary.function("InstantiateCoSimulation")(
+            self.name.encode(),
+            self.description.model.instantiationToken.encode(),
+            f"{self._resources}/".encode(),
+            visible,
+            self._categories is None or bool(self._categories),
+            event_mode,
+            early_return,
+            None,
+            0,
+            self._environment,
+            ctypes.cast(fmi3_logger, ctypes.c_void_p),
+            None,
+        )
+        return found
+
+    def _heard(self, status: int, category: str, message: str) -> None:
+        if self.version == "2.0" and "#" in message:
+            message = with_names(message, self._name_of)
+        if status >= DISCARD:
+            self.last_error = message
+        if status >= ERROR:
+            self._complaint = message
+        wanted = self._categories is None or category in self._categories
+        if wanted or status > WARNING:
+            self._log(LEVELS.get(status, "error"), message, category)
+
+    def _name_of(self, getter_type: str, reference: int) -> str | None:
+        for port in self.description.ports.values():
+            if (port.getter_type, port.reference) == (getter_type, reference):
+                return port.name
+        return None
+
+    def address(self, way: Literal["get", "set", "step"], getter_type: str = "") -> int:
+        """Address of fmiNGet..., fmiNSet... for variables of a type, or of fmiNDoStep.
+
+        Raises
+        ------
+        ComponentError : the FMU has no such function.
+        """
+        name = {"get": f"Get{getter_type}", "set": f"Set{getter_type}", "step": "DoStep"}[way]
+        try:
+            return self._binary.address(name)
+        except AttributeError as error:
+            raise self._lacks(error) from error
+
+    def call(self, what: str, function: str, *arguments: Any) -> None:
+        """Call an FMI function, named without prefix, on this instance.
+
+        Raises
+        ------
+        ComponentError : a status beyond Warning, or nothing may be called any more.
+        """
+        status = self.status_of(function, *arguments)
+        if status > WARNING:
+            raise self.refused(what, status)
+
+    def status_of(self, function: str, *arguments: Any) -> int:
+        """The status that an FMI function returns for this instance."""
+        if self._fatal or self.phase in ("failed", "closed"):
+            raise ComponentError(
+                f"{PREFIX[self.version]}{function} is called after the end",
+                where=self._where,
+                expected="nothing but close",
+                got=self.last_error,
+            )
+        try:
+            return int(self._binary.function(function)(self.component, *arguments))
+        except AttributeError as error:
+            raise self._lacks(error) from error
+
+    def refused(self, what: str, status: int) -> ComponentError:
+        """The error that a refusal stands for; only `close` is allowed after it.
+
+        After Fatal no instance of the FMU is called any more.
+        """
+        self.phase = "failed"
+        if status == FATAL:
+            for other in _living:
+                if other.description.sha256 == self.description.sha256:
+                    other.abandon()
+        word = _STATUS.get(status)
+        returned = f"returned {PREFIX[self.version]}{word}" if word else f"returned status {status}"
+        if status <= WARNING:
+            returned = "logged an error"
+        return ComponentError(f"{what} {returned}", where=self._where, got=self.last_error)
+
+    def abandon(self) -> None:
+        """Call nothing of this instance any more: one of its FMU has reported Fatal."""
+        self._fatal = True
+
+    def end(self, *, terminate: bool) -> None:
+        """Give the instance and its library back."""
+        self.phase = "closed"
+        try:
+            if terminate and not self._fatal:
+                status = self._binary.function("Terminate")(self.component)
+                if status > WARNING:
+                    self._log("warning", f"terminating the slave: status {status}", "")
+            if not self._fatal:  # it may have died in the meantime
+                if self.component:
+                    self._binary.function("FreeInstance")(self.component)
+                self._binary.unload()
+        except (AttributeError, OSError) as error:
+            self._log("warning", f"freeing the slave: {error}", "")
+        finally:
+            forget(self._environment)
+            _living.discard(self)
+
+    def _lacks(self, error: AttributeError) -> ComponentError:
+        return ComponentError(
+            "the FMU lacks a function that the standard asks for",
+            where=self._where,
+            got=str(error),
+        )

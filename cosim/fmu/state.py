@@ -1,0 +1,124 @@
+"""Saved states of an instance: taken, restored, freed, turned into bytes and back."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.fmu.phase import Phase
+from cosim.fmu.variables import WithVariables
+
+
+@dataclass(eq=False, slots=True)
+class State:
+    """A state that an instance keeps; only that instance can do something with it.
+
+    Attributes
+    ----------
+    pointer : the FMU's own handle; null once it is freed.
+    phase : of the instance when it was saved.
+    """
+
+    pointer: ctypes.c_void_p
+    phase: Phase
+
+    @property
+    def freed(self) -> bool:
+        """Whether it is gone."""
+        return not self.pointer
+
+
+class WithStates(WithVariables):
+    """An instance that can go back, if its FMU can."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._states: list[State] = []
+
+    def snapshot(self) -> State:
+        """Save the whole state of the slave; to be freed when it is of no more use.
+
+        Raises
+        ------
+        InputError : the FMU cannot do that.
+        ComponentError : the slave refuses.
+        """
+        self._check_capable(
+            able=self.description.can_get_and_set_state, flag="canGetAndSetFMU{}tate"
+        )
+        pointer = ctypes.c_void_p()
+        self.call("saving the state", self._stateful("Get{}"), ctypes.byref(pointer))
+        return self._kept(State(pointer, self.phase))
+
+    def restore(self, state: State) -> None:
+        """Go back to a saved state, which remains."""
+        self._check_own(state)
+        self.call("restoring a state", self._stateful("Set{}"), state.pointer)
+        self.phase = state.phase
+
+    def free(self, state: State) -> None:
+        """Give up a saved state; a second time is no matter."""
+        if not state.freed:
+            self._check_own(state)
+            self.call("freeing a state", self._stateful("Free{}"), ctypes.byref(state.pointer))
+            state.pointer = ctypes.c_void_p()
+            self._states.remove(state)
+
+    def serialised(self, state: State) -> bytes:
+        """A saved state as bytes."""
+        self._check_serialises()
+        self._check_own(state)
+        size = ctypes.c_size_t()
+        what = "serialising a state"
+        self.call(what, self._stateful("Serialized{}Size"), state.pointer, ctypes.byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        self.call(what, self._stateful("Serialize{}"), state.pointer, buffer, size.value)
+        return buffer.raw
+
+    def deserialise(self, content: bytes) -> State:
+        """A saved state from bytes that an instance of the same FMU made in the same phase."""
+        self._check_serialises()
+        pointer = ctypes.c_void_p()
+        name = "DeSerializeFMUstate" if self.version == "2.0" else "DeserializeFMUState"
+        self.call("reading a state", name, content, len(content), ctypes.byref(pointer))
+        return self._kept(State(pointer, self.phase))
+
+    def _stateful(self, name: str) -> str:
+        return name.format("FMUstate" if self.version == "2.0" else "FMUState")
+
+    def _kept(self, state: State) -> State:
+        self._states.append(state)
+        return state
+
+    def _check_own(self, state: State) -> None:
+        if state not in self._states:
+            raise InputError(
+                "this state is not one of the slave's",
+                where=self._input,
+                got="a state that was freed" if state.freed else "a state of another slave",
+            )
+
+    def _check_serialises(self) -> None:
+        able = self.description.can_get_and_set_state and self.description.can_serialize_state
+        self._check_capable(able=able, flag="canSerializeFMU{}tate")
+
+    def _check_capable(self, *, able: bool, flag: str) -> None:
+        if not able:
+            letter = "s" if self.version == "2.0" else "S"
+            raise InputError(
+                "this FMU cannot save and restore its state",
+                where=self._where,
+                expected=f"the capability {flag.format(letter)}",
+            )
+
+    def _free_all(self) -> None:
+        """Give up every saved state, before the instance goes."""
+        for state in self._states:
+            if not self._fatal:
+                self._binary.function(self._stateful("Free{}"))(
+                    self.component, ctypes.byref(state.pointer)
+                )
+            state.pointer = ctypes.c_void_p()
+        self._states.clear()

@@ -1,0 +1,149 @@
+"""FMUs unpacked once per process, by the hash of their bytes.
+
+Every process has a folder of its own among the temporary files, named by its number and the
+time, and locked for as long as it lives. It is removed when the process ends; what a process
+that was killed has left is removed by the next one.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import IO
+
+import fmpy
+
+from cosim.errors import InputError
+from cosim.fmu.description import FmuDescription
+
+PREFIX = "cosim-fmus-"
+_LOCK = "in-use"
+
+
+class _Room:
+    """The folder of this process."""
+
+    def __init__(self) -> None:
+        self.process = os.getpid()
+        self.parent = Path(tempfile.gettempdir())
+        _sweep(self.parent)
+        # locked before it bears the name that a sweep looks for
+        draft = Path(tempfile.mkdtemp(prefix="cosim-new-", dir=self.parent))
+        self._lock = (draft / _LOCK).open("w")
+        _locked(self._lock)
+        self.folder = self.parent / f"{PREFIX}{self.process}-{time.time_ns()}"
+        draft.rename(self.folder)
+
+    @property
+    def mine(self) -> bool:
+        """Whether it is still there, and this process not a fork of the one that made it."""
+        return (
+            self.process == os.getpid()
+            and self.parent == Path(tempfile.gettempdir())
+            and self.folder.is_dir()
+        )
+
+    def leave(self) -> None:
+        """Remove it; a fork of its process leaves it alone."""
+        self._lock.close()
+        if self.process == os.getpid():
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+_room: _Room | None = None
+_guard = threading.Lock()
+
+
+def own_folder() -> Path:
+    """The folder of this process, made when it is first asked for."""
+    global _room  # noqa: PLW0603 - there is one process
+    if _room is None or not _room.mine:
+        if _room is not None:
+            _room.leave()
+        else:
+            atexit.register(leave)
+        _room = _Room()
+    return _room.folder
+
+
+def leave() -> None:
+    """Remove what this process has unpacked; it is unpacked anew if it is needed again."""
+    global _room  # noqa: PLW0603 - there is one process
+    if _room is not None:
+        _room.leave()
+        _room = None
+
+
+def unpacked(description: FmuDescription) -> Path:
+    """The folder with the files of an FMU, shared by all its instances; read only.
+
+    Raises
+    ------
+    InputError : the file is not what was described any more, or cannot be unpacked.
+    """
+    with _guard:
+        folder = own_folder() / description.sha256
+        if folder.is_dir():
+            return folder
+        _check_unchanged(description)
+        draft = folder.with_suffix(".new")
+        try:
+            fmpy.extract(str(description.path), unzipdir=str(draft))
+            (draft / "resources").mkdir(exist_ok=True)  # FMUs are told where it is
+            draft.rename(folder)
+        except Exception as error:  # a damaged archive has many ways to say so
+            raise InputError(
+                "the FMU cannot be unpacked", where=str(description.path), got=str(error)
+            ) from error
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+        return folder
+
+
+def _check_unchanged(description: FmuDescription) -> None:
+    try:
+        digest = hashlib.sha256(description.path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(
+            "the FMU cannot be read any more", where=str(description.path), got=str(error)
+        ) from error
+    if digest != description.sha256:
+        raise InputError(
+            "the FMU has changed since it was read",
+            where=str(description.path),
+            hint="start again",
+        )
+
+
+def _sweep(parent: Path) -> None:
+    """Remove the folders of processes that are gone."""
+    for folder in parent.glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError):  # somebody else's, or swept by somebody else just now
+            with (folder / _LOCK).open("r+") as lock:
+                gone = _locked(lock)
+            if gone:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _locked(lock: IO[str]) -> bool:
+    """Whether the lock could be taken, which its process holds while it lives."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt  # noqa: PLC0415 - there alone
+
+            msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl  # noqa: PLC0415 - not on Windows
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

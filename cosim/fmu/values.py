@@ -1,0 +1,154 @@
+"""Values of variables on their way to and from C: checked before an FMU sees them."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.fmu.port import Port
+
+_GREATEST_FLOAT32 = float(np.finfo("f4").max)
+_EXPECTED = {"float": "a number", "int": "an integer", "bool": "true or false", "string": "a text"}
+
+
+def elements(port: Port, value: Any, where: str) -> list[Any]:
+    """The scalars of a value in C's order, each of the port's type and in its range.
+
+    Parameters
+    ----------
+    value : for an array nested sequences of its shape, or one flat sequence of all elements.
+
+    Raises
+    ------
+    InputError : another type, another shape, out of range.
+    """
+    if port.kind is None:
+        raise InputError(
+            f"{port.name} is of a type that cannot be exchanged here",
+            where=where,
+            expected="a number, a truth value or a text",
+            got=port.getter_type,
+        )
+    return [_checked(port, item, where) for item in _flat(port, value, where)]
+
+
+def _flat(port: Port, value: Any, where: str) -> list[Any]:
+    if not port.shape:
+        return [value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value]
+    plain = value.tolist() if isinstance(value, np.ndarray) else value
+    shape = _shape(plain)
+    if shape not in (port.shape, (port.size,)):
+        raise InputError(
+            f"{port.name} is an array of another shape",
+            where=where,
+            expected=" x ".join(map(str, port.shape)),
+            got=" x ".join(map(str, shape)) or "one value",
+        )
+    return list(_leaves(plain, len(shape)))
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Shape of nested sequences; ragged ones have a length of -1."""
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+        return ()
+    inner = {_shape(item) for item in value}
+    return (len(value), *(inner.pop() if len(inner) == 1 else () if not inner else (-1,)))
+
+
+def _leaves(value: Any, depth: int) -> Iterator[Any]:
+    if depth == 0:
+        yield value
+        return
+    for item in value:
+        yield from _leaves(item, depth - 1)
+
+
+def _checked(port: Port, value: Any, where: str) -> Any:
+    item = value.item() if isinstance(value, np.generic) else value
+    truth = isinstance(item, bool)
+    number = isinstance(item, int | float)
+    fits = {
+        "float": number and not truth,
+        "int": number and not truth and item == item // 1,
+        "bool": truth or (number and item in (0, 1)),
+        "string": isinstance(item, str) and "\0" not in item,
+    }[str(port.kind)]
+    if not fits:
+        raise InputError(
+            f"{port.name} is of another type",
+            where=where,
+            expected=_EXPECTED[str(port.kind)],
+            got=repr(item),
+        )
+    if port.kind == "string":
+        return item
+    if port.kind == "bool":
+        return bool(item)
+    if port.kind == "int":
+        item = int(item)
+    _check_range(port, item, where)
+    return item
+
+
+def _check_range(port: Port, value: float, where: str) -> None:
+    """Refuse what the model description rules out, before the slave has to."""
+    low, high = port.minimum, port.maximum
+    if port.items and value not in port.items:
+        expected = "one of " + ", ".join(map(str, port.items))
+    elif (low is not None and value < low) or (high is not None and value > high):
+        bounds = [f">= {low:g}"] if low is not None else []
+        bounds += [f"<= {high:g}"] if high is not None else []
+        expected = " and ".join(bounds)
+    elif not _held(port, value):
+        expected = f"a value that {port.getter_type} holds"
+    else:
+        return
+    raise InputError(f"{port.name} is out of range", where=where, expected=expected, got=f"{value}")
+
+
+def _held(port: Port, value: float) -> bool:
+    """Whether the C type holds a value; what is not finite it does."""
+    if port.kind == "int":
+        limits = np.iinfo(port.c_type)
+        return bool(limits.min <= value <= limits.max)
+    return port.c_type != "f4" or not math.isfinite(value) or abs(value) <= _GREATEST_FLOAT32
+
+
+def to_c(port_type: str, values: Sequence[Any]) -> Any:
+    """A C array of scalars of one type; texts keep their bytes alive with it."""
+    if port_type == "S":
+        return (ctypes.c_char_p * len(values))(*(text.encode() for text in values))
+    return np.array(values, dtype=port_type)
+
+
+def room(c_type: str, size: int) -> Any:
+    """A C array to be filled."""
+    return (ctypes.c_char_p * size)() if c_type == "S" else np.zeros(size, c_type)
+
+
+def address_of(array: Any) -> int:
+    """Where a C array begins."""
+    return int(array.ctypes.data) if isinstance(array, np.ndarray) else ctypes.addressof(array)
+
+
+def from_c(port: Port, array: Any, first: int) -> Any:
+    """The value of a port whose elements begin at `first`."""
+    part = array[first : first + port.size]
+    if port.c_type == "S":
+        texts = [(raw or b"").decode("utf-8", "replace") for raw in part]
+        return _nested(texts, port.shape) if port.shape else texts[0]
+    values: NDArray[Any] = part != 0 if port.kind == "bool" else part
+    return values.reshape(port.shape).tolist()
+
+
+def _nested(values: list[Any], shape: tuple[int, ...]) -> Any:
+    if len(shape) == 1:
+        return values
+    step = len(values) // shape[0]
+    return [_nested(values[i * step : (i + 1) * step], shape[1:]) for i in range(shape[0])]

@@ -1,0 +1,170 @@
+"""The variables of an instance by name: read and set at any time the standard allows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from cosim.errors import ComponentError, InputError
+from cosim.fmu.description import FmuDescription
+from cosim.fmu.instance import DISCARD, WARNING, Instance
+from cosim.fmu.phase import WHEN, may_be_set, settable
+from cosim.fmu.port import Port
+from cosim.fmu.values import address_of, elements, from_c, room, to_c
+
+Prepared = tuple[Port, list[Any]]
+"""A variable and the scalars that it is to have."""
+
+
+class WithVariables(Instance):
+    """An instance whose variables have names."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._given: list[Prepared] = []
+
+    @property
+    def _input(self) -> str:
+        """Where bad input is, in messages."""
+        return f"component {self.name!r}"
+
+    def read(self, names: Iterable[str]) -> dict[str, Any]:
+        """Values of variables: numbers, truth values, texts, nested lists of them for arrays.
+
+        Raises
+        ------
+        InputError : an unknown variable, or one that cannot be exchanged; too early.
+        ComponentError : the slave refuses.
+        """
+        ports = [self.description.port(name, where=self._input) for name in names]
+        if self.phase == "instantiated":
+            raise InputError(
+                "nothing can be read before the initialisation",
+                where=self._input,
+                got=", ".join(p.name for p in ports) or None,
+            )
+        for port in ports:
+            if port.kind is None:
+                elements(port, None, self._input)
+        found = {}
+        for members in _by_type(ports):
+            array = room(members[0].c_type, sum(p.size for p in members))
+            self._move("Get", members, array)
+            first = 0
+            for port in members:
+                found[port.name] = from_c(port, array, first)
+                first += port.size
+        return {port.name: found[port.name] for port in ports}
+
+    def set_start(self, parameters: Mapping[str, Any]) -> None:
+        """Set parameters and start values; structural parameters first, in their own mode.
+
+        Raises
+        ------
+        InputError : an unknown variable, one that cannot be set, a value that does not fit.
+        ComponentError : the slave refuses.
+        """
+        for name in parameters:
+            self.description.port(name, where=self._input)
+        resized = self.description.resized(parameters)
+        prepared = self._prepared(parameters, resized)
+        shaping = [p for p in prepared if p[0].causality == "structuralParameter"]
+        if shaping:
+            self.call("entering configuration mode", "EnterConfigurationMode")
+            self._set(shaping)
+            self.call("leaving configuration mode", "ExitConfigurationMode")
+        self.description = resized
+        self._set([p for p in prepared if p[0].causality in ("parameter", "input")])
+        for port, items in prepared:
+            if port.causality in ("output", "local"):
+                self._set_computed(port, items)
+
+    def _set_computed(self, port: Port, items: list[Any]) -> None:
+        """Set the start of what the FMU computes, which some do not take though they say so."""
+        try:
+            self._set([(port, items)])
+        except ComponentError as error:
+            raise self._not_taken(port, error.got or "no message") from error
+        if port.initial == "exact":
+            self._given.append((port, items))
+
+    def _check_taken(self) -> None:
+        """See that the run begins with what was given as an exact start."""
+        for port, items in self._given:
+            begun = self.read([port.name])[port.name]
+            if begun != from_c(port, to_c(port.c_type, items), 0):
+                raise self._not_taken(port, f"it starts with {begun}, given {items}")
+        self._given.clear()
+
+    def _not_taken(self, port: Port, reason: str) -> InputError:
+        return InputError(
+            f"{port.name} cannot be set",
+            where=self._input,
+            expected=f"a start value that the FMU takes; this is of causality {port.causality}",
+            got=reason,
+        )
+
+    def write(self, values: Mapping[str, Any]) -> None:
+        """Set variables; a value that does not fit is refused before any is set.
+
+        Raises
+        ------
+        InputError : an unknown variable, one that cannot be set now, a value of another type or
+            shape or out of range.
+        ComponentError : the slave refuses.
+        """
+        if self.phase == "instantiated":
+            self.set_start(values)
+        else:
+            self._set(self._prepared(values, self.description))
+
+    def _prepared(self, values: Mapping[str, Any], description: FmuDescription) -> list[Prepared]:
+        prepared = []
+        for name, value in values.items():
+            port = description.port(name, where=self._input)
+            if self.phase in WHEN and not may_be_set(port, self.phase):
+                raise InputError(
+                    f"{name} cannot be set {WHEN[self.phase]}",
+                    where=self._input,
+                    got=settable(port),
+                )
+            prepared.append((port, elements(port, value, self._input)))
+        return prepared
+
+    def _set(self, prepared: Sequence[Prepared]) -> None:
+        flat = {port.name: items for port, items in prepared}
+        for members in _by_type([port for port, _ in prepared]):
+            array = to_c(members[0].c_type, [x for port in members for x in flat[port.name]])
+            self._move("Set", members, array)
+
+    def _move(self, way: Literal["Get", "Set"], ports: Sequence[Port], array: Any) -> None:
+        """Get or set variables of one type; a discarded value leaves the slave alive.
+
+        A slave that logs an error has refused, though some exporters return OK all the same.
+        """
+        references = np.array([port.reference for port in ports], np.uint32)
+        sizes = (len(array),) if self.version == "3.0" else ()
+        at = (address_of(references), references.size, address_of(array), *sizes)
+        before, self._complaint = self._complaint, None
+        status = self.status_of(f"{way}{ports[0].getter_type}", *at)
+        if status <= WARNING and self._complaint is None:
+            self._complaint = before
+            return
+        names = [port.name for port in ports]
+        what = f"{'reading' if way == 'Get' else 'setting'} {', '.join(names[:3])}"
+        what += ", ..." if len(names) > 3 else ""
+        phase = self.phase
+        error = self.refused(what, status)
+        if status == DISCARD:
+            self.phase = phase
+        raise error
+
+
+def _by_type(ports: Sequence[Port]) -> list[list[Port]]:
+    """Ports of one C function each, in order."""
+    groups: dict[str, list[Port]] = {}
+    for port in ports:
+        groups.setdefault(port.getter_type, []).append(port)
+    return list(groups.values())

@@ -1,0 +1,170 @@
+"""Gauss-Seidel, steps of one's own, and what is refused of them: against recurrences."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scalar import ns, scalar_fmu, scalars
+
+from cosim.errors import InputError
+from cosim.master import EngineName, simulate
+from cosim.network import PacketLink, TransportLink
+
+ENGINES: tuple[EngineName, ...] = ("python", "compiled")
+PAIR = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -2.0, "x0": -0.5}}
+LOOP = (("a.x", "b.u"), ("b.x", "a.u"))
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scalar_fmu(tmp_path_factory.mktemp("scalar"))
+
+
+def held(which: str, x: float, u: float, h: float) -> float:
+    """One exact step of `a` or `b` with its input held."""
+    a, b = PAIR[which]["a"], PAIR[which]["b"]
+    return math.exp(a * h) * x + math.expm1(a * h) / a * b * u
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
+def test_gauss_seidel_hands_on_what_was_just_reached(
+    fmu: Path, engine: EngineName, order: tuple[str, str]
+) -> None:
+    system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, algorithm="gauss-seidel", order=order)
+    run = simulate(system, engine=engine)
+    first, second = order
+    x = {"a": 1.0, "b": -0.5}
+    for k in range(10):
+        assert {n: run.signal(n, "x")[k] for n in x} == pytest.approx(x, rel=1e-14)
+        u = x[second]
+        assert run.signal(first, "u")[k] == pytest.approx(u, rel=1e-14)
+        x[first] = held(first, x[first], u, 0.1)
+        assert run.signal(second, "u")[k] == pytest.approx(x[first], rel=1e-14)
+        x[second] = held(second, x[second], x[first], 0.1)
+    assert run.ending == "finished"
+
+
+def test_gauss_seidel_leaves_what_a_link_brings_alone(fmu: Path) -> None:
+    """Nothing is delivered before its time, whoever has stepped already."""
+    link = PacketLink("l", ns(0.2), delay_ns=ns(0.1))
+    pairs = (("a.x", "b.u", "l"),)
+    runs = [
+        simulate(scalars(fmu, PAIR, pairs, step=0.1, stop=1.0, links=[link], algorithm=algorithm))
+        for algorithm in ("jacobi", "gauss-seidel")
+    ]
+    for name, variable in (("a", "x"), ("b", "x"), ("b", "u")):
+        one, other = (run.signal(name, variable) for run in runs)
+        assert one.tolist() == other.tolist()
+
+
+def test_order_is_found_from_what_follows_at_once(fmu: Path) -> None:
+    """y of the second follows its input at once: it takes its turn after the first."""
+    parts = {"late": {"c": 0.0, "e": 1.0}, "early": {"x0": 1.0}, "last": {"b": 1.0}}
+    pairs = (("early.x", "late.u"), ("late.y", "last.u"))
+    system = scalars(fmu, parts, pairs, step=0.1, stop=0.3, algorithm="gauss-seidel")
+    run = simulate(system)
+    # last gets in the same step what early has just reached, through late
+    reached = run.signal("early", "x")
+    assert run.signal("last", "u")[:-1].tolist() == reached[1:].tolist()
+    with pytest.raises(InputError, match="late before last"):
+        simulate(
+            scalars(
+                fmu,
+                parts,
+                pairs,
+                step=0.1,
+                stop=0.3,
+                algorithm="gauss-seidel",
+                order=("last", "early", "late"),
+            )
+        )
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_algebraic_loop_is_named(fmu: Path, algorithm: str) -> None:
+    pairs = (("a.y", "b.u"), ("b.y", "a.u"))
+    with pytest.raises(InputError, match="algebraic loop") as caught:
+        simulate(scalars(fmu, PAIR, pairs, step=0.1, stop=0.3, algorithm=algorithm))
+    assert {"a", "b"} <= set(str(caught.value.where).split(" -> "))
+
+
+def test_order_that_does_not_fit_is_refused(fmu: Path) -> None:
+    for more in ({"order": ("a", "b")}, {"order": ("a",), "algorithm": "gauss-seidel"}):
+        with pytest.raises(InputError, match="order"):
+            scalars(fmu, PAIR, LOOP, step=0.1, stop=0.3, **more)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_components_with_steps_of_their_own(fmu: Path, engine: EngineName, algorithm: str) -> None:
+    system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, every={"b": 0.3}, algorithm=algorithm)
+    run = simulate(system, engine=engine)
+    a, b, reached_by_b = 1.0, -0.5, -0.5
+    for k in range(10):
+        if k % 3 == 0:
+            b = reached_by_b
+        assert run.signal("a", "x")[k] == pytest.approx(a, rel=1e-13), k
+        assert run.signal("b", "x")[k] == pytest.approx(b, rel=1e-13), k
+        next_a = held("a", a, b, 0.1)
+        if k % 3 == 0:
+            size = min(0.3, 1.0 - 0.1 * k)
+            reached_by_b = held("b", b, next_a if algorithm == "gauss-seidel" else a, size)
+        a = next_a
+    assert run.signal("b", "x")[10] == pytest.approx(reached_by_b, rel=1e-13)
+
+
+def test_a_fixed_step_slave_flies_among_events_by_a_step_of_its_own(
+    tmp_path: Path,
+) -> None:
+    fmu = scalar_fmu(tmp_path, variable_step=False)
+    link = PacketLink("l", ns(0.07), delay_ns=ns(0.033))
+    given: dict[str, Any] = {"step": 0.1, "stop": 1.0, "links": [link]}
+    with pytest.raises(InputError, match="steps of one size only"):
+        scalars(fmu, PAIR, (("a.x", "b.u", "l"),), **given)
+    system = scalars(fmu, PAIR, (("a.x", "b.u", "l"),), every={"a": 0.05, "b": 0.1}, **given)
+    assert simulate(system).ending == "finished"
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"every": {"a": 0.05}, "events": "grid"}, "own step does not fit"),
+        ({"every": {"a": 0.25}, "events": "grid"}, "a multiple of the communication step"),
+        ({"every": {"a": 7.0}}, "own step does not fit"),
+    ],
+)
+def test_step_of_ones_own_that_does_not_fit(fmu: Path, more: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, **more)
+
+
+def test_midpoint_needs_a_delay_of_half_a_step(fmu: Path) -> None:
+    for link, policy in ((TransportLink("l", ns(0.04)), "midpoint"), (None, "midpoint")):
+        pairs = (("a.x", "b.u", link.name if link else "", policy),)
+        system = scalars(fmu, PAIR, pairs, step=0.1, stop=1.0, links=[link] if link else [])
+        with pytest.raises(InputError, match=r"at least 0\.05 s"):
+            simulate(system)
+
+
+def test_packets_are_held(fmu: Path) -> None:
+    pairs = (("a.x", "b.u", "l", "linear"),)
+    system = scalars(fmu, PAIR, pairs, step=0.1, stop=1.0, links=[PacketLink("l", ns(0.1))])
+    with pytest.raises(InputError, match="expected: the policy hold"):
+        simulate(system)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_extrapolation_is_not_thrown_off_by_events_close_together(
+    fmu: Path, engine: EngineName
+) -> None:
+    """Points a nanosecond apart: no slope is taken from them."""
+    links = [PacketLink("l", ns(0.1), 1, 0), TransportLink("t", 0)]
+    pairs = (("a.x", "b.u", "l"), ("b.x", "a.u", "t", "linear"))
+    run = simulate(scalars(fmu, PAIR, pairs, step=0.1, stop=2.0, links=links), engine=engine)
+    inputs, outputs = run.signal("a", "u"), run.signal("b", "x")
+    assert np.abs(inputs - outputs).max() < 0.2

@@ -1,0 +1,226 @@
+"""A run under control: step, read, set, override, save, go back; bit for bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scalar import ns, scalar_fmu, scalars
+
+from cosim.errors import InputError
+from cosim.master import EngineName, Pace, Run, Session, Snapshot, System, TraceRecorder, simulate
+from cosim.network import Jitter, PacketLink, TransportLink
+from cosim.trace import TraceWriter
+
+PAIR = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -2.0, "x0": -0.5}}
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scalar_fmu(tmp_path_factory.mktemp("scalar"))
+
+
+@pytest.fixture(params=["python", "compiled"])
+def engine(request: pytest.FixtureRequest) -> EngineName:
+    name: EngineName = request.param
+    return name
+
+
+def linked(fmu: Path, **more: Any) -> System:
+    """Two scalars over a packet link that loses messages, and a transport link."""
+    links = [
+        PacketLink("p", ns(0.05), 0, ns(0.033), Jitter("uniform", width_ns=ns(0.1)), loss=0.3),
+        TransportLink("t", ns(0.07)),
+    ]
+    pairs = (("a.x", "b.u", "p"), ("b.x", "a.u", "t"))
+    return scalars(fmu, PAIR, pairs, step=0.1, stop=5.0, links=links, **more)
+
+
+def rows(run: Run) -> list[bytes]:
+    return [run.signal(c, v).tobytes() for c in ("a", "b") for v in ("x", "y", "u")]
+
+
+def test_step_by_step_is_the_same_run(fmu: Path, engine: EngineName) -> None:
+    whole = simulate(linked(fmu), engine=engine)
+    with Session(linked(fmu), engine=engine) as session:
+        session.step()
+        assert session.rows == 1
+        session.step(7)
+        assert session.rows == 8
+        session.run_until(2.0)
+        assert session.time_s == 2.0
+        assert not session.ended
+        session.run_until()
+        assert session.ended
+        assert rows(session.result()) == rows(whole)
+        assert session.result().ending == "finished"
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_going_back_and_on_is_the_same_run(fmu: Path, engine: EngineName, algorithm: str) -> None:
+    with Session(linked(fmu, algorithm=algorithm), engine=engine) as session:
+        session.run_until(2.0)
+        before = session.snapshot()
+        session.run_until()
+        first = rows(session.result())
+        session.restore(before)
+        assert session.time_s == 2.0
+        assert not session.ended
+        session.bias("b", "u", 0.5)  # another future
+        session.run_until()
+        assert rows(session.result()) != first
+        session.restore(before)
+        session.run_until()
+        assert rows(session.result()) == first
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_another_session_goes_on_from_a_file(
+    fmu: Path, engine: EngineName, algorithm: str, tmp_path: Path
+) -> None:
+    whole = simulate(linked(fmu, algorithm=algorithm), engine=engine)
+    path = tmp_path / "at-2-s.npz"
+    with Session(linked(fmu, algorithm=algorithm), engine=engine) as session:
+        session.run_until(2.0)
+        session.snapshot(portable=True).save(path)
+    with Session(linked(fmu, algorithm=algorithm), engine=engine) as session:
+        session.restore(Snapshot.load(path))
+        session.run_until()
+        assert rows(session.result()) == rows(whole)
+
+
+def test_snapshot_of_another_system_is_refused(fmu: Path, tmp_path: Path) -> None:
+    with Session(linked(fmu)) as session:
+        session.step(3)
+        kept = session.snapshot()
+        with pytest.raises(InputError, match="bound to its session"):
+            kept.save(tmp_path / "x.npz")
+    other = scalars(fmu, PAIR, (("a.x", "b.u"),), step=0.1, stop=5.0)
+    with Session(other) as session, pytest.raises(InputError, match="another system"):
+        session.restore(kept)
+    (tmp_path / "no.npz").write_bytes(b"nothing")
+    with pytest.raises(InputError, match="not a snapshot"):
+        Snapshot.load(tmp_path / "no.npz")
+
+
+def test_slave_without_states_is_named(tmp_path: Path) -> None:
+    fmu = scalar_fmu(tmp_path, states=False)
+    with Session(linked(fmu)) as session, pytest.raises(InputError, match="cannot save"):
+        session.snapshot()
+
+
+def test_a_trace_cannot_be_taken_back(fmu: Path, tmp_path: Path) -> None:
+    system = linked(fmu)
+    with (
+        TraceWriter(tmp_path / "t.mcap", run={}) as writer,
+        Session(system, [TraceRecorder(writer, system)]) as session,
+    ):
+        before = session.snapshot()
+        session.restore(before)  # nothing recorded yet
+        session.run_until(1.0)
+        with pytest.raises(InputError, match="cannot be taken back"):
+            session.restore(before)
+
+
+def test_read_set_and_the_last_row(fmu: Path, engine: EngineName) -> None:
+    system = scalars(fmu, PAIR, (("a.x", "b.u"),), step=0.1, stop=1.0)
+    with Session(system, engine=engine) as session:
+        assert session.read("a", "x") == 1.0
+        with pytest.raises(InputError, match="no row is complete"):
+            session.value("a", "x")
+        session.step()
+        assert session.value("a", "x") == 1.0
+        reached = session.read("a", "x")
+        assert reached == pytest.approx(math.exp(-0.1), rel=1e-14)
+        session.set("a", "u", 2.0)  # nothing is connected to it
+        session.set("a", "a", -2.0)  # tunable
+        session.step()
+        expected = math.exp(-0.2) * reached - math.expm1(-0.2) / 2.0 * 1.5 * 2.0
+        assert session.read("a", "x") == pytest.approx(expected, rel=1e-14)
+        with pytest.raises(InputError, match="this input is connected"):
+            session.set("b", "u", 1.0)
+        with pytest.raises(InputError, match="did you mean"):
+            session.set("a", "aa", 1.0)
+        with pytest.raises(InputError, match="no component 'c'"):
+            session.read("c", "x")
+
+
+def test_override_bias_release(fmu: Path, engine: EngineName) -> None:
+    with Session(linked(fmu), engine=engine) as session:
+        session.run_until(1.0)
+        k = session.rows
+        session.override("b", "u", 7.0)
+        session.bias("a", "x", 0.5, factor=2.0)
+        session.step(5)
+        session.release("b", "u")
+        session.release("a", "x")
+        session.run_until()
+        run = session.result()
+    plain = simulate(linked(fmu), engine="python")
+    assert run.signal("b", "u")[:k].tolist() == plain.signal("b", "u")[:k].tolist()
+    assert run.signal("b", "u")[k : k + 5].tolist() == [7.0] * 5
+    assert 7.0 not in run.signal("b", "u")[k + 5 :]
+    # what the others and the trace see of a is 2 x + 0.5; a itself goes on unmoved
+    given = 2.0 * plain.signal("a", "x")[k] + 0.5
+    assert run.signal("a", "x")[k] == given
+    assert run.signal("a", "y")[k] == plain.signal("a", "y")[k]
+    with (
+        Session(linked(fmu)) as session,
+        pytest.raises(InputError, match="no output or connected input"),
+    ):
+        session.override("a", "b", 1.0)
+
+
+def test_stops_at_the_first_row_where_it_is_told(fmu: Path, engine: EngineName) -> None:
+    with Session(linked(fmu), engine=engine) as session:
+        stopped = session.run_until(stop=lambda s: s.value("a", "x") < 0.5)
+        run = session.result()
+        assert stopped
+        assert run.ending == "stopped"
+        values = run.signal("a", "x")
+        assert values[-1] < 0.5
+        assert (values[:-1] >= 0.5).all()
+        assert not session.run_until()
+        assert rows(session.result()) == rows(simulate(linked(fmu)))
+
+
+class Wall:
+    """A clock that only sleeping and working moves."""
+
+    def __init__(self, work: Iterator[float]) -> None:
+        self.now = 100.0
+        self._work = work
+        self.slept = 0.0
+
+    def clock(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        self.slept += seconds
+
+    def look(self, _session: Session) -> bool:
+        self.now += next(self._work)
+        return False
+
+
+def test_pace_is_kept_and_overruns_are_counted(fmu: Path) -> None:
+    """0.1 s points at twice real time: 50 ms each; one of them takes 130 ms."""
+    work = [0.01] * 51
+    work[20] = 0.13
+    wall = Wall(iter(work))
+    pace = Pace(2.0, clock=wall.clock, sleep=wall.sleep)
+    system = scalars(fmu, PAIR, (("a.x", "b.u"),), step=0.1, stop=5.0)
+    with Session(system) as session:
+        session.run_until(pace=pace, stop=wall.look)
+    assert pace.points == 51
+    assert wall.now - 100.0 == pytest.approx(2.5 + 0.01)
+    # `look` comes after the lateness of its own point is noted: 21, 22 and 23 begin late
+    assert pace.largest_s == pytest.approx(0.08)
+    assert pace.mean_s * 51 == pytest.approx(0.08 + 0.04)
+    assert pace.late == 1
+    with pytest.raises(InputError, match="positive factor"):
+        Pace(0.0)
