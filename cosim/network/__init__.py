@@ -1,32 +1,44 @@
-"""Channels: delay, jitter, loss, order, hold."""
+"""Channels: delay, jitter, loss, copies, order, hold."""
 
-from cosim.network.packet import GilbertElliott, Jitter, PacketLink
+from cosim.network.alignment import Alignment, align
+from cosim.network.checks import MAX_NS
+from cosim.network.delay_signal import DelaySignal
+from cosim.network.impairment import GilbertElliott, Jitter
+from cosim.network.live import LiveSchedule
+from cosim.network.packet import PacketLink
+from cosim.network.profile import DelayProfile
+from cosim.network.resolve import schedule
 from cosim.network.schedule import (
     DELIVERED,
+    DUPLICATE,
     IN_FLIGHT,
     LOST,
-    NONE_YET,
     OVERTAKEN,
+    QUEUE_FULL,
     REASONS,
-    SUBSTITUTE,
-    Alignment,
     PacketSchedule,
-    align,
-    schedule,
 )
+from cosim.network.state import NONE_YET, SUBSTITUTE, LinkState
 from cosim.network.transport import TransportLink
 
 __all__ = [
     "DELIVERED",
+    "DUPLICATE",
     "IN_FLIGHT",
     "LOST",
+    "MAX_NS",
     "NONE_YET",
     "OVERTAKEN",
+    "QUEUE_FULL",
     "REASONS",
     "SUBSTITUTE",
     "Alignment",
+    "DelayProfile",
+    "DelaySignal",
     "GilbertElliott",
     "Jitter",
+    "LinkState",
+    "LiveSchedule",
     "PacketLink",
     "PacketSchedule",
     "TransportLink",

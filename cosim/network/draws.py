@@ -12,15 +12,20 @@ Value k of a stream belongs to message k. A longer run thus begins with the shor
 
 from __future__ import annotations
 
+import functools
 import hashlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cosim.network.impairment import GilbertElliott, Jitter
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cosim.network.packet import GilbertElliott, Jitter
+_Stream = Callable[[int], "NDArray[np.float64]"]
+"""The first so many doubles of a stream."""
 
 _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 split so that e * _LN2_HIGH is exact
 _LN2_LOW = 1.90821492927058770002e-10
@@ -54,12 +59,14 @@ def log(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def jitter_ns(jitter: Jitter, seed: int, name: str, count: int) -> NDArray[np.int64]:
-    """Extra delay of messages 0 to count - 1 [ns]."""
+def jitter_ns(
+    jitter: Jitter, seed: int, name: str, count: int, purpose: str = "jitter"
+) -> NDArray[np.int64]:
+    """Extra delay of messages 0 to count - 1 [ns]; that of their copies: "copy jitter"."""
     if jitter.kind == "none":
         return np.zeros(count, np.int64)
     if jitter.kind == "uniform":
-        u = uniform(seed, name, "jitter", count)
+        u = uniform(seed, name, purpose, count)
         return np.floor(u * jitter.width_ns).astype(np.int64)
     draw = _exponential if jitter.kind == "exponential" else _normal
     largest = np.inf if jitter.max_ns is None else float(jitter.max_ns)
@@ -68,7 +75,8 @@ def jitter_ns(jitter: Jitter, seed: int, name: str, count: int) -> NDArray[np.in
     # Truncation by refusal: each round has its own stream, and message k its place in it, so
     # that the draws of one message do not depend on how many the others needed.
     while (open_ := extra < 0.0).any():
-        value = np.rint(draw(jitter, seed, name, count, turn))
+        stream = functools.partial(uniform, seed, name, purpose, turn=turn)
+        value = np.rint(draw(jitter, stream, count))
         with np.errstate(invalid="ignore"):
             accepted = open_ & (value >= 0.0) & (value <= largest)
         extra[accepted] = value[accepted]
@@ -76,16 +84,14 @@ def jitter_ns(jitter: Jitter, seed: int, name: str, count: int) -> NDArray[np.in
     return extra.astype(np.int64)
 
 
-def _exponential(
-    jitter: Jitter, seed: int, name: str, count: int, turn: int
-) -> NDArray[np.float64]:
+def _exponential(jitter: Jitter, stream: _Stream, count: int) -> NDArray[np.float64]:
     """Inverse transform; 1 - u is never 0."""
-    return -jitter.mean_ns * log(1.0 - uniform(seed, name, "jitter", count, turn))
+    return -jitter.mean_ns * log(1.0 - stream(count))
 
 
-def _normal(jitter: Jitter, seed: int, name: str, count: int, turn: int) -> NDArray[np.float64]:
+def _normal(jitter: Jitter, stream: _Stream, count: int) -> NDArray[np.float64]:
     """Marsaglia's polar method (1964); -1 where the pair falls outside the disc."""
-    pairs = uniform(seed, name, "jitter", 2 * count, turn).reshape(count, 2) * 2.0 - 1.0
+    pairs = stream(2 * count).reshape(count, 2) * 2.0 - 1.0
     square = pairs[:, 0] * pairs[:, 0] + pairs[:, 1] * pairs[:, 1]
     inside = (square > 0.0) & (square < 1.0)
     safe = np.where(inside, square, 0.5)
@@ -96,13 +102,29 @@ def _normal(jitter: Jitter, seed: int, name: str, count: int, turn: int) -> NDAr
 def lost(loss: float | GilbertElliott, seed: int, name: str, count: int) -> NDArray[np.bool_]:
     """Which of messages 0 to count - 1 are lost."""
     u = uniform(seed, name, "loss", count)
-    if isinstance(loss, (int, float)):
+    if not isinstance(loss, GilbertElliott):
         return u < loss
-    change = uniform(seed, name, "loss state", count)
-    bad = False
-    result = np.zeros(count, np.bool_)
-    for k in range(count):
-        if k > 0:
-            bad = change[k] >= loss.p_exit if bad else change[k] < loss.p_enter
-        result[k] = u[k] < (loss.loss_bad if bad else loss.loss_good)
+    bad = _bad_states(loss, uniform(seed, name, "loss state", count))
+    return u < np.where(bad, loss.loss_bad, loss.loss_good)
+
+
+def _bad_states(chain: GilbertElliott, change: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which messages are sent in the bad state; `change` is the draw before each of them.
+
+    A draw sends each state somewhere: both to one (which forgets the past), each to itself, or
+    each to the other. The state is thus that of the last forgetting, turned over as often as
+    the states have changed places since.
+    """
+    enters, leaves = change < chain.p_enter, change < chain.p_exit
+    swaps, forgets = enters & leaves, enters != leaves
+    if change.size:  # the first message is sent in the good state, whatever was drawn
+        swaps[0], forgets[0], enters[0] = False, True, False
+    turns = np.cumsum(swaps)
+    last = np.maximum.accumulate(np.where(forgets, np.arange(change.size), 0))
+    result: NDArray[np.bool_] = enters[last] ^ ((turns - turns[last]) % 2 == 1)
     return result
+
+
+def duplicated(probability: float, seed: int, name: str, count: int) -> NDArray[np.bool_]:
+    """Which of messages 0 to count - 1 the network copies, if they are not lost."""
+    return uniform(seed, name, "duplicate", count) < probability

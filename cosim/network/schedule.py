@@ -1,6 +1,6 @@
-"""The traffic of a packet link over a whole run, known before the run starts.
+"""The traffic of a packet link over a whole run, nearly always known before the run starts.
 
-Delay, jitter and loss do not depend on the values sent, so neither does the schedule: which
+Where delay, jitter and loss do not depend on the values sent, neither does the schedule: which
 message is sent, which arrives, and when. The loop keeps every value sent in row k of an array
 and the receiver reads the row that the schedule names: the trace is the delay line.
 
@@ -10,53 +10,48 @@ All times are integer nanoseconds; a run is [0, end_ns], both ends included.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.network import draws
-from cosim.network.packet import PacketLink, check_duration
+from cosim.network.messages import Messages
+from cosim.network.packet import PacketLink
+from cosim.network.state import NONE_YET, SUBSTITUTE, LinkState, Timeline
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike, NDArray
 
-DELIVERED, LOST, OVERTAKEN, IN_FLIGHT = 0, 1, 2, 3
+DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE = 0, 1, 2, 3, 4, 5
 """What became of a message by the end of the run (`PacketSchedule.status`)."""
 
-REASONS = ("delivered", "lost", "overtaken", "in flight")
+REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate")
 """`status` in words."""
-
-NONE_YET = -1
-"""Nothing has been delivered yet: the receiver has its initial value."""
-
-SUBSTITUTE = -2
-"""The newest message was lost and the receiver uses `PacketLink.substitute`."""
-
-MAX_MESSAGES = 50_000_000
-"""More messages than this on one link is taken for a mistake in the units."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PacketSchedule:
-    """What happens to each message of a link; message k has index k in every array.
+    """What happens to each message of a link, and to each copy that the network makes of one.
+
+    Each has its place in every array: message k index k where there are no copies, else a copy
+    the index after its original; `sequence` is the number of the message either way.
 
     Parameters
     ----------
     link : the link.
     end_ns : end of the run [ns].
-    sent_ns : instant of sending [ns], int64 (n,).
+    sent_ns : instant of sending [ns], int64 (n,); that of its original for a copy.
     transit_ns : delay + jitter [ns], int64 (n,), also of those that are lost.
     arrival_ns : instant at which the message arrives or would have [ns], int64 (n,): sending,
         the sender's queue (`data_rate`), transit, and under fifo waiting for its predecessors.
-    delivered_ns : instant of delivery [ns], int64 (n,); -1 if it was not delivered in the run
-        (lost, overtaken, or in flight at the end).
+    delivered_ns : instant of delivery [ns], int64 (n,); -1 if it was not delivered in the run.
     sequence : sequence number, int64 (n,).
-    status : DELIVERED, LOST, OVERTAKEN or IN_FLIGHT, int8 (n,). A message whose arrival lies
-        after the end is in flight, whatever would have become of it.
-    lost : which messages the channel loses, bool (n,), in flight at the end or not.
+    status : DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL or DUPLICATE, int8 (n,). What
+        arrives, or would, after the end is in flight, whatever would have become of it.
+    lost : which messages the channel loses, bool (n,), in flight at the end or not; drawn also
+        for what the queue refuses.
+    copy : which are copies, bool (n,).
+    messages : what was decided before: sendings, delays and draws.
     """
 
     link: PacketLink
@@ -68,6 +63,8 @@ class PacketSchedule:
     sequence: NDArray[np.int64]
     status: NDArray[np.int8]
     lost: NDArray[np.bool_]
+    copy: NDArray[np.bool_]
+    messages: Messages
 
     def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
         """Index of the message in use at each point; a message delivered at t is in use at t.
@@ -75,9 +72,7 @@ class PacketSchedule:
         `NONE_YET` (-1) before the first delivery; `SUBSTITUTE` (-2) where the link's `on_loss`
         value stands in for a lost message (never when it is "hold").
         """
-        times, messages = self.changes()
-        place = np.searchsorted(times, np.asarray(points_ns, np.int64), side="right")
-        return np.concatenate(([NONE_YET], messages))[place]
+        return self._timeline().in_use(points_ns)
 
     def rows(self, points_ns: ArrayLike) -> NDArray[np.int64]:
         """Row of the sender's array that is in use at each point, -1 and -2 as in `in_use`.
@@ -108,7 +103,7 @@ class PacketSchedule:
             k = int(np.argmin(found))
             raise InputError(
                 "a message is sent between two communication points",
-                where=f"link {self.link.name!r}, message {k}",
+                where=f"link {self.link.name!r}, message {self.sequence[k]}",
                 expected="a communication point at the instant of sending",
                 got=f"{self.sent_ns[k]} ns",
                 hint="call align() with the points and use the schedules it returns",
@@ -123,31 +118,46 @@ class PacketSchedule:
         age[used >= 0] = points[used >= 0] - self.sent_ns[used[used >= 0]]
         return age
 
+    def state(self, points_ns: ArrayLike) -> LinkState:
+        """Age, sequence number, and what was dropped and delivered so far, at each point."""
+        return self._timeline().state(points_ns)
+
     def statistics(self) -> dict[str, int | float | None]:
         """Figures of the link over the run, JSON-safe.
 
-        sent = delivered + dropped + in_flight. Keys: `sent`; `delivered`; `dropped` = `lost` +
-        `overtaken`; `in_flight` (arrival after the end); `substitutions` (losses after which
-        the `on_loss` value came into use); `mean_delay_s`, `max_delay_s` of the delivered
-        messages [s]; `max_age_s` [s], the largest age of a message in use, taken just before
-        it is replaced or at the end of the run. The last three are None when nothing was
-        delivered (`max_age_s` also when nothing delivered was ever in use).
+        sent + duplicated = delivered + dropped + in_flight, and
+        dropped = lost + overtaken + queue_full + discarded_copies.
+
+        Returns
+        -------
+        Keys: `sent` (copies not counted); `delivered`; `dropped`; `lost`; `overtaken`;
+        `in_flight` (arrival after the end); `substitutions` (losses after which the `on_loss`
+        value came into use); `mean_delay_s`, `max_delay_s` of what was delivered [s];
+        `max_age_s` [s], the largest age of a message in use, taken just before it is replaced
+        or at the end of the run. The last three are None when nothing was delivered
+        (`max_age_s` also when nothing delivered was ever in use). `duplicated` (copies made)
+        and `discarded_copies` (second arrivals of a message) are None on a link without
+        `duplicate`, `queue_full` on one without `queue_limit`: 0 in both sums.
         """
-        counts = np.bincount(self.status, minlength=4)
+        counts = np.bincount(self.status, minlength=len(REASONS)).tolist()
         arrived = self.status == DELIVERED
         delay = self.delivered_ns[arrived] - self.sent_ns[arrived]
-        times, messages = self.changes()
+        times, used = self.changes()
         until = np.append(times, self.end_ns)[1:]
-        real = messages >= 0
-        age = until[real] - self.sent_ns[messages[real]]
+        real = used >= 0
+        age = until[real] - self.sent_ns[used[real]]
+        copies, limited = self.link.duplicate > 0, self.link.queue_limit is not None
         return {
-            "sent": int(self.sent_ns.size),
-            "delivered": int(counts[DELIVERED]),
-            "dropped": int(counts[LOST] + counts[OVERTAKEN]),
-            "lost": int(counts[LOST]),
-            "overtaken": int(counts[OVERTAKEN]),
-            "in_flight": int(counts[IN_FLIGHT]),
-            "substitutions": int(np.count_nonzero(messages == SUBSTITUTE)),
+            "sent": self.messages.sent_ns.size,
+            "duplicated": int(np.count_nonzero(self.copy)) if copies else None,
+            "delivered": counts[DELIVERED],
+            "dropped": sum(counts) - counts[DELIVERED] - counts[IN_FLIGHT],
+            "lost": counts[LOST],
+            "overtaken": counts[OVERTAKEN],
+            "queue_full": counts[QUEUE_FULL] if limited else None,
+            "discarded_copies": counts[DUPLICATE] if copies else None,
+            "in_flight": counts[IN_FLIGHT],
+            "substitutions": int(np.count_nonzero(used == SUBSTITUTE)),
             "mean_delay_s": sum(delay.tolist()) / delay.size / 1e9 if delay.size else None,
             "max_delay_s": int(delay.max()) / 1e9 if delay.size else None,
             "max_age_s": int(age.max()) / 1e9 if age.size else None,
@@ -158,199 +168,54 @@ class PacketSchedule:
 
         Two arrays of shape (m,), the instants strictly increasing.
         """
-        counts = self.status == DELIVERED
-        if self.link.on_loss != "hold":
-            counts = counts | _noticed(self)
-        messages = np.flatnonzero(counts)
-        times = self.arrival_ns[messages]
+        delivered, noticed = self.status == DELIVERED, self._noticed()
+        entries = np.flatnonzero(delivered | noticed)
+        times = self.arrival_ns[entries]
         order = np.argsort(times, kind="stable")  # at one instant, the later sent comes last
-        messages, times = messages[order], times[order]
+        entries, times = entries[order], times[order]
         last = np.append(times[1:] != times[:-1], np.ones(min(times.size, 1), np.bool_))
-        messages, times = messages[last], times[last]
-        return times, np.where(self.status[messages] == LOST, SUBSTITUTE, messages)
+        entries, times = entries[last], times[last]
+        return times, np.where(noticed[entries], SUBSTITUTE, entries)
 
+    def _noticed(self) -> NDArray[np.bool_]:
+        """Losses that bring the substitute into use.
 
-class Alignment(NamedTuple):
-    """Communication points, and the schedules whose sends and deliveries all lie on them."""
+        Those are the ones that no newer delivery has made irrelevant by the time they are due.
+        """
+        if self.link.on_loss == "hold":
+            return np.zeros(self.status.size, np.bool_)
+        newer = earliest_newer(self.arrival_ns, self.copy, self.status == DELIVERED)
+        missed = (self.status == LOST) | (self.status == QUEUE_FULL)
+        result: NDArray[np.bool_] = missed & (newer > self.arrival_ns)
+        return result
 
-    points_ns: NDArray[np.int64]
-    schedules: tuple[PacketSchedule, ...]
-
-
-def schedule(link: PacketLink, end_ns: int) -> PacketSchedule:
-    """Schedule of every message sent in [0, end_ns], in exact integer nanoseconds.
-
-    A longer run begins with the same messages, delays and losses.
-
-    Raises
-    ------
-    InputError : `end_ns` is no duration, or so many messages that the units must be wrong.
-    """
-    check_duration(f"link {link.name!r}: end_ns", end_ns)
-    count = max(0, (int(end_ns) - int(link.offset_ns)) // int(link.sample_time_ns) + 1)
-    if count > MAX_MESSAGES:
-        raise InputError(
-            "too many messages",
-            where=f"link {link.name!r}",
-            expected=f"at most {MAX_MESSAGES} in a run",
-            got=f"{count}: one each {link.sample_time_ns} ns up to {end_ns} ns",
-            hint="times are in nanoseconds",
+    def _timeline(self) -> Timeline:
+        told = np.flatnonzero(self.status != IN_FLIGHT)
+        told = told[np.argsort(self.arrival_ns[told], kind="stable")]
+        delivered, noticed = (self.status == DELIVERED)[told], self._noticed()[told]
+        used = _held(np.where(noticed, SUBSTITUTE, told), delivered | noticed, NONE_YET)
+        return Timeline(
+            time_ns=self.arrival_ns[told],
+            used=used,
+            sequence=np.where(used >= 0, np.append(self.sequence, 0)[used], used),
+            origin_ns=_held(self.sent_ns[told], delivered, 0),
+            dropped=np.cumsum(~delivered, dtype=np.int64),
+            delivered=np.cumsum(delivered, dtype=np.int64),
         )
-    sent = link.offset_ns + np.arange(count, dtype=np.int64) * link.sample_time_ns
-    transit = link.delay_ns + draws.jitter_ns(link.jitter, link.seed, link.name, count)
-    if count * link.frame_ns >= 2**62:
-        raise InputError(
-            "the messages take longer to send than can be counted",
-            where=f"link {link.name!r}: data_rate",
-            expected="less than 2**62 ns for all messages of the run",
-            got=f"{count} messages of {link.frame_ns} ns",
-            hint="data_rate is in bit/s, frame_size in bits",
-        )
-    lost = draws.lost(link.loss, link.seed, link.name, count)
-    return _resolve(link, int(end_ns), sent, transit, lost)
 
 
-def align(
-    schedules: Sequence[PacketSchedule],
-    points_ns: int | ArrayLike,
-    policy: Literal["align", "grid"] = "align",
-) -> Alignment:
-    """Bring communication points and schedules together.
-
-    Parameters
-    ----------
-    schedules : of all the links of one run (same end_ns).
-    points_ns : communication points [ns], strictly increasing from 0 to end_ns; or the step
-        [ns] of a uniform grid (its multiples up to end_ns, and end_ns itself).
-    policy : "align": every instant of sending, of delivery and of a noticed loss (`on_loss`
-        other than "hold") becomes a point, and the schedules stay as they are. "grid": the
-        points stay; a message is sent at the first point at or after its instant, and arrives
-        at the first point at or after that plus delay plus jitter, so that it is never early.
-
-    Raises
-    ------
-    InputError : unknown policy, schedules of different runs, points out of order.
-    """
-    if policy not in ("align", "grid"):
-        raise InputError(
-            "unknown policy", where="align", expected="align or grid", got=repr(policy)
-        )
-    ends = {s.end_ns for s in schedules}
-    if len(ends) > 1:
-        raise InputError(
-            "the schedules belong to runs of different length",
-            where="align",
-            expected="one end_ns",
-            got=", ".join(f"{s.link.name}: {s.end_ns} ns" for s in schedules),
-        )
-    points = _points(points_ns, ends.pop() if ends else None)
-    if policy == "grid":
-        return Alignment(points, tuple(_on_grid(s, points) for s in schedules))
-    instants = [points]
-    for s in schedules:
-        instants += [s.sent_ns, s.changes()[0]]
-    return Alignment(np.unique(np.concatenate(instants)), tuple(schedules))
-
-
-def _points(points_ns: int | ArrayLike, end_ns: int | None) -> NDArray[np.int64]:
-    if isinstance(points_ns, (int, np.integer)):
-        check_duration("align: step", points_ns, minimum=1)
-        if end_ns is None:
-            raise InputError(
-                "a step alone does not say where the run ends",
-                where="align",
-                expected="at least one schedule, or the points themselves",
-                got="no schedule",
-            )
-        return np.append(np.arange(0, end_ns, points_ns, dtype=np.int64), end_ns)
-    points = np.asarray(points_ns)
-    right = points.ndim == 1 and points.size > 0 and np.issubdtype(points.dtype, np.integer)
-    if not right or points[0] != 0 or (np.diff(points) <= 0).any():
-        raise InputError(
-            "communication points out of order",
-            where="align",
-            expected="integers [ns], strictly increasing from 0",
-            got=f"array of {points.dtype}, shape {points.shape}",
-        )
-    if end_ns is not None and points[-1] != end_ns:
-        raise InputError(
-            "the communication points do not end where the schedules do",
-            where="align",
-            expected=f"last point {end_ns} ns",
-            got=f"{points[-1]} ns",
-        )
-    return points.astype(np.int64)
-
-
-def _on_grid(s: PacketSchedule, points: NDArray[np.int64]) -> PacketSchedule:
-    sent = _up(s.sent_ns, points)
-    return _resolve(s.link, s.end_ns, sent, s.transit_ns, s.lost, points=points)
-
-
-def _up(times: NDArray[np.int64], points: NDArray[np.int64]) -> NDArray[np.int64]:
-    """First point at or after each time; times after the last point stay as they are."""
-    place = np.searchsorted(points, times)
-    return np.where(place < points.size, np.append(points, 0)[place], times)
-
-
-def _resolve(
-    link: PacketLink,
-    end_ns: int,
-    sent: NDArray[np.int64],
-    transit: NDArray[np.int64],
-    lost: NDArray[np.bool_],
-    *,
-    points: NDArray[np.int64] | None = None,
-) -> PacketSchedule:
-    """Apply order and loss to messages already drawn."""
-    arrival = _transmitted(link, sent) + transit
-    if points is not None:
-        arrival = _up(arrival, points)
-    if link.order == "fifo":
-        # What is lost holds nobody up, but is itself not missed before its predecessors are in.
-        arrival = np.maximum(arrival, np.maximum.accumulate(np.where(lost, 0, arrival)))
-    status = np.full(sent.size, DELIVERED, np.int8)
-    if link.order == "newest-wins":
-        status[_overtaken(arrival, lost)] = OVERTAKEN
-    status[lost] = LOST
-    status[arrival > end_ns] = IN_FLIGHT
-    return PacketSchedule(
-        link=link,
-        end_ns=end_ns,
-        sent_ns=sent,
-        transit_ns=transit,
-        arrival_ns=arrival,
-        delivered_ns=np.where(status == DELIVERED, arrival, -1),
-        sequence=np.arange(sent.size, dtype=np.int64),
-        status=status,
-        lost=lost,
-    )
-
-
-def _transmitted(link: PacketLink, sent: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Instant at which the sender has put each message on the link.
-
-    One after the other: out[k] = max(sent[k], out[k-1]) + frame, which unrolls into
-    frame (k + 1) + max over j <= k of (sent[j] - frame j).
-    """
-    before = link.frame_ns * np.arange(sent.size, dtype=np.int64)
-    queued: NDArray[np.int64] = np.maximum.accumulate(sent - before) + before
-    return queued + np.int64(link.frame_ns)
-
-
-def _overtaken(arrival: NDArray[np.int64], lost: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Messages that arrive after a newer one which is not lost."""
+def earliest_newer(
+    arrival_ns: NDArray[np.int64], copy: NDArray[np.bool_], counts: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """Earliest arrival of a newer message among those that count [ns]; 2**63 - 1 for none."""
     never = np.iinfo(np.int64).max
-    earliest = np.minimum.accumulate(np.where(lost, never, arrival)[::-1])[::-1]
-    newer: NDArray[np.int64] = np.append(earliest[1:], [never])[: arrival.size]
-    return newer < arrival
+    earliest = np.minimum.accumulate(np.where(counts, arrival_ns, never)[::-1])[::-1]
+    following = np.arange(1, copy.size + 1)
+    following[:-1] += copy[1:]  # the copy of a message is not newer than itself
+    return np.append(earliest, never)[following]
 
 
-def _noticed(s: PacketSchedule) -> NDArray[np.bool_]:
-    """Losses that no newer delivery has made irrelevant by the time they are due."""
-    never = np.iinfo(np.int64).max
-    delivered = np.where(s.status == DELIVERED, s.arrival_ns, never)
-    earliest = np.minimum.accumulate(delivered[::-1])[::-1]
-    newer: NDArray[np.int64] = np.append(earliest[1:], [never])[: s.sent_ns.size]
-    noticed: NDArray[np.bool_] = (s.status == LOST) & (newer > s.arrival_ns)
-    return noticed
+def _held(values: NDArray[np.int64], there: NDArray[np.bool_], before: int) -> NDArray[np.int64]:
+    """The last value that is there, at each place; `before` ahead of the first."""
+    last = np.maximum.accumulate(np.where(there, np.arange(1, values.size + 1), 0))
+    return np.concatenate((np.array([before], np.int64), values))[last]

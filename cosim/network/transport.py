@@ -1,7 +1,8 @@
-"""A transport link: a continuous signal, delayed by a constant.
+"""A transport link: a continuous signal, delayed by a constant or by a recorded delay.
 
-y(t) = u(t - delay), read off the rows of the sender by linear interpolation between two
-communication points; before t = 0 the signal has its initial value, row 0.
+y(t) = u(t - delay(t)), the delay being that at the instant of receiving; read off the rows of
+the sender by linear interpolation between two communication points; before t = 0 the signal
+has its initial value, row 0.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.network.packet import check_duration
+from cosim.network.checks import check_duration, check_name
+from cosim.network.profile import DelayProfile
+from cosim.network.state import NONE_YET, LinkState
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -26,24 +29,53 @@ class TransportLink:
     ----------
     name : name of the link.
     delay_ns : delay [ns], 0 for a wire.
+    delay : in place of `delay_ns`, a recorded delay that varies.
 
     Raises
     ------
-    InputError : no name, or a delay that is no integer in [0, 2**53].
+    InputError : no name, a delay that is no integer in [0, 2**53], or two delays.
     """
 
     name: str
     delay_ns: int = 0
 
+    delay: DelayProfile | None = None
+
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
+        check_name("link", self.name)
+        where = f"link {self.name!r}"
+        check_duration(f"{where}: delay_ns", self.delay_ns)
+        if self.delay is not None and not isinstance(self.delay, DelayProfile):
             raise InputError(
-                "a link needs a name",
-                where="link",
-                expected="a non-empty string",
-                got=repr(self.name),
+                "delay of the wrong type",
+                where=f"{where}: delay",
+                expected="a DelayProfile or None",
+                got=repr(self.delay),
+                hint="only a packet link can have a delay that follows a signal",
             )
-        check_duration(f"link {self.name!r}: delay_ns", self.delay_ns)
+        if self.delay is not None and self.delay_ns != 0:
+            raise InputError(
+                "a link has one delay",
+                where=f"{where}: delay_ns, delay",
+                expected="delay_ns = 0 where the delay varies",
+                got=f"{self.delay_ns} ns and a DelayProfile",
+            )
+
+    def read_ns(self, points_ns: ArrayLike) -> NDArray[np.int64]:
+        """Instant of the sender's signal that is read at each point [ns], not before 0."""
+        points = np.asarray(points_ns, np.int64)
+        delay = self.delay_ns if self.delay is None else self.delay.delay_ns(points)
+        read: NDArray[np.int64] = np.maximum(points - delay, 0)
+        return read
+
+    def state(self, points_ns: ArrayLike) -> LinkState:
+        """State at each point: its age is the delay, or the time since the start.
+
+        There are no messages: `sequence` is `NONE_YET`, and none is dropped or delivered.
+        """
+        points = np.asarray(points_ns, np.int64)
+        none = np.zeros(points.shape, np.int64)
+        return LinkState((points - self.read_ns(points)) / 1e9, none + NONE_YET, none, none.copy())
 
     def rows(self, points_ns: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Where the delayed signal lies between the sender's rows.
@@ -60,7 +92,7 @@ class TransportLink:
             after k; row k itself only where the delay is shorter than the step into k.
         """
         points = np.asarray(points_ns, np.int64)
-        wanted = np.maximum(points - np.int64(self.delay_ns), points[:1])
+        wanted = np.maximum(self.read_ns(points), points[:1])
         index = np.searchsorted(points, wanted, side="right") - 1
         following = np.minimum(index + 1, points.size - 1)
         gap = points[following] - points[index]

@@ -1,0 +1,94 @@
+"""What a channel does to messages at random: jitter, and loss in bursts.
+
+Declarations alone; `cosim.network.draws` draws from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from cosim.errors import InputError
+from cosim.network.checks import check_duration, check_probability
+
+JitterKind = Literal["none", "uniform", "exponential", "normal"]
+
+
+@dataclass(frozen=True, slots=True)
+class Jitter:
+    """Extra delay of each message, on top of the link's delay; independent, never negative.
+
+    It is never negative so that `delay_ns` stays a bound: no message arrives before
+    sent + delay. Fractions of a nanosecond are rounded (uniform: cut off).
+
+    Parameters
+    ----------
+    kind : "none"; "uniform" on [0, width_ns); "exponential" with mean `mean_ns`; "normal"
+        with mean `mean_ns` and standard deviation `sigma_ns`. The last two are conditioned on
+        lying in [0, max_ns] (drawn again until they do), so `mean_ns` and `sigma_ns` are those
+        before truncation. A normal of mean 0 is thus a half-normal.
+    width_ns, mean_ns, sigma_ns : as `kind` asks [ns]; 0 where it does not.
+    max_ns : largest extra delay [ns], None for no bound; at least mean_ns + sigma_ns, or
+        nearly every draw would be refused.
+    """
+
+    kind: JitterKind = "none"
+    width_ns: int = 0
+    mean_ns: int = 0
+    sigma_ns: int = 0
+    max_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(JitterKind):
+            raise InputError(
+                "unknown jitter",
+                where="jitter.kind",
+                expected="one of " + ", ".join(get_args(JitterKind)),
+                got=repr(self.kind),
+            )
+        needed = {"uniform": "width_ns", "exponential": "mean_ns", "normal": "sigma_ns"}
+        used = {needed.get(self.kind)} | ({"mean_ns"} if self.kind == "normal" else set())
+        for key in ("width_ns", "mean_ns", "sigma_ns"):
+            value = getattr(self, key)
+            check_duration(f"jitter.{key}", value, minimum=int(key == needed.get(self.kind)))
+            if value and key not in used:
+                raise InputError(
+                    f"{self.kind!r} jitter has no {key}",
+                    where=f"jitter.{key}",
+                    expected="0, or another kind of jitter",
+                    got=f"{value} ns",
+                )
+        if self.max_ns is None:
+            return
+        if self.kind not in ("exponential", "normal"):
+            raise InputError(
+                f"{self.kind!r} jitter has no max_ns",
+                where="jitter.max_ns",
+                expected="None, or exponential or normal jitter",
+                got=f"{self.max_ns} ns",
+            )
+        check_duration("jitter.max_ns", self.max_ns, minimum=self.mean_ns + self.sigma_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class GilbertElliott:
+    """Bursty loss: a two-state Markov chain, one transition per message, starting good.
+
+    Parameters
+    ----------
+    p_enter, p_exit : probability of going from good to bad, from bad to good, before a message
+        (the first message is sent in the good state).
+    loss_good, loss_bad : probability of losing a message sent in that state.
+
+    The long-run loss is (p_exit loss_good + p_enter loss_bad) / (p_enter + p_exit), the mean
+    length of a stay in the bad state 1 / p_exit messages (Gilbert 1960, Elliott 1963).
+    """
+
+    p_enter: float
+    p_exit: float
+    loss_good: float = 0.0
+    loss_bad: float = 1.0
+
+    def __post_init__(self) -> None:
+        for key in ("p_enter", "p_exit", "loss_good", "loss_bad"):
+            check_probability(f"loss.{key}", getattr(self, key))

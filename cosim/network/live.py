@@ -1,0 +1,281 @@
+"""A packet link whose schedule grows while the run goes, for delays that only the run yields.
+
+The loop knows every instant of sending beforehand. At each of them it tells the link, message
+by message, the value that decides the delay; everything the receiver sees before the next
+sending is then final, since nothing sent later can arrive earlier. At the end the same
+messages make an ordinary `PacketSchedule`.
+
+    link = PacketLink("ranging", sample_time_ns=10**9, delay=DelaySignal(1 / 1500))
+    live = LiveSchedule(link, end_ns)
+    points: the grid and live.sent_ns; then, as the run goes, live.next_change_ns()
+    at each point t:
+        while live.message < live.sent_ns.size and live.sent_ns[live.message] == t:
+            live.resolve(live.message, range_in_metres)
+        live.until(t)            # the message whose value the receiver has
+    result = live.finish()
+
+A message costs O(log n), n being those on their way; nothing past is computed again.
+"""
+
+from __future__ import annotations
+
+import copy
+from bisect import bisect_right
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.network.alignment import communication_points
+from cosim.network.delay_signal import DelaySignal
+from cosim.network.messages import delays, drawn, sending_instants
+from cosim.network.packet import PacketLink
+from cosim.network.resolve import longest_wait_ns, rounded_up, settled
+from cosim.network.schedule import PacketSchedule
+from cosim.network.state import NONE_YET, GrowingTimeline, LinkState, Timeline
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+_NEVER = 2**63 - 1
+
+
+class LiveSchedule:
+    """The traffic of a link over [0, end_ns], as far as its delays are known.
+
+    Parameters
+    ----------
+    link : any packet link; one without a `DelaySignal` resolves without values.
+    end_ns : end of the run [ns].
+    points_ns : None: instants are as they are ("align" of `align`). Communication points, or
+        the step of a uniform grid [ns]: sendings and arrivals are rounded up to them ("grid").
+
+    Raises
+    ------
+    InputError : as `schedule` and `align`.
+    """
+
+    def __init__(
+        self, link: PacketLink, end_ns: int, points_ns: int | ArrayLike | None = None
+    ) -> None:
+        sent = sending_instants(link, end_ns)
+        self._points = None if points_ns is None else communication_points(points_ns, end_ns)
+        if self._points is not None:
+            sent = rounded_up(sent, self._points)
+        waits = isinstance(link.delay, DelaySignal)
+        known = np.zeros(sent.size, np.int64) if waits else delays(link, sent)
+        self._link, self._end_ns = link, int(end_ns)
+        self._messages = drawn(link, sent, known)
+        self._next = 0  # message
+        self._entry = 0
+        self._free = 0  # when the sender has sent all it took
+        self._behind = 0  # under fifo, when the last one to wait for arrives
+        self._due: list[tuple[int, int, int, bool]] = []  # arrival, entry, message, gone
+        self._newest = NONE_YET
+        self._log = GrowingTimeline()
+        self._frame_ns, self._longest_wait_ns = link.frame_ns, longest_wait_ns(link)
+        self._settle()
+
+    @property
+    def link(self) -> PacketLink:
+        """The link."""
+        return self._link
+
+    @property
+    def sent_ns(self) -> NDArray[np.int64]:
+        """Instant of sending of each message [ns], int64 (n,), all of them known beforehand."""
+        return self._messages.sent_ns
+
+    @property
+    def message(self) -> int:
+        """Number of the message to be resolved next; n when there is none."""
+        return self._next
+
+    @property
+    def horizon_ns(self) -> int:
+        """Everything before this instant is final [ns]; 2**63 - 1 when no message is left."""
+        return self._horizon_ns
+
+    def resolve(self, message: int, value: float | None = None) -> int:
+        """Tell the value at the instant of sending; the next message becomes the one to resolve.
+
+        Parameters
+        ----------
+        message : its number; messages come in order.
+        value : what the link's `DelaySignal` makes a delay of; None for any other link.
+
+        Returns
+        -------
+        Instant at which it arrives [ns], or would if it is lost.
+
+        Raises
+        ------
+        InputError : a message out of turn, a value that makes no delay.
+        """
+        k, drawn_ = self._next, self._messages
+        where = f"link {self._link.name!r}, message {message}"
+        if message != k or k >= drawn_.sent_ns.size:
+            raise InputError(
+                "messages are resolved in order of sending",
+                where=where,
+                expected=f"message {k}" if k < drawn_.sent_ns.size else "no more messages",
+                got=f"message {message}",
+            )
+        if isinstance(self._link.delay, DelaySignal):
+            drawn_.delay_ns[k] = self._link.delay.delay_ns(value, where=where)
+        elif value is not None:
+            raise InputError(
+                "the delay of this link follows no signal",
+                where=where,
+                expected="no value",
+                got=repr(value),
+            )
+        out, refused = self._transmit(int(drawn_.sent_ns[k]))
+        leaves = out + int(drawn_.delay_ns[k])
+        gone = refused or bool(drawn_.lost[k])
+        arrival = self._send(leaves + int(drawn_.jitter_ns[k]), gone=gone)
+        if drawn_.copied[k] and not gone:
+            self._send(leaves + int(drawn_.copy_jitter_ns[k]), gone=False)
+        self._next += 1
+        self._settle()
+        return arrival
+
+    def until(self, time_ns: int) -> int:
+        """Number of the message whose value the receiver has at an instant before the horizon.
+
+        `NONE_YET` (-1) before the first delivery, `SUBSTITUTE` (-2) as in `PacketSchedule`.
+
+        Raises
+        ------
+        InputError : an instant that is not final yet.
+        """
+        self._check_final(time_ns)
+        place = bisect_right(self._log.time_ns, time_ns)
+        return self._log.sequence[place - 1] if place else NONE_YET
+
+    def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
+        """As `PacketSchedule.in_use`, at points before the horizon.
+
+        Raises
+        ------
+        InputError : a point that is not final yet.
+        """
+        return self._timeline(points_ns).in_use(points_ns)
+
+    def state(self, points_ns: ArrayLike) -> LinkState:
+        """As `PacketSchedule.state`, at points before the horizon.
+
+        Raises
+        ------
+        InputError : a point that is not final yet.
+        """
+        return self._timeline(points_ns).state(points_ns)
+
+    def next_change_ns(self, after_ns: int) -> int | None:
+        """First instant after this one at which what is in use changes [ns].
+
+        None when there is none before the horizon: the next sending comes first.
+        """
+        place = bisect_right(self._log.change_ns, after_ns)
+        return self._log.change_ns[place] if place < len(self._log.change_ns) else None
+
+    def finish(self, end_ns: int | None = None) -> PacketSchedule:
+        """The schedule of a run that ends here, or ended at `end_ns` [ns], after which all is idle.
+
+        Raises
+        ------
+        InputError : a message was sent by then and never resolved, the end lies after that
+            of the run, or, on a grid, between two points.
+        """
+        end = self._end_ns if end_ns is None else int(end_ns)
+        where = f"link {self._link.name!r}: end_ns"
+        if not 0 <= end <= self._end_ns:
+            raise InputError(
+                "the run ends where it was to end, or before",
+                where=where,
+                expected=f"0 to {self._end_ns} ns",
+                got=f"{end} ns",
+            )
+        if self._points is not None and end not in self._points:
+            raise InputError(
+                "the run ends between two communication points", where=where, got=f"{end} ns"
+            )
+        count = int(np.searchsorted(self._messages.sent_ns, end, side="right"))
+        if count > self._next:
+            raise InputError(
+                "a message was sent and never resolved",
+                where=f"link {self._link.name!r}, message {self._next}",
+                expected=f"resolve() of every message up to {count - 1}",
+                got=f"sent at {self._messages.sent_ns[self._next]} ns, end at {end} ns",
+            )
+        points = None if self._points is None else self._points[self._points <= end]
+        return settled(self._link, end, self._messages.first(count), points)
+
+    def copy(self) -> LiveSchedule:
+        """Another one in the same state, which goes on on its own (for a snapshot)."""
+        twin = copy.copy(self)
+        own = self._messages.delay_ns.copy()  # the one array that a run writes
+        twin._messages = self._messages._replace(delay_ns=own)  # noqa: SLF001
+        twin._due = self._due.copy()  # noqa: SLF001
+        twin._log = copy.deepcopy(self._log)  # noqa: SLF001
+        return twin
+
+    def _transmit(self, sent_ns: int) -> tuple[int, bool]:
+        """When the sender has put a message on the link; whether the queue refuses it."""
+        out = max(self._free, sent_ns) + self._frame_ns
+        limit = self._longest_wait_ns
+        if limit is not None and self._free - sent_ns > limit:
+            return out, True
+        self._free = out
+        return out, False
+
+    def _send(self, arrival_ns: int, *, gone: bool) -> int:
+        """Put an entry on its way; when it arrives."""
+        arrival = arrival_ns
+        if self._points is not None:
+            place = int(self._points.searchsorted(arrival))
+            arrival = int(self._points[place]) if place < self._points.size else arrival
+        if self._link.order == "fifo":
+            arrival = max(arrival, self._behind)
+            self._behind = self._behind if gone else arrival
+        if arrival <= self._end_ns:
+            heappush(self._due, (arrival, self._entry, self._next, gone))
+        self._entry += 1
+        return arrival
+
+    def _settle(self) -> None:
+        """Let everything arrive that no message still to be sent can change."""
+        sent = self._messages.sent_ns
+        self._horizon_ns = int(sent[self._next]) if self._next < sent.size else _NEVER
+        while self._due and self._due[0][0] < self._horizon_ns:
+            self._receive(*heappop(self._due))
+
+    def _receive(self, time_ns: int, entry: int, message: int, gone: bool) -> None:  # noqa: FBT001
+        """One step of the receiver: entries come in order of time, at one instant as sent."""
+        if gone:
+            noticed = self._link.on_loss != "hold" and self._newest < message
+            self._log.dropped_at(time_ns, substituted=noticed)
+        elif self._link.order == "newest-wins" and message <= self._newest:
+            self._log.dropped_at(time_ns, substituted=False)
+        else:
+            self._newest = max(self._newest, message)
+            sent_ns = int(self._messages.sent_ns[message])
+            self._log.delivered_at(time_ns, entry, message, sent_ns)
+
+    def _check_final(self, time_ns: int) -> None:
+        if time_ns >= self._horizon_ns:
+            raise InputError(
+                "what is asked of the link is not known yet",
+                where=f"link {self._link.name!r}",
+                expected=f"an instant before {self._horizon_ns} ns, "
+                f"when message {self._next} is sent",
+                got=f"{time_ns} ns",
+                hint="resolve() the messages sent up to that instant first",
+            )
+
+    def _timeline(self, points_ns: ArrayLike) -> Timeline:
+        points = np.asarray(points_ns, np.int64)
+        if points.size:
+            self._check_final(int(points.max()))
+        return self._log.timeline()
