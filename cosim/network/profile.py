@@ -135,9 +135,8 @@ class DelayProfile:
             return self.delays_ns[place]
         place = np.minimum(place, self.times_ns.size - 2)
         rise = np.diff(self.delays_ns)[place]
-        return self.delays_ns[place] + _share(
-            rise, at - self.times_ns[place], np.diff(self.times_ns)[place]
-        )
+        whole = np.diff(self.times_ns)[place]
+        return _between(self.delays_ns[place], rise, at - self.times_ns[place], whole)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DelayProfile):
@@ -177,10 +176,13 @@ def _samples(key: str, given: Any, least: int) -> NDArray[np.int64]:
     return mine
 
 
-def _share(
-    rise: NDArray[np.int64], part: NDArray[np.int64], whole: NDArray[np.int64]
+def _between(
+    start: NDArray[np.int64],
+    rise: NDArray[np.int64],
+    part: NDArray[np.int64],
+    whole: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """rise part / whole to the nearest integer, ties to even; 0 <= part <= whole.
+    """start + rise part / whole to the nearest integer, ties to even; 0 <= part <= whole.
 
     With rise = q whole + r the product is q part + r part / whole, and only r part < whole**2
     can leave 64 bits: where it would, Python's integers take over.
@@ -190,7 +192,7 @@ def _share(
     product: Any = r.astype(object) * part if wide else r * part
     floor = (product // whole).astype(np.int64)
     rest = (product - floor * whole.astype(product.dtype)).astype(np.int64)
-    below = q * part + floor
+    below = start + q * part + floor
     up = (rest > whole - rest) | ((rest == whole - rest) & (below % 2 == 1))
     result: NDArray[np.int64] = below + up
     return result

@@ -1,0 +1,250 @@
+"""A link, event by event, in integers and fractions: slow, obvious, and on its own.
+
+It shares nothing with `cosim.network` but the declaration of the link and the raw draws (which
+message is lost or copied, and its jitter). The sender's queue is a list of waiting messages,
+the channel a heap of events, the receiver a person with a notebook.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from cosim.network import PacketLink, draws
+
+Label = tuple[int, int]
+"""A message and which of its two: 0 itself, 1 its copy."""
+
+_CODES = {"none": -1, "substitute": -2}
+_SENDER_DONE, _SEND, _ARRIVE = 0, 1, 2
+
+
+@dataclass
+class Entry:
+    """A message or a copy on its way."""
+
+    sent: int
+    transit: int
+    lost: bool
+    refused: bool
+    due: int | None = None  # when it has crossed the channel
+    arrival: int | None = None  # when the receiver gets, or misses, it
+    fate: str = "in flight"
+
+    @property
+    def gone(self) -> bool:
+        return self.lost or self.refused
+
+
+@dataclass
+class Note:
+    """What the receiver knows from an instant on."""
+
+    time: int = -1
+    used: Label | str = "none"
+    origin: int = 0
+    delivered: int = 0
+    dropped: int = 0
+    effect: str = ""
+
+
+@dataclass
+class Outcome:
+    """All that became of a run."""
+
+    end: int
+    entries: dict[Label, Entry]
+    notes: list[Note] = field(default_factory=lambda: [Note()])
+
+    @cached_property
+    def labels(self) -> list[Label]:
+        return sorted(self.entries)
+
+    def at(self, t: int) -> Note:
+        return next(note for note in reversed(self.notes) if note.time <= t)
+
+    def index(self, used: Label | str) -> int:
+        return _CODES[used] if isinstance(used, str) else self.labels.index(used)
+
+    def sequence(self, used: Label | str) -> int:
+        return _CODES[used] if isinstance(used, str) else used[0]
+
+    def changes(self) -> dict[int, str]:
+        """Instants at which what is in use changes, and what did it last."""
+        return {note.time: note.effect for note in self.notes if note.effect}
+
+    def statistics(self) -> dict[str, int | Fraction | None]:
+        fates = [e.fate for e in self.entries.values()]
+        delays = [e.arrival - e.sent for e in self.entries.values() if e.fate == "delivered"]  # type: ignore[operator]
+        ages = []
+        for note, following in zip(self.notes, [*self.notes[1:], Note(self.end)], strict=True):
+            if not isinstance(note.used, str):
+                ages.append(following.time - note.origin)
+        dropped = len(fates) - fates.count("delivered") - fates.count("in flight")
+        return {
+            "sent": sum(copy == 0 for _, copy in self.entries),
+            "duplicated": sum(copy == 1 for _, copy in self.entries),
+            "delivered": fates.count("delivered"),
+            "dropped": dropped,
+            "lost": fates.count("lost"),
+            "overtaken": fates.count("overtaken"),
+            "queue_full": fates.count("queue full"),
+            "discarded_copies": fates.count("duplicate"),
+            "in_flight": fates.count("in flight"),
+            "substitutions": sum(effect == "noticed" for effect in self.changes().values()),
+            "mean_delay_s": Fraction(sum(delays), len(delays) * 10**9) if delays else None,
+            "max_delay_s": Fraction(max(delays), 10**9) if delays else None,
+            "max_age_s": Fraction(max(ages), 10**9) if ages else None,
+        }
+
+
+class Raw(NamedTuple):
+    """The raw draws of a link's messages."""
+
+    jitter: list[int]
+    lost: list[bool]
+    copied: list[bool]
+    copy_jitter: list[int]
+
+
+def raw_draws(link: PacketLink, end: int) -> Raw:
+    count = len(range(link.offset_ns, end + 1, link.sample_time_ns))
+    source = (link.seed, link.name, count)
+    return Raw(
+        draws.jitter_ns(link.jitter, *source).tolist(),
+        draws.lost(link.loss, *source).tolist(),
+        draws.duplicated(link.duplicate, *source).tolist(),
+        draws.jitter_ns(link.jitter, *source, "copy jitter").tolist(),
+    )
+
+
+def run(
+    link: PacketLink,
+    end: int,
+    raw: Raw,
+    delay_of: Callable[[int, int], int],
+    points: Sequence[int] | None = None,
+) -> Outcome:
+    """What becomes of every message sent in [0, end].
+
+    `raw` holds the draws of this run or of a longer one; `delay_of(message, sent)` is the
+    delay without jitter; all instants are rounded up to `points`, if there are any.
+    """
+    model = _Model(link, end, points)
+    nominal = range(link.offset_ns, end + 1, link.sample_time_ns)
+    return model.run([model.up(t) for t in nominal], raw, delay_of)
+
+
+class _Model:
+    def __init__(self, link: PacketLink, end: int, points: Sequence[int] | None) -> None:
+        self.link, self.points = link, points
+        self.frame = (
+            math.ceil(Fraction(link.frame_size * 10**9, link.data_rate)) if link.data_rate else 0
+        )
+        self.outcome = Outcome(end, {})
+        self.events: list[tuple[Any, ...]] = []
+        self.waiting: list[int] = []
+        self.busy_until: int | None = None
+        self.line: list[Label] = []  # sent and neither received nor missed yet
+        self.newest = -1
+
+    def up(self, t: int) -> int:
+        if self.points is None:
+            return t
+        later = [p for p in self.points if p >= t]
+        return later[0] if later else t
+
+    def run(self, sent: list[int], raw: Raw, delay_of: Callable[[int, int], int]) -> Outcome:
+        for k, t in enumerate(sent):
+            self.events.append((t, _SEND, k))
+        heapq.heapify(self.events)
+        entries = self.outcome.entries
+        while self.events:
+            t, what, k, *more = heapq.heappop(self.events)
+            if what == _SEND:
+                delay = delay_of(k, t)
+                refused = self.is_full()
+                entries[k, 0] = Entry(t, delay + raw.jitter[k], raw.lost[k], refused)
+                self.line.append((k, 0))
+                if raw.copied[k] and not entries[k, 0].gone:
+                    entries[k, 1] = Entry(t, delay + raw.copy_jitter[k], lost=False, refused=False)
+                    self.line.append((k, 1))
+                self.hand_to_sender(t, k, refused=refused)
+            elif what == _SENDER_DONE:
+                self.busy_until = None
+                self.leave(t, k)
+                if self.waiting:
+                    self.begin(t, self.waiting.pop(0))
+            else:
+                self.arrived(t, (k, more[0]))
+        return self.outcome
+
+    def is_full(self) -> bool:
+        busy = self.busy_until is not None
+        limit = self.link.queue_limit
+        return busy and limit is not None and len(self.waiting) >= limit
+
+    def hand_to_sender(self, t: int, k: int, *, refused: bool) -> None:
+        if refused:  # missed when it would have come, after all that is in the queue
+            assert self.busy_until is not None
+            self.leave(self.busy_until + self.frame * (len(self.waiting) + 1), k)
+        elif self.busy_until is not None:
+            self.waiting.append(k)
+        else:
+            self.begin(t, k)
+
+    def begin(self, t: int, k: int) -> None:
+        if self.frame == 0:
+            self.leave(t, k)
+            return
+        self.busy_until = t + self.frame
+        heapq.heappush(self.events, (self.busy_until, _SENDER_DONE, k))
+
+    def leave(self, t: int, k: int) -> None:
+        for label in ((k, 0), (k, 1)):
+            entry = self.outcome.entries.get(label)
+            if entry is not None:
+                heapq.heappush(self.events, (self.up(t + entry.transit), _ARRIVE, *label))
+
+    def arrived(self, t: int, label: Label) -> None:
+        self.outcome.entries[label].due = t
+        if self.link.order != "fifo":
+            self.line.remove(label)
+            self.receive(t, label)
+            return
+        for other in list(self.line):
+            due = self.outcome.entries[other].due
+            ahead = self.line[: self.line.index(other)]
+            if due is not None and all(self.outcome.entries[a].gone for a in ahead):
+                self.line.remove(other)
+                self.receive(t, other)
+
+    def receive(self, t: int, label: Label) -> None:
+        entry, k = self.outcome.entries[label], label[0]
+        entry.arrival = t
+        if t > self.outcome.end:
+            return
+        last = self.outcome.notes[-1]
+        note = Note(t, last.used, last.origin, last.delivered, last.dropped)
+        if last.time == t:
+            note.effect = last.effect
+            self.outcome.notes.pop()
+        self.outcome.notes.append(note)
+        newest_wins = self.link.order == "newest-wins"
+        if entry.gone:
+            entry.fate = "queue full" if entry.refused else "lost"
+            if self.link.on_loss != "hold" and self.newest < k:
+                note.used, note.effect = "substitute", "noticed"
+        elif newest_wins and k <= self.newest:
+            entry.fate = "overtaken" if k < self.newest else "duplicate"
+        else:
+            entry.fate = "delivered"
+            self.newest = max(self.newest, k)
+            note.used, note.origin, note.effect = label, entry.sent, "delivered"
+        note.delivered += entry.fate == "delivered"
+        note.dropped += entry.fate != "delivered"

@@ -1,0 +1,304 @@
+"""Every field of every schedule against an event-by-event model in integers and fractions."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import link_model
+import numpy as np
+import pytest
+
+from cosim.network import (
+    REASONS,
+    DelayProfile,
+    DelaySignal,
+    GilbertElliott,
+    Jitter,
+    LiveSchedule,
+    PacketLink,
+    PacketSchedule,
+    TransportLink,
+    align,
+    schedule,
+)
+
+
+@dataclass
+class Case:
+    """A link, a run, its communication points, and the values of the signal behind its delay."""
+
+    link: PacketLink
+    end: int
+    points: list[int]
+    values: list[float]
+
+    def delay(self, message: int, sent: int) -> int:
+        declared = self.link.delay
+        if declared is None:
+            return self.link.delay_ns
+        if isinstance(declared, DelaySignal):
+            share = Fraction(declared.scale) * Fraction(self.values[message]) * 10**9
+            return round(declared.offset_ns + share)
+        return round(profile_at(declared, sent))
+
+    def value(self, message: int) -> float | None:
+        return self.values[message] if isinstance(self.link.delay, DelaySignal) else None
+
+
+def profile_at(profile: DelayProfile, t: int) -> Fraction:
+    known = list(zip(profile.times_ns.tolist(), profile.delays_ns.tolist(), strict=True))
+    before = [sample for sample in known if sample[0] <= t]
+    after = [sample for sample in known if sample[0] > t]
+    if not before:
+        return Fraction(known[0][1])
+    if not after or profile.interpolation == "previous":
+        return Fraction(before[-1][1])
+    (t0, d0), (t1, d1) = before[-1], after[0]
+    return d0 + Fraction((d1 - d0) * (t - t0), t1 - t0)
+
+
+def draw_case(number: int) -> Case:
+    """A short run of some link; small times make everything happen at once."""
+    r = random.Random(number)  # noqa: S311 - cases, not secrets
+    unit = r.choice([1, 1, 1, 1, 10**6, 2_000_000_011])
+    sample, messages = r.randint(1, 15), r.randint(0, 24)
+    offset = r.choice([0, 0, r.randint(0, 20)])
+    end = (offset + sample * messages + r.randint(0, 10)) * unit
+    link = PacketLink(
+        r.choice(["uplink", "downlink"]),
+        sample * unit,
+        offset * unit,
+        jitter=draw_jitter(r, unit),
+        loss=draw_loss(r),
+        order=r.choice(["newest-wins", "fifo", "as-arrived"]),
+        on_loss=r.choice(["hold", "zero", 2.5]),
+        seed=r.randrange(2**63),
+        duplicate=r.choice([0.0, 0.0, 0.3, 0.7, 1.0]),
+        **draw_rate(r, sample, unit),
+        **draw_delay(r, unit, end),
+    )
+    return Case(
+        link=link,
+        end=end,
+        points=draw_points(r, end, unit),
+        values=[r.choice([0, r.randint(0, 40), r.uniform(0, 40)]) for _ in range(messages + 20)],
+    )
+
+
+def draw_jitter(r: random.Random, unit: int) -> Jitter:
+    return r.choice(
+        [
+            Jitter(),
+            Jitter("uniform", width_ns=r.randint(1, 40) * unit),
+            Jitter("exponential", mean_ns=r.randint(1, 20) * unit),
+            Jitter("exponential", mean_ns=5 * unit, max_ns=r.randint(5, 9) * unit),
+            Jitter("normal", mean_ns=r.randint(0, 9) * unit, sigma_ns=r.randint(1, 20) * unit),
+        ]
+    )
+
+
+def draw_loss(r: random.Random) -> float | GilbertElliott:
+    p = [r.choice([0.0, 0.2, 0.5, 1.0, r.random()]) for _ in range(4)]
+    return r.choice([0.0, 0.0, 0.2, 0.6, 1.0, GilbertElliott(*p), GilbertElliott(p[0], p[1])])
+
+
+def draw_rate(r: random.Random, sample: int, unit: int) -> dict[str, Any]:
+    if r.random() < 0.5:
+        return {}
+    frame = r.randint(1, 2 * sample + 3) * unit
+    rate, size = r.choice([(10**9, frame), (3 * 10**8, max(1, 3 * frame // 10))])
+    return {
+        "data_rate": rate,
+        "frame_size": size,
+        "queue_limit": r.choice([None, 0, 1, r.randint(0, 5)]),
+    }
+
+
+def draw_delay(r: random.Random, unit: int, end: int) -> dict[str, Any]:
+    kind = r.choice(["none", "constant", "constant", "profile", "profile", "signal", "signal"])
+    if kind == "constant":
+        return {"delay_ns": r.randint(0, 40) * unit}
+    if kind == "profile":
+        return {"delay": draw_profile(r, unit, end)}
+    if kind == "signal":
+        scale = r.choice([1e-9, 0.25e-9, -1e-9, 1 / 1500e6]) * unit
+        offset = 40 * unit if scale < 0 else r.choice([0, r.randint(0, 9)]) * unit
+        return {"delay": DelaySignal(scale, offset)}
+    return {}
+
+
+def draw_profile(r: random.Random, unit: int, end: int) -> DelayProfile:
+    times = sorted({r.randint(-unit, end + unit) for _ in range(r.randint(1, 8))})
+    delays = [r.randint(0, 40 * unit) for _ in times]
+    return DelayProfile(np.array(times), np.array(delays), r.choice(["previous", "linear"]))
+
+
+def draw_points(r: random.Random, end: int, unit: int) -> list[int]:
+    if end == 0:
+        return [0]
+    if r.random() < 0.6:
+        step = r.randint(1, 20) * unit
+        return [*range(0, end, step), end]
+    return sorted({0, end, *(r.randint(0, end) for _ in range(r.randint(0, 30)))})
+
+
+def check_schedule(s: PacketSchedule, model: link_model.Outcome, instants: list[int]) -> None:
+    """Every field, and every answer at the instants, is the model's."""
+    entries = [model.entries[label] for label in model.labels]
+    assert s.sequence.tolist() == [k for k, _ in model.labels]
+    assert s.copy.tolist() == [bool(copy) for _, copy in model.labels]
+    assert s.sent_ns.tolist() == [e.sent for e in entries]
+    assert s.transit_ns.tolist() == [e.transit for e in entries]
+    assert s.lost.tolist() == [e.lost for e in entries]
+    assert s.arrival_ns.tolist() == [e.arrival for e in entries]
+    assert [REASONS[k] for k in s.status.tolist()] == [e.fate for e in entries]
+    delivered = [e.arrival if e.fate == "delivered" else -1 for e in entries]
+    assert s.delivered_ns.tolist() == delivered
+    times, used = s.changes()
+    changes = model.changes()
+    assert times.tolist() == sorted(changes)
+    assert used.tolist() == [model.index(model.at(t).used) for t in sorted(changes)]
+    check_answers(s, model, instants)
+    check_statistics(s, model)
+
+
+def check_answers(
+    s: PacketSchedule | LiveSchedule, model: link_model.Outcome, instants: list[int]
+) -> None:
+    notes = [model.at(t) for t in instants]
+    assert s.in_use(instants).tolist() == [model.index(n.used) for n in notes]
+    state = s.state(instants)
+    assert state.sequence.tolist() == [model.sequence(n.used) for n in notes]
+    assert state.delivered.tolist() == [n.delivered for n in notes]
+    assert state.dropped.tolist() == [n.dropped for n in notes]
+    ages = [Fraction(t - n.origin, 10**9) for t, n in zip(instants, notes, strict=True)]
+    assert state.age_s.tolist() == [float(age) for age in ages]
+
+
+def check_statistics(s: PacketSchedule, model: link_model.Outcome) -> None:
+    got, expected = s.statistics(), model.statistics()
+    assert list(got) == list(expected)
+    for key, value in expected.items():
+        given = got[key]
+        if isinstance(value, Fraction):
+            assert given is not None
+            assert abs(given - float(value)) <= 2 * math.ulp(float(value)), key
+        elif given is None and key in ("duplicated", "discarded_copies"):
+            assert s.link.duplicate == value == 0
+        elif given is None and key == "queue_full":
+            assert s.link.queue_limit is None
+            assert value == 0
+        else:
+            assert given == value, key
+    counts = {key: value or 0 for key, value in got.items()}
+    assert counts["sent"] + counts["duplicated"] == (
+        counts["delivered"] + counts["dropped"] + counts["in_flight"]
+    )
+    assert counts["dropped"] == (
+        counts["lost"] + counts["overtaken"] + counts["queue_full"] + counts["discarded_copies"]
+    )
+
+
+def fly(
+    live: LiveSchedule, case: Case, model: link_model.Outcome, r: random.Random
+) -> LiveSchedule:
+    """Resolve message after message, asking in between for what is final and comparing it."""
+    changes = sorted(model.changes())
+    for k, sent in enumerate(live.sent_ns.tolist()):
+        assert (live.message, live.horizon_ns) == (k, sent)
+        asked = sorted(r.randrange(sent) for _ in range(r.choice([0, 0, 0, 2]))) if sent else []
+        if asked:
+            check_answers(live, model, asked)
+        for t in asked:
+            assert live.until(t) == model.sequence(model.at(t).used)
+            after = next((c for c in changes if t < c < sent), None)
+            assert live.next_change_ns(t) == after
+        if r.random() < 0.1:
+            live = live.copy()
+        assert live.resolve(k, case.value(k)) == model.entries[k, 0].arrival
+    assert live.message == live.sent_ns.size
+    return live
+
+
+def same(one: PacketSchedule, other: PacketSchedule) -> None:
+    arrays = ("sent_ns", "transit_ns", "arrival_ns", "delivered_ns", "sequence", "status")
+    for key in (*arrays, "lost", "copy"):
+        a, b = getattr(one, key), getattr(other, key)
+        assert a.dtype == b.dtype
+        assert (a == b).all()
+        assert a.shape == b.shape
+
+
+def check_case(number: int) -> None:
+    """One link in all its forms: at once and live, instants as they are and on a grid."""
+    case = draw_case(number)
+    r = random.Random(-1 - number)  # noqa: S311 - cases, not secrets
+    link, end, points = case.link, case.end, case.points
+    raw = link_model.raw_draws(link, end)
+    exact = link_model.run(link, end, raw, case.delay)
+    grid = link_model.run(link, end, raw, case.delay, points)
+    instants = [*(r.randint(0, end) for _ in range(6)), 0, end]
+    live = fly(LiveSchedule(link, end), case, exact, r)
+    check_answers(live, exact, instants)
+    finished = live.finish()
+    check_schedule(finished, exact, instants)
+    on_points = fly(LiveSchedule(link, end, points), case, grid, r).finish()
+    check_schedule(on_points, grid, instants)
+    if not isinstance(link.delay, DelaySignal):
+        finished = schedule(link, end)
+        same(finished, live.finish())
+        same(align([finished], points, "grid").schedules[0], on_points)
+    else:
+        check_schedule(align([finished], points, "grid").schedules[0], grid, instants)
+    made, (kept,) = align([finished], points)
+    assert kept is finished
+    sent = {e.sent for e in exact.entries.values()}
+    assert made.tolist() == sorted({*points, *sent, *exact.changes()})
+    if number % 3 == 0:  # a run that ended early has the schedule of the shorter run
+        stop = r.randint(0, end)
+        shorter = link_model.run(link, stop, raw, case.delay)
+        check_schedule(live.finish(stop), shorter, [0, stop])
+
+
+def check_transport(number: int) -> None:
+    """Index and weight of the interpolation, and the age, are those of exact fractions."""
+    r = random.Random(number)  # noqa: S311 - cases, not secrets
+    unit = r.choice([1, 1, 10**6, 2_000_000_011])
+    end = r.randint(0, 200) * unit
+    points = draw_points(r, end, unit)
+    delay: dict[str, Any] = {"delay_ns": r.randint(0, 120) * unit}
+    if r.random() < 0.5:
+        delay = {"delay": draw_profile(r, unit, end)}
+    link = TransportLink("t", **delay)
+    index, weight = link.rows(points)
+    age = link.state(points).age_s
+    for j, t in enumerate(points):
+        late = link.delay_ns if link.delay is None else round(profile_at(link.delay, t))
+        read = max(t - late, 0)
+        i = max(k for k, p in enumerate(points) if p <= read)
+        exact = Fraction(read - points[i], points[i + 1] - points[i]) if read > points[i] else 0
+        assert index[j] == i <= j
+        assert abs(Fraction(float(weight[j])) - exact) <= Fraction(1, 2**53)
+        assert age[j] == float(Fraction(t - read, 10**9))
+
+
+@pytest.mark.parametrize("part", range(6))
+@pytest.mark.parametrize("check", [check_case, check_transport])
+def test_link_is_exact(check: Callable[[int], None], part: int) -> None:
+    """1500 random links, nanosecond by nanosecond."""
+    for number in range(250 * part, 250 * (part + 1)):
+        check(number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+def test_link_is_exact_on_ten_thousand(part: int) -> None:
+    """10 000 random links, nanosecond by nanosecond."""
+    for number in range(1000 * part, 1000 * (part + 1)):
+        check_case(number)
+        check_transport(number)
