@@ -63,7 +63,7 @@ class DelaySignal:
         if abs(float(self.scale) * float(value)) < 2.0 * MAX_NS:  # else far out, and long to write
             a, b = float(self.scale).as_integer_ratio()
             c, d = float(value).as_integer_ratio()
-            delay = int(self.offset_ns) + _nearest(a * c * 10**9, b * d)
+            delay = _nearest(int(self.offset_ns) * b * d + a * c * 10**9, b * d)
             if 0 <= delay <= MAX_NS:
                 return delay
         raise InputError(

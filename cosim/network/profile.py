@@ -129,14 +129,16 @@ class DelayProfile:
 
     def delay_ns(self, at_ns: ArrayLike) -> NDArray[np.int64]:
         """Delay at each instant [ns], of the shape of `at_ns`."""
-        at = np.clip(np.asarray(at_ns, np.int64), self.times_ns[0], self.times_ns[-1])
+        wanted = np.asarray(at_ns, np.int64)
+        at = np.clip(wanted.ravel(), self.times_ns[0], self.times_ns[-1])
         place = np.searchsorted(self.times_ns, at, side="right") - 1
         if self.interpolation == "previous" or self.times_ns.size == 1:
-            return self.delays_ns[place]
+            return self.delays_ns[place].reshape(wanted.shape)
         place = np.minimum(place, self.times_ns.size - 2)
         rise = np.diff(self.delays_ns)[place]
         whole = np.diff(self.times_ns)[place]
-        return _between(self.delays_ns[place], rise, at - self.times_ns[place], whole)
+        line = _between(self.delays_ns[place], rise, at - self.times_ns[place], whole)
+        return line.reshape(wanted.shape)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, DelayProfile):

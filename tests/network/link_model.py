@@ -80,7 +80,7 @@ class Outcome:
 
     def statistics(self) -> dict[str, int | Fraction | None]:
         fates = [e.fate for e in self.entries.values()]
-        delays = [e.arrival - e.sent for e in self.entries.values() if e.fate == "delivered"]  # type: ignore[operator]
+        delays = [e.arrival - e.sent for e in self.entries.values() if e.fate == "delivered"]
         ages = []
         for note, following in zip(self.notes, [*self.notes[1:], Note(self.end)], strict=True):
             if not isinstance(note.used, str):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import InputError
-from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
+from cosim.network import DelaySignal, GilbertElliott, Jitter, PacketLink, TransportLink
 
 
 @pytest.mark.parametrize(
@@ -38,6 +38,13 @@ from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
         ({"data_rate": 9600.0, "frame_size": 8}, "data_rate"),
         ({"data_rate": 1, "frame_size": -8}, "frame_size"),
         ({"data_rate": 1, "frame_size": 2**40}, "frame_size / data_rate"),
+        ({"duplicate": 1.5}, "duplicate"),
+        ({"duplicate": None}, "duplicate"),
+        ({"queue_limit": 3}, "queue_limit"),
+        ({"queue_limit": -1, "data_rate": 9600, "frame_size": 8}, "queue_limit"),
+        ({"queue_limit": 1.0, "data_rate": 9600, "frame_size": 8}, "queue_limit"),
+        ({"delay": 5}, "delay"),
+        ({"delay": DelaySignal(1.0), "delay_ns": 5}, "one delay"),
         ({"seed": -1}, "seed"),
         ({"seed": 2**63}, "seed"),
         ({"seed": 1.5}, "seed"),

@@ -1,0 +1,338 @@
+"""The laws of a link, whatever is declared, and small runs worked out by hand."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+import link_model
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_link_exact import draw_case
+
+from cosim.network import (
+    REASONS,
+    DelayProfile,
+    DelaySignal,
+    GilbertElliott,
+    Jitter,
+    LiveSchedule,
+    PacketLink,
+    PacketSchedule,
+    TransportLink,
+    align,
+    draws,
+    schedule,
+)
+
+numbers = st.integers(0, 10**9)
+
+
+def schedule_of(number: int) -> PacketSchedule:
+    """The schedule of a random link, its delay known or told as the run goes."""
+    case = draw_case(number)
+    live = LiveSchedule(case.link, case.end)
+    for k in range(live.sent_ns.size):
+        live.resolve(k, case.value(k))
+    return live.finish()
+
+
+def words(s: PacketSchedule) -> list[str]:
+    return [REASONS[k] for k in s.status.tolist()]
+
+
+@given(numbers)
+def test_never_early(number: int) -> None:
+    """Nothing arrives before the instant of sending, the frame and the declared delay."""
+    case = draw_case(number)
+    s = schedule_of(number)
+    for k, sent, arrival in zip(s.sequence, s.sent_ns.tolist(), s.arrival_ns.tolist(), strict=True):
+        assert arrival >= sent + case.link.frame_ns + case.delay(int(k), sent)
+
+
+@given(numbers)
+def test_never_reordered_under_fifo(number: int) -> None:
+    """Under fifo deliveries come in the order of the sequence numbers, and none is discarded."""
+    s = schedule_of(number)
+    if s.link.order != "fifo":
+        return
+    arrived = s.delivered_ns >= 0
+    assert (np.diff(s.delivered_ns[arrived]) >= 0).all()
+    assert not {"overtaken", "duplicate"} & set(words(s))
+
+
+@given(numbers)
+def test_newest_wins_never_goes_back(number: int) -> None:
+    """Under newest-wins the message in use is never replaced by an older one, or by itself."""
+    s = schedule_of(number)
+    if s.link.order != "newest-wins":
+        return
+    used = s.changes()[1]
+    assert (np.diff(s.sequence[used[used >= 0]]) > 0).all()
+
+
+@given(numbers, st.integers(1, 50))
+def test_longer_run_begins_with_the_same_messages(number: int, more: int) -> None:
+    """A longer run begins with the same messages, copies, arrivals, and answers."""
+    case = draw_case(number)
+    if isinstance(case.link.delay, DelaySignal):
+        return
+    short, long = schedule(case.link, case.end), schedule(case.link, case.end + more)
+    n = short.sequence.size
+    for key in ("sent_ns", "transit_ns", "arrival_ns", "sequence", "lost", "copy"):
+        assert (getattr(long, key)[:n] == getattr(short, key)).all()
+    settled = short.arrival_ns <= case.end
+    assert (long.status[:n][settled] == short.status[settled]).all()
+    points = np.linspace(0, case.end, 7).astype(np.int64)
+    assert (long.in_use(points) == short.in_use(points)).all()
+    for a, b in zip(long.state(points), short.state(points), strict=True):
+        assert (a == b).all()
+
+
+def test_the_random_links_are_of_every_kind() -> None:
+    """The links that the exact model is run on meet every fate, order, delay and policy."""
+    fates, seen = set(), set()
+    for number in range(200):
+        case = draw_case(number)
+        s = schedule_of(number)
+        fates |= set(words(s))
+        delay = case.link.delay
+        seen |= {case.link.order, case.link.on_loss, type(case.link.loss), type(delay)}
+        seen |= {getattr(delay, "interpolation", None), case.link.jitter.kind}
+        seen |= {"substituted"} if s.statistics()["substitutions"] else set()
+    assert fates == set(REASONS)
+    assert seen >= {"newest-wins", "fifo", "as-arrived", "hold", "zero", 2.5, "substituted"}
+    assert seen >= {float, GilbertElliott, type(None), DelayProfile, DelaySignal}
+    assert seen >= {"previous", "linear", "none", "uniform", "exponential", "normal"}
+
+
+@pytest.mark.parametrize(
+    ("jitter", "digest"),
+    [
+        (Jitter("uniform", width_ns=10**7), "9a94ee5b70c2e315"),
+        (Jitter("exponential", mean_ns=10**6, max_ns=4 * 10**6), "2a8a9016c4b9d816"),
+        (Jitter("normal", mean_ns=10**5, sigma_ns=10**6), "8eee0880af679f06"),
+    ],
+)
+def test_draws_of_jitter_are_the_same_everywhere(jitter: Jitter, digest: str) -> None:
+    """The first thousand draws, of messages and of copies, have the digest written here."""
+    drawn = [
+        draws.jitter_ns(jitter, 2024, "uplink", 1000, purpose)
+        for purpose in ("jitter", "copy jitter")
+    ]
+    assert (drawn[0] != drawn[1]).mean() > 0.9
+    assert sha(*drawn) == digest
+
+
+def test_draws_of_losses_and_copies_are_the_same_everywhere() -> None:
+    """The first thousand losses, bursts and copies have the digest written here."""
+    drawn = (
+        draws.lost(0.2, 2024, "uplink", 1000),
+        draws.lost(GilbertElliott(0.05, 0.3, 0.01, 0.9), 2024, "uplink", 1000),
+        draws.duplicated(0.1, 2024, "uplink", 1000),
+    )
+    assert sha(*(d.astype(np.int64) for d in drawn)) == "dfd894ab404730bb"
+
+
+def test_a_schedule_is_the_same_everywhere() -> None:
+    """A link with everything has the digest written here."""
+    link = PacketLink(
+        "uplink",
+        10**8,
+        delay=DelayProfile(np.array([0, 10**10]), np.array([10**8, 7 * 10**8]), "linear"),
+        jitter=Jitter("normal", sigma_ns=10**8),
+        loss=GilbertElliott(0.05, 0.3),
+        duplicate=0.2,
+        data_rate=9600,
+        frame_size=1024,
+        queue_limit=3,
+        seed=2024,
+    )
+    s = schedule(link, 20 * 10**9)
+    assert set(words(s)) == set(REASONS)
+    assert sha(s.sequence, s.arrival_ns, s.status.astype(np.int64)) == "637f56122a648055"
+
+
+def sha(*arrays: Any) -> str:
+    return hashlib.sha256(b"".join(a.astype("<i8").tobytes() for a in arrays)).hexdigest()[:16]
+
+
+def test_a_copy_is_discarded_or_used_again() -> None:
+    """All messages copied, no jitter: each arrives twice at one instant."""
+    links = {
+        order: PacketLink("a", 10, delay_ns=25, order=order, duplicate=1.0)
+        for order in ("newest-wins", "fifo", "as-arrived")
+    }
+    for order, link in links.items():
+        s = schedule(link, 44)
+        figures = s.statistics()
+        assert s.sequence.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+        assert s.copy.tolist() == [False, True] * 5
+        twice = order != "newest-wins"
+        fate = "delivered" if twice else "duplicate"
+        assert words(s) == ["delivered", fate] * 2 + ["in flight"] * 6
+        assert (figures["sent"], figures["duplicated"], figures["in_flight"]) == (5, 5, 6)
+        assert (figures["delivered"], figures["discarded_copies"]) == ((4, 0) if twice else (2, 2))
+        assert s.state([34, 35, 44]).sequence.tolist() == [0, 1, 1]
+
+
+def test_copies_leave_everything_else_alone() -> None:
+    """With copies the messages themselves keep their losses and delays."""
+    links = [
+        PacketLink("a", 10, jitter=Jitter("uniform", width_ns=90), loss=0.3, duplicate=p, seed=4)
+        for p in (0.0, 0.4)
+    ]
+    without, with_copies = (schedule(link, 10_000) for link in links)
+    own = ~with_copies.copy
+    for key in ("sent_ns", "transit_ns", "arrival_ns", "lost", "sequence"):
+        assert (getattr(with_copies, key)[own] == getattr(without, key)).all()
+    assert not with_copies.lost[np.flatnonzero(with_copies.copy) - 1].any()
+    share = with_copies.copy.sum() / (~without.lost).sum()
+    assert share == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_copy_takes_no_turn_at_the_sender() -> None:
+    """A copy is made behind the queue: both leave when the one frame is through."""
+    link = PacketLink("a", 10, duplicate=1.0, order="fifo", data_rate=10**9, frame_size=8)
+    assert schedule(link, 20).arrival_ns.tolist() == [8, 8, 18, 18, 28, 28]
+
+
+def test_frame_longer_than_the_sample_time() -> None:
+    """Frames of 25 every 10: the queue grows by 15 with each message, without bound."""
+    link = PacketLink("a", 10, data_rate=10**9, frame_size=25)
+    assert schedule(link, 50).arrival_ns.tolist() == [25, 50, 75, 100, 125, 150]
+
+
+def test_queue_limit_by_hand() -> None:
+    """Frames of 25 every 10, one may wait: what finds another waiting is refused.
+
+    0 is sent until 25, 1 waits from 10 and is sent until 50; 2 (at 20) finds it waiting; 3 (at
+    30) waits until 50 and is sent until 75; 4 (at 40) finds it waiting; 5 comes at 50, as 3
+    begins, and waits until 75. Those refused would have arrived one frame after the last.
+    """
+    link = PacketLink("a", 10, data_rate=10**9, frame_size=25, queue_limit=1)
+    s = schedule(link, 50)
+    assert s.arrival_ns.tolist() == [25, 50, 75, 75, 100, 100]
+    longer = schedule(link, 90)
+    assert words(longer)[:4] == ["delivered", "delivered", "queue full", "delivered"]
+    assert s.statistics()["in_flight"] == 4
+    none_waits = PacketLink("a", 10, data_rate=10**9, frame_size=25, queue_limit=0)
+    s = schedule(none_waits, 100)
+    full = [k for k, word in enumerate(words(s)) if word == "queue full"]
+    assert full == [1, 2, 4, 5]  # 7 and 8 would have come at 110
+    assert s.statistics()["queue_full"] == s.statistics()["dropped"] == 4
+
+
+@pytest.mark.parametrize(
+    ("p_enter", "p_exit", "lost"),
+    [
+        (1, 0, [0, *[1] * 49]),
+        (0, 1, [0] * 50),
+        (0, 0, [0] * 50),
+        (1, 1, [0, 1] * 25),
+    ],
+)
+def test_gilbert_elliott_at_its_edges(p_enter: int, p_exit: int, lost: list[int]) -> None:
+    """Probabilities 0 and 1 leave nothing to chance; the first message is sent in the good."""
+    for count in (0, 1, 2, 50):
+        got = draws.lost(GilbertElliott(p_enter, p_exit), 1, "a", count)
+        assert got.tolist() == lost[:count]
+
+
+@given(st.tuples(*[st.sampled_from([0.0, 0.1, 0.5, 0.9, 1.0])] * 4), numbers, st.integers(0, 80))
+def test_gilbert_elliott_is_the_chain(p: Any, seed: int, count: int) -> None:
+    """The states found at once are those of the chain, walked message by message."""
+    u = draws.uniform(seed, "a", "loss", count)
+    change = draws.uniform(seed, "a", "loss state", count)
+    bad, expected = False, []
+    for k in range(count):
+        if k > 0:
+            bad = change[k] >= p[1] if bad else change[k] < p[0]
+        expected.append(u[k] < (p[3] if bad else p[2]))
+    assert draws.lost(GilbertElliott(*p), seed, "a", count).tolist() == expected
+
+
+def test_state_by_hand() -> None:
+    """Before the first delivery the age is the time since 0; then it is that of the message."""
+    s = schedule(PacketLink("a", 10, delay_ns=25), 60)
+    state = s.state([0, 24, 25, 34, 35, 60])
+    assert state.age_s.tolist() == [0.0, 24e-9, 25e-9, 34e-9, 25e-9, 30e-9]
+    assert state.sequence.tolist() == [-1, -1, 0, 0, 1, 3]
+    assert state.delivered.tolist() == [0, 0, 1, 1, 2, 4]
+    assert not state.dropped.any()
+    assert all(a.size == 0 for a in s.state([]))
+    assert s.state(60).age_s == 30e-9
+
+
+def test_state_while_a_substitute_stands_in() -> None:
+    """All but the first lost: from the loss on -2, and the age goes on counting from the first."""
+    link = PacketLink("a", 10, delay_ns=5, loss=GilbertElliott(1, 0), on_loss="zero")
+    state = schedule(link, 40).state([4, 5, 14, 15, 40])
+    assert state.sequence.tolist() == [-1, 0, 0, -2, -2]
+    assert state.age_s.tolist() == [4e-9, 5e-9, 14e-9, 15e-9, 40e-9]
+    assert state.dropped.tolist() == [0, 0, 0, 1, 3]
+    nothing = PacketLink("a", 10, delay_ns=5, loss=1.0, on_loss="zero")
+    state = schedule(nothing, 40).state([4, 5, 40])
+    assert (state.sequence.tolist(), state.age_s.tolist()) == ([-1, -2, -2], [4e-9, 5e-9, 40e-9])
+
+
+def test_a_wire_is_of_no_age() -> None:
+    """Without delay, sampled at each point, a link is a wire of age 0, in both kinds."""
+    link = PacketLink("wire", 10)
+    for policy in ("align", "grid"):
+        points, (s,) = align([schedule(link, 100)], 10, policy)
+        assert s.rows(points).tolist() == list(range(11))
+        assert not s.state(points).age_s.any()
+    assert not TransportLink("wire").state(points).age_s.any()
+
+
+def test_state_of_a_transport_link() -> None:
+    """Its age is the delay, once the run is as old; there are no messages."""
+    state = TransportLink("t", 25).state([0, 10, 25, 60])
+    assert state.age_s.tolist() == [0.0, 10e-9, 25e-9, 25e-9]
+    assert state.sequence.tolist() == [-1] * 4
+    assert not state.dropped.any()
+    assert not state.delivered.any()
+
+
+def test_statistics_have_the_same_keys_for_every_link() -> None:
+    """Figures of what a link does not have are None, and all are JSON."""
+    plain = schedule(PacketLink("a", 10), 100).statistics()
+    full = PacketLink("a", 10, duplicate=0.5, data_rate=10**9, frame_size=8, queue_limit=1)
+    figures = schedule(full, 100).statistics()
+    assert list(plain) == list(figures)
+    assert plain["duplicated"] is plain["discarded_copies"] is plain["queue_full"] is None
+    assert None not in figures.values()
+    json.dumps([plain, figures], allow_nan=False)
+
+
+def test_a_recorded_delay_is_that_of_the_sending() -> None:
+    """Delays 100 until 20, then 5: the message of 20 overtakes those before it."""
+    profile = DelayProfile(np.array([0, 20]), np.array([100, 5]))
+    s = schedule(PacketLink("a", 10, delay=profile), 200)
+    assert s.arrival_ns[:4].tolist() == [100, 110, 25, 35]
+    assert words(s)[:4] == ["overtaken", "overtaken", "delivered", "delivered"]
+    moved = align([schedule(PacketLink("a", 15, delay=profile), 60)], 20, "grid").schedules[0]
+    assert moved.sent_ns.tolist() == [0, 20, 40, 60, 60]
+    assert moved.transit_ns.tolist() == [100, 5, 5, 5, 5]  # at 15 it would have been 100
+
+
+def test_model_of_the_tests_by_hand() -> None:
+    """The model itself, on a run that can be followed: a loss, a copy, an overtaking."""
+    link = PacketLink("a", 10, order="newest-wins", on_loss="zero")
+    raw = link_model.Raw([0, 30, 0, 0], [False, False, False, True], [True, *[False] * 3], [7] * 4)
+    out = link_model.run(link, 40 - 1, raw, lambda _k, _t: 3)
+    fates = {label: (e.arrival, e.fate) for label, e in out.entries.items()}
+    assert fates == {
+        (0, 0): (3, "delivered"),
+        (0, 1): (10, "duplicate"),
+        (1, 0): (43, "in flight"),
+        (2, 0): (23, "delivered"),
+        (3, 0): (33, "lost"),
+    }
+    assert out.at(22).used == (0, 0)
+    assert out.at(33).used == "substitute"
+    assert (out.at(39).delivered, out.at(39).dropped) == (2, 2)

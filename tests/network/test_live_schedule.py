@@ -1,0 +1,207 @@
+"""A schedule that grows while the run goes, seen from the loop that feeds it."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_link_exact import draw_case, same
+
+from cosim.errors import InputError
+from cosim.network import (
+    IN_FLIGHT,
+    DelaySignal,
+    Jitter,
+    LiveSchedule,
+    PacketLink,
+    align,
+    schedule,
+)
+
+RANGING = PacketLink("ranging", 10, delay=DelaySignal(1e-9))
+
+
+@given(st.integers(0, 10**9), st.integers(0, 40))
+def test_constant_values_give_the_schedule_of_a_constant_delay(number: int, delay: int) -> None:
+    """A signal that never changes makes the schedule of that delay, in every field."""
+    case = draw_case(number)
+    constant = replace(case.link, delay=None, delay_ns=delay)
+    follows = replace(case.link, delay=DelaySignal(1e-9), delay_ns=0)
+    exact = schedule(constant, case.end)
+    for points, expected in (
+        (None, exact),
+        (case.points, align([exact], case.points, "grid").schedules[0]),
+    ):
+        live = LiveSchedule(follows, case.end, points)
+        for k in range(live.sent_ns.size):
+            live.resolve(k, float(delay))
+        same(live.finish(), expected)
+        instants = [0, case.end // 3, case.end]
+        assert live.in_use(instants).tolist() == expected.in_use(instants).tolist()
+
+
+def test_loop_that_makes_points_of_events_as_it_goes() -> None:
+    """The points found one by one are those that align() finds in the finished schedule."""
+    ranges = {t: 40.0 - 0.3 * t for t in range(0, 101, 10)}
+    live = LiveSchedule(RANGING, 100)
+    given_points = np.union1d(np.arange(0, 101, 25), live.sent_ns).tolist()
+    t, points, used = 0, [], []
+    while True:
+        points.append(t)
+        while live.message < live.sent_ns.size and live.sent_ns[live.message] == t:
+            live.resolve(live.message, ranges[t])
+        used.append(live.until(t))
+        if t == 100:
+            break
+        ahead = min(p for p in given_points if p > t)
+        change = live.next_change_ns(t)
+        t = ahead if change is None else min(ahead, change)
+    finished = live.finish()
+    aligned = align([finished], np.arange(0, 101, 25)).points_ns
+    assert points == aligned.tolist()
+    assert used == finished.in_use(aligned).tolist()
+
+
+def test_answers_end_at_the_next_sending() -> None:
+    """Whatever depends on a value not told yet is refused, and the message named."""
+    live = LiveSchedule(RANGING, 100)
+    assert live.horizon_ns == 0
+    for ask in (live.until, live.in_use, live.state):
+        with pytest.raises(InputError, match=r"'ranging'.*not known yet"):
+            ask(0)
+    assert live.resolve(0, 3) == 3
+    assert (live.until(9), live.until(2)) == (0, -1)
+    assert live.in_use([0, 3, 9]).tolist() == [-1, 0, 0]
+    assert live.next_change_ns(0) == 3
+    assert live.next_change_ns(3) is None
+    with pytest.raises(InputError, match="message 1 is sent"):
+        live.until(10)
+    with pytest.raises(InputError, match="message 1 is sent"):
+        live.state([3, 10])
+
+
+def test_delay_of_zero_is_in_use_at_once() -> None:
+    """A message without delay is in use at the instant of sending; so are two at one point."""
+    live = LiveSchedule(RANGING, 40, [0, 20, 40])
+    assert live.sent_ns.tolist() == [0, 20, 20, 40, 40]
+    live.resolve(0, 0)
+    assert live.until(19) == 0
+    live.resolve(1, 0)
+    with pytest.raises(InputError, match="not known yet"):
+        live.until(20)
+    live.resolve(2, 0)
+    assert live.until(20) == 2
+
+
+@pytest.mark.parametrize(
+    ("messages", "value", "word"),
+    [
+        ([1], 1.0, "in order of sending"),
+        ([0, 0], 1.0, "expected: message 1"),
+        ([0, 1, 2], 1.0, "no more messages"),
+        ([0], None, "no finite number"),
+        ([0], float("nan"), "'ranging', message 0"),
+        ([0], -1.0, "out of range"),
+        ([0], 1e16, "out of range"),
+    ],
+)
+def test_resolve_refuses(messages: list[int], value: Any, word: str) -> None:
+    """Messages out of turn and values that make no delay are refused by name."""
+    live = LiveSchedule(RANGING, 15)
+    *before, last = messages
+    for k in before:
+        live.resolve(k, value)
+    with pytest.raises(InputError, match=word):
+        live.resolve(last, value)
+
+
+def test_refused_value_changes_nothing() -> None:
+    """After a value was refused, the right one can still be told."""
+    live = LiveSchedule(RANGING, 15)
+    with pytest.raises(InputError):
+        live.resolve(0, -5.0)
+    assert live.message == 0
+    assert live.resolve(0, 5.0) == 5
+
+
+def test_a_link_without_signal_takes_no_value() -> None:
+    """A delay that is known needs no value, and one is refused."""
+    live = LiveSchedule(PacketLink("a", 10, delay_ns=3), 20)
+    with pytest.raises(InputError, match="follows no signal"):
+        live.resolve(0, 1.0)
+    assert live.resolve(0) == 3
+
+
+def test_finish_refuses() -> None:
+    """A schedule is finished when all that was sent is resolved, at a point, within the run."""
+    live = LiveSchedule(RANGING, 100, 25)
+    for end, word in [(None, "never resolved"), (101, "0 to 100"), (-1, "0 to 100"), (30, "two")]:
+        with pytest.raises(InputError, match=word):
+            live.finish(end)
+    live.resolve(0, 1)
+    with pytest.raises(InputError, match="message 1"):
+        live.finish(25)
+    assert LiveSchedule(RANGING, 0).sent_ns.tolist() == [0]
+    assert LiveSchedule(replace(RANGING, offset_ns=5), 4).finish().sequence.size == 0
+
+
+def test_live_refuses_what_schedule_and_align_refuse() -> None:
+    """Bad ends and points are refused before the run."""
+    for arguments, word in [
+        ((-1,), "range"),
+        ((100, [0, 5, 5, 100]), "order"),
+        ((100, [0, 50]), "do not end"),
+        ((100, 0), "range"),
+    ]:
+        with pytest.raises(InputError, match=word):
+            LiveSchedule(RANGING, *arguments)
+
+
+def pickled(live: LiveSchedule) -> Any:
+    return pickle.loads(pickle.dumps(live))  # noqa: S301 - our own
+
+
+@pytest.mark.parametrize("snapshot", [LiveSchedule.copy, pickled])
+def test_snapshot_goes_on_alone(snapshot: Any) -> None:
+    """A copy made in the middle, fed with other values, changes nothing in the original."""
+    link = PacketLink(
+        "a", 10, jitter=Jitter("uniform", width_ns=60), duplicate=0.5, delay=DelaySignal(1e-9)
+    )
+    alone, run = LiveSchedule(link, 300), LiveSchedule(link, 300)
+    taken = None
+    for k in range(alone.sent_ns.size):
+        if k == 12:
+            taken = snapshot(run)
+            other = snapshot(run)
+            for j in range(12, 25):
+                other.resolve(j, 100.0)
+        alone.resolve(k, float(k))
+        run.resolve(k, float(k))
+    assert taken is not None
+    for k in range(12, taken.sent_ns.size):
+        taken.resolve(k, float(k))
+    instants = list(range(0, 301, 7))
+    for one in (run, taken):
+        same(one.finish(), alone.finish())
+        assert one.in_use(instants).tolist() == alone.in_use(instants).tolist()
+        assert [one.until(t) for t in instants] == [alone.until(t) for t in instants]
+        for a, b in zip(one.state(instants), alone.state(instants), strict=True):
+            assert (a == b).all()
+
+
+def test_cost_of_a_message_does_not_grow() -> None:
+    """What is kept on the way is what is on its way; each arrival is written down once."""
+    live = LiveSchedule(replace(RANGING, loss=0.2, order="as-arrived"), 50_000)
+    most = 0
+    for k in range(live.sent_ns.size):
+        live.resolve(k, float(k % 7) * 10)
+        most = max(most, len(live._due))
+    assert most <= 8
+    assert len(live._log.time_ns) == live.sent_ns.size - len(live._due) - np.count_nonzero(
+        live.finish().status == IN_FLIGHT
+    )
