@@ -173,18 +173,15 @@ def test_snapshot_goes_on_alone(snapshot: Any) -> None:
         "a", 10, jitter=Jitter("uniform", width_ns=60), duplicate=0.5, delay=DelaySignal(1e-9)
     )
     alone, run = LiveSchedule(link, 300), LiveSchedule(link, 300)
-    taken = None
+    half = 12
     for k in range(alone.sent_ns.size):
-        if k == 12:
-            taken = snapshot(run)
-            other = snapshot(run)
-            for j in range(12, 25):
-                other.resolve(j, 100.0)
+        if k == half:
+            taken, other = snapshot(run), snapshot(run)
         alone.resolve(k, float(k))
         run.resolve(k, float(k))
-    assert taken is not None
-    for k in range(12, taken.sent_ns.size):
+    for k in range(half, alone.sent_ns.size):
         taken.resolve(k, float(k))
+        other.resolve(k, 100.0)
     instants = list(range(0, 301, 7))
     for one in (run, taken):
         same(one.finish(), alone.finish())
