@@ -16,6 +16,7 @@ from cosim.network.schedule import (
     OVERTAKEN,
     QUEUE_FULL,
     REASONS,
+    Arrivals,
     PacketSchedule,
 )
 from cosim.network.state import NONE_YET, SUBSTITUTE, LinkState
@@ -33,6 +34,7 @@ __all__ = [
     "REASONS",
     "SUBSTITUTE",
     "Alignment",
+    "Arrivals",
     "DelayProfile",
     "DelaySignal",
     "GilbertElliott",

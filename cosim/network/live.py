@@ -32,7 +32,15 @@ from cosim.network.delay_signal import DelaySignal
 from cosim.network.messages import delays, drawn, sending_instants
 from cosim.network.packet import PacketLink
 from cosim.network.resolve import longest_wait_ns, rounded_up, settled
-from cosim.network.schedule import PacketSchedule
+from cosim.network.schedule import (
+    DELIVERED,
+    DUPLICATE,
+    LOST,
+    OVERTAKEN,
+    QUEUE_FULL,
+    Arrivals,
+    PacketSchedule,
+)
 from cosim.network.state import NONE_YET, GrowingTimeline, LinkState, Timeline
 
 if TYPE_CHECKING:
@@ -71,7 +79,7 @@ class LiveSchedule:
         self._entry = 0
         self._free = 0  # when the sender has sent all it took
         self._behind = 0  # under fifo, when the last one to wait for arrives
-        self._due: list[tuple[int, int, int, bool]] = []  # arrival, entry, message, gone
+        self._due: list[tuple[int, int, int, int]] = []  # arrival, entry, message, fate so far
         self._newest = NONE_YET
         self._log = GrowingTimeline()
         self._frame_ns, self._longest_wait_ns = link.frame_ns, longest_wait_ns(link)
@@ -133,10 +141,10 @@ class LiveSchedule:
             )
         out, refused = self._transmit(int(drawn_.sent_ns[k]))
         leaves = out + int(drawn_.delay_ns[k])
-        gone = refused or bool(drawn_.lost[k])
-        arrival = self._send(leaves + int(drawn_.jitter_ns[k]), gone=gone)
-        if drawn_.copied[k] and not gone:
-            self._send(leaves + int(drawn_.copy_jitter_ns[k]), gone=False)
+        fate = QUEUE_FULL if refused else LOST if drawn_.lost[k] else DELIVERED
+        arrival = self._send(leaves + int(drawn_.jitter_ns[k]), fate)
+        if drawn_.copied[k] and fate == DELIVERED:
+            self._send(leaves + int(drawn_.copy_jitter_ns[k]), fate)
         self._next += 1
         self._settle()
         return arrival
@@ -179,6 +187,19 @@ class LiveSchedule:
         """
         place = bisect_right(self._log.change_ns, after_ns)
         return self._log.change_ns[place] if place < len(self._log.change_ns) else None
+
+    def arrivals(self, first: int = 0) -> Arrivals:
+        """As `PacketSchedule.arrivals`, those before the horizon, from the `first`-th on.
+
+        A trace written on the way asks with the number of those it has.
+        """
+        message = np.array(self._log.message[first:], np.int64)
+        return Arrivals(
+            arrival_ns=np.array(self._log.time_ns[first:], np.int64),
+            sent_ns=self._messages.sent_ns[message],
+            sequence=message,
+            status=np.array(self._log.status[first:], np.int8),
+        )
 
     def finish(self, end_ns: int | None = None) -> PacketSchedule:
         """The schedule of a run that ends here, or ended at `end_ns` [ns], after which all is idle.
@@ -230,7 +251,7 @@ class LiveSchedule:
         self._free = out
         return out, False
 
-    def _send(self, arrival_ns: int, *, gone: bool) -> int:
+    def _send(self, arrival_ns: int, fate: int) -> int:
         """Put an entry on its way; when it arrives."""
         arrival = arrival_ns
         if self._points is not None:
@@ -238,9 +259,9 @@ class LiveSchedule:
             arrival = int(self._points[place]) if place < self._points.size else arrival
         if self._link.order == "fifo":
             arrival = max(arrival, self._behind)
-            self._behind = self._behind if gone else arrival
+            self._behind = arrival if fate == DELIVERED else self._behind
         if arrival <= self._end_ns:
-            heappush(self._due, (arrival, self._entry, self._next, gone))
+            heappush(self._due, (arrival, self._entry, self._next, fate))
         self._entry += 1
         return arrival
 
@@ -251,17 +272,18 @@ class LiveSchedule:
         while self._due and self._due[0][0] < self._horizon_ns:
             self._receive(*heappop(self._due))
 
-    def _receive(self, time_ns: int, entry: int, message: int, gone: bool) -> None:  # noqa: FBT001
+    def _receive(self, time_ns: int, entry: int, message: int, fate: int) -> None:
         """One step of the receiver: entries come in order of time, at one instant as sent."""
-        if gone:
+        if fate != DELIVERED:
             noticed = self._link.on_loss != "hold" and self._newest < message
-            self._log.dropped_at(time_ns, substituted=noticed)
+            self._log.dropped_at(time_ns, message, fate, substituted=noticed)
         elif self._link.order == "newest-wins" and message <= self._newest:
-            self._log.dropped_at(time_ns, substituted=False)
+            again = DUPLICATE if message == self._newest else OVERTAKEN
+            self._log.dropped_at(time_ns, message, again, substituted=False)
         else:
             self._newest = max(self._newest, message)
             sent_ns = int(self._messages.sent_ns[message])
-            self._log.delivered_at(time_ns, entry, message, sent_ns)
+            self._log.delivered_at(time_ns, message, fate, entry=entry, sent_ns=sent_ns)
 
     def _check_final(self, time_ns: int) -> None:
         if time_ns >= self._horizon_ns:

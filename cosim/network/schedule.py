@@ -10,7 +10,7 @@ All times are integer nanoseconds; a run is [0, end_ns], both ends included.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,23 @@ DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE = 0, 1, 2, 3, 4, 5
 
 REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate")
 """`status` in words."""
+
+
+class Arrivals(NamedTuple):
+    """What the receiver got or missed, in the order in which it did; arrays of shape (m,).
+
+    Attributes
+    ----------
+    arrival_ns : instant of arrival, or at which it was due [ns], int64, never decreasing.
+    sent_ns : instant of sending [ns], int64.
+    sequence : sequence number, int64.
+    status : as in `PacketSchedule`, IN_FLIGHT excepted, int8.
+    """
+
+    arrival_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+    sequence: NDArray[np.int64]
+    status: NDArray[np.int8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,6 +194,17 @@ class PacketSchedule:
         entries, times = entries[last], times[last]
         return times, np.where(noticed[entries], SUBSTITUTE, entries)
 
+    def arrivals(self) -> Arrivals:
+        """Deliveries and drops of the run, in order of time, at one instant as they were sent."""
+        told = self._told()
+        return Arrivals(
+            self.arrival_ns[told], self.sent_ns[told], self.sequence[told], self.status[told]
+        )
+
+    def _told(self) -> NDArray[np.intp]:
+        told = np.flatnonzero(self.status != IN_FLIGHT)
+        return told[np.argsort(self.arrival_ns[told], kind="stable")]
+
     def _noticed(self) -> NDArray[np.bool_]:
         """Losses that bring the substitute into use.
 
@@ -190,8 +218,7 @@ class PacketSchedule:
         return result
 
     def _timeline(self) -> Timeline:
-        told = np.flatnonzero(self.status != IN_FLIGHT)
-        told = told[np.argsort(self.arrival_ns[told], kind="stable")]
+        told = self._told()
         delivered, noticed = (self.status == DELIVERED)[told], self._noticed()[told]
         used = _held(np.where(noticed, SUBSTITUTE, told), delivered | noticed, NONE_YET)
         return Timeline(

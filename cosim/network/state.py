@@ -85,25 +85,36 @@ class Timeline(NamedTuple):
 
 
 class GrowingTimeline:
-    """A `Timeline` that is written as the run goes; `change_ns`: when what is in use changed."""
+    """A `Timeline` that is written as the run goes.
+
+    Besides: `message` and `status` of each arrival, and `change_ns`, the instants at which what
+    is in use changed.
+    """
 
     def __init__(self) -> None:
+        self.message, self.status = array("q"), array("b")
         self.time_ns, self.used, self.sequence = array("q"), array("q"), array("q")
         self.origin_ns, self.dropped, self.delivered = array("q"), array("q"), array("q")
         self.change_ns = array("q")
 
-    def dropped_at(self, time_ns: int, *, substituted: bool) -> None:
-        """Write that something was missed or discarded; whether the substitute takes over."""
+    def dropped_at(self, time_ns: int, message: int, status: int, *, substituted: bool) -> None:
+        """Write that one was missed or discarded; whether the substitute takes over."""
         used, sequence, origin = self._last(self.used, self.sequence, self.origin_ns)
         if substituted:
             used = sequence = SUBSTITUTE
             self._changed(time_ns)
         self._add(time_ns, used, sequence, origin, delivered=0)
+        self.message.append(message)
+        self.status.append(status)
 
-    def delivered_at(self, time_ns: int, entry: int, message: int, sent_ns: int) -> None:
-        """Write that an entry was delivered: its index, its message, and when that was sent."""
+    def delivered_at(
+        self, time_ns: int, message: int, status: int, *, entry: int, sent_ns: int
+    ) -> None:
+        """Write that one was delivered; its index, and when it was sent."""
         self._changed(time_ns)
         self._add(time_ns, entry, message, sent_ns, delivered=1)
+        self.message.append(message)
+        self.status.append(status)
 
     def timeline(self) -> Timeline:
         """What was written so far, as arrays that last until more is written."""

@@ -60,6 +60,7 @@ class Outcome:
     end: int
     entries: dict[Label, Entry]
     notes: list[Note] = field(default_factory=lambda: [Note()])
+    received: list[tuple[Label, str]] = field(default_factory=list)
 
     @cached_property
     def labels(self) -> list[Label]:
@@ -181,7 +182,10 @@ class _Model:
                 if self.waiting:
                     self.begin(t, self.waiting.pop(0))
             else:
-                self.arrived(t, (k, more[0]))
+                together = [(k, more[0])]
+                while self.events and self.events[0][:2] == (t, _ARRIVE):
+                    together.append(heapq.heappop(self.events)[2:])
+                self.arrived(t, together)
         return self.outcome
 
     def is_full(self) -> bool:
@@ -211,11 +215,14 @@ class _Model:
             if entry is not None:
                 heapq.heappush(self.events, (self.up(t + entry.transit), _ARRIVE, *label))
 
-    def arrived(self, t: int, label: Label) -> None:
-        self.outcome.entries[label].due = t
+    def arrived(self, t: int, labels: list[Label]) -> None:
+        """All that crosses the channel at one instant."""
+        for label in labels:
+            self.outcome.entries[label].due = t
         if self.link.order != "fifo":
-            self.line.remove(label)
-            self.receive(t, label)
+            for label in labels:
+                self.line.remove(label)
+                self.receive(t, label)
             return
         for other in list(self.line):
             due = self.outcome.entries[other].due
@@ -246,5 +253,6 @@ class _Model:
             entry.fate = "delivered"
             self.newest = max(self.newest, k)
             note.used, note.origin, note.effect = label, entry.sent, "delivered"
+        self.outcome.received.append((label, entry.fate))
         note.delivered += entry.fate == "delivered"
         note.dropped += entry.fate != "delivered"
