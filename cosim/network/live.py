@@ -31,17 +31,10 @@ from cosim.network.alignment import communication_points
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.messages import delays, drawn, sending_instants
 from cosim.network.packet import PacketLink
+from cosim.network.receiver import Receiver
 from cosim.network.resolve import longest_wait_ns, rounded_up, settled
-from cosim.network.schedule import (
-    DELIVERED,
-    DUPLICATE,
-    LOST,
-    OVERTAKEN,
-    QUEUE_FULL,
-    Arrivals,
-    PacketSchedule,
-)
-from cosim.network.state import NONE_YET, GrowingTimeline, LinkState, Timeline
+from cosim.network.schedule import DELIVERED, LOST, QUEUE_FULL, Arrivals, PacketSchedule
+from cosim.network.state import NONE_YET, LinkState, Timeline
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -80,8 +73,7 @@ class LiveSchedule:
         self._free = 0  # when the sender has sent all it took
         self._behind = 0  # under fifo, when the last one to wait for arrives
         self._due: list[tuple[int, int, int, int]] = []  # arrival, entry, message, fate so far
-        self._newest = NONE_YET
-        self._log = GrowingTimeline()
+        self._receiver = Receiver(link)
         self._frame_ns, self._longest_wait_ns = link.frame_ns, longest_wait_ns(link)
         self._settle()
 
@@ -159,8 +151,8 @@ class LiveSchedule:
         InputError : an instant that is not final yet.
         """
         self._check_final(time_ns)
-        place = bisect_right(self._log.time_ns, time_ns)
-        return self._log.sequence[place - 1] if place else NONE_YET
+        place = bisect_right(self._receiver.time_ns, time_ns)
+        return self._receiver.sequence[place - 1] if place else NONE_YET
 
     def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
         """As `PacketSchedule.in_use`, at points before the horizon.
@@ -185,20 +177,20 @@ class LiveSchedule:
 
         None when there is none before the horizon: the next sending comes first.
         """
-        place = bisect_right(self._log.change_ns, after_ns)
-        return self._log.change_ns[place] if place < len(self._log.change_ns) else None
+        place = bisect_right(self._receiver.change_ns, after_ns)
+        return self._receiver.change_ns[place] if place < len(self._receiver.change_ns) else None
 
     def arrivals(self, first: int = 0) -> Arrivals:
         """As `PacketSchedule.arrivals`, those before the horizon, from the `first`-th on.
 
         A trace written on the way asks with the number of those it has.
         """
-        message = np.array(self._log.message[first:], np.int64)
+        message = np.array(self._receiver.message[first:], np.int64)
         return Arrivals(
-            arrival_ns=np.array(self._log.time_ns[first:], np.int64),
+            arrival_ns=np.array(self._receiver.time_ns[first:], np.int64),
             sent_ns=self._messages.sent_ns[message],
             sequence=message,
-            status=np.array(self._log.status[first:], np.int8),
+            status=np.array(self._receiver.status[first:], np.int8),
         )
 
     def finish(self, end_ns: int | None = None) -> PacketSchedule:
@@ -239,7 +231,7 @@ class LiveSchedule:
         own = self._messages.delay_ns.copy()  # the one array that a run writes
         twin._messages = self._messages._replace(delay_ns=own)  # noqa: SLF001
         twin._due = self._due.copy()  # noqa: SLF001
-        twin._log = copy.deepcopy(self._log)  # noqa: SLF001
+        twin._receiver = copy.deepcopy(self._receiver)  # noqa: SLF001
         return twin
 
     def _transmit(self, sent_ns: int) -> tuple[int, bool]:
@@ -270,20 +262,8 @@ class LiveSchedule:
         sent = self._messages.sent_ns
         self._horizon_ns = int(sent[self._next]) if self._next < sent.size else _NEVER
         while self._due and self._due[0][0] < self._horizon_ns:
-            self._receive(*heappop(self._due))
-
-    def _receive(self, time_ns: int, entry: int, message: int, fate: int) -> None:
-        """One step of the receiver: entries come in order of time, at one instant as sent."""
-        if fate != DELIVERED:
-            noticed = self._link.on_loss != "hold" and self._newest < message
-            self._log.dropped_at(time_ns, message, fate, substituted=noticed)
-        elif self._link.order == "newest-wins" and message <= self._newest:
-            again = DUPLICATE if message == self._newest else OVERTAKEN
-            self._log.dropped_at(time_ns, message, again, substituted=False)
-        else:
-            self._newest = max(self._newest, message)
-            sent_ns = int(self._messages.sent_ns[message])
-            self._log.delivered_at(time_ns, message, fate, entry=entry, sent_ns=sent_ns)
+            arrival, entry, message, fate = heappop(self._due)
+            self._receiver.receive(arrival, entry, message, fate, int(sent[message]))
 
     def _check_final(self, time_ns: int) -> None:
         if time_ns >= self._horizon_ns:
@@ -300,4 +280,4 @@ class LiveSchedule:
         points = np.asarray(points_ns, np.int64)
         if points.size:
             self._check_final(int(points.max()))
-        return self._log.timeline()
+        return self._receiver.timeline()

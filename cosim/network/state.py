@@ -7,7 +7,6 @@ the message in use before it: nothing newer is known.
 
 from __future__ import annotations
 
-from array import array
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -82,68 +81,6 @@ class Timeline(NamedTuple):
     def _after(self, points_ns: ArrayLike) -> NDArray[np.intp]:
         """How many arrivals there are up to each point, it included."""
         return np.searchsorted(self.time_ns, np.asarray(points_ns, np.int64), side="right")
-
-
-class GrowingTimeline:
-    """A `Timeline` that is written as the run goes.
-
-    Besides: `message` and `status` of each arrival, and `change_ns`, the instants at which what
-    is in use changed.
-    """
-
-    def __init__(self) -> None:
-        self.message, self.status = array("q"), array("b")
-        self.time_ns, self.used, self.sequence = array("q"), array("q"), array("q")
-        self.origin_ns, self.dropped, self.delivered = array("q"), array("q"), array("q")
-        self.change_ns = array("q")
-
-    def dropped_at(self, time_ns: int, message: int, status: int, *, substituted: bool) -> None:
-        """Write that one was missed or discarded; whether the substitute takes over."""
-        used, sequence, origin = self._last(self.used, self.sequence, self.origin_ns)
-        if substituted:
-            used = sequence = SUBSTITUTE
-            self._changed(time_ns)
-        self._add(time_ns, used, sequence, origin, delivered=0)
-        self.message.append(message)
-        self.status.append(status)
-
-    def delivered_at(
-        self, time_ns: int, message: int, status: int, *, entry: int, sent_ns: int
-    ) -> None:
-        """Write that one was delivered; its index, and when it was sent."""
-        self._changed(time_ns)
-        self._add(time_ns, entry, message, sent_ns, delivered=1)
-        self.message.append(message)
-        self.status.append(status)
-
-    def timeline(self) -> Timeline:
-        """What was written so far, as arrays that last until more is written."""
-        return Timeline(*(np.frombuffer(a, np.int64) for a in self._columns()))
-
-    def _columns(self) -> tuple[array[int], ...]:
-        return (
-            self.time_ns,
-            self.used,
-            self.sequence,
-            self.origin_ns,
-            self.dropped,
-            self.delivered,
-        )
-
-    def _last(self, *columns: array[int]) -> tuple[int, ...]:
-        return tuple(a[-1] for a in columns) if self.time_ns else (NONE_YET, NONE_YET, 0)
-
-    def _changed(self, time_ns: int) -> None:
-        if not self.change_ns or self.change_ns[-1] != time_ns:
-            self.change_ns.append(time_ns)
-
-    def _add(
-        self, time_ns: int, used: int, sequence: int, origin_ns: int, *, delivered: int
-    ) -> None:
-        so_far = (self.dropped[-1], self.delivered[-1]) if self.time_ns else (0, 0)
-        new = (time_ns, used, sequence, origin_ns, so_far[0] + 1 - delivered)
-        for column, value in zip(self._columns(), (*new, so_far[1] + delivered), strict=True):
-            column.append(value)
 
 
 def _at(values: NDArray[np.int64], after: NDArray[np.intp], before: int) -> NDArray[np.int64]:

@@ -214,6 +214,6 @@ def test_cost_of_a_message_does_not_grow() -> None:
         live.resolve(k, float(k % 7) * 10)
         most = max(most, len(live._due))
     assert most <= 8
-    assert len(live._log.time_ns) == live.sent_ns.size - len(live._due) - np.count_nonzero(
+    assert len(live._receiver.time_ns) == live.sent_ns.size - len(live._due) - np.count_nonzero(
         live.finish().status == IN_FLIGHT
     )

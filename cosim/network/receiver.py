@@ -1,0 +1,72 @@
+"""The receiver of a link, entry by entry, and all it has seen, written down as it comes."""
+
+from __future__ import annotations
+
+from array import array
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cosim.network.schedule import DELIVERED, DUPLICATE, OVERTAKEN
+from cosim.network.state import NONE_YET, SUBSTITUTE, Timeline
+
+if TYPE_CHECKING:
+    from cosim.network.packet import PacketLink
+
+
+class Receiver:
+    """Decides what becomes of each entry that arrives, or is due and missing.
+
+    The columns of a `Timeline` grow by one with each; `status` says what was decided,
+    `message` of which, and `change_ns` when what is in use changed.
+    """
+
+    def __init__(self, link: PacketLink) -> None:
+        self._newest_wins = link.order == "newest-wins"
+        self._substitutes = link.on_loss != "hold"
+        self._newest = NONE_YET
+        self._used, self._sequence, self._origin_ns = NONE_YET, NONE_YET, 0
+        self._dropped = self._delivered = 0
+        self.time_ns, self.message, self.status = array("q"), array("q"), array("b")
+        self.used, self.sequence, self.origin_ns = array("q"), array("q"), array("q")
+        self.dropped, self.delivered, self.change_ns = array("q"), array("q"), array("q")
+
+    def receive(self, time_ns: int, entry: int, message: int, fate: int, sent_ns: int) -> None:
+        """Take the next entry in order of time, at one instant as sent.
+
+        Parameters
+        ----------
+        time_ns : instant of arrival, or at which it was due [ns].
+        entry, message : its index and its number.
+        fate : DELIVERED as far as the channel goes, or why it never comes.
+        sent_ns : instant of sending [ns].
+        """
+        if fate == DELIVERED and self._newest_wins and message <= self._newest:
+            fate = DUPLICATE if message == self._newest else OVERTAKEN
+        elif fate == DELIVERED:
+            self._use(time_ns, entry, message)
+            self._newest = max(self._newest, message)
+            self._origin_ns = sent_ns
+        elif self._substitutes and self._newest < message:
+            self._use(time_ns, SUBSTITUTE, SUBSTITUTE)
+        self._delivered += fate == DELIVERED
+        self._dropped += fate != DELIVERED
+        self.time_ns.append(time_ns)
+        self.message.append(message)
+        self.status.append(fate)
+        self.used.append(self._used)
+        self.sequence.append(self._sequence)
+        self.origin_ns.append(self._origin_ns)
+        self.dropped.append(self._dropped)
+        self.delivered.append(self._delivered)
+
+    def timeline(self) -> Timeline:
+        """What was written so far, as arrays that last until more is written."""
+        columns = (self.time_ns, self.used, self.sequence)
+        counts = (self.origin_ns, self.dropped, self.delivered)
+        return Timeline(*(np.frombuffer(a, np.int64) for a in (*columns, *counts)))
+
+    def _use(self, time_ns: int, entry: int, message: int) -> None:
+        self._used, self._sequence = entry, message
+        if not self.change_ns or self.change_ns[-1] != time_ns:
+            self.change_ns.append(time_ns)
