@@ -12,18 +12,18 @@ from cosim.master.system import (
     Algorithm,
     Component,
     Connection,
+    DelaySource,
     Endpoint,
-    Link,
     Policy,
     System,
-    Timetable,
-    make_timetable,
 )
+from cosim.master.timetable import Link, Timetable, make_timetable
 
 __all__ = [
     "Algorithm",
     "Component",
     "Connection",
+    "DelaySource",
     "Endpoint",
     "EngineChoice",
     "EngineName",

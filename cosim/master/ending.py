@@ -14,7 +14,7 @@ _FATAL = 4
 
 def ending_of(system: System, wiring: Wiring, halt: Halt) -> tuple[Ending, str]:
     """What ended a run; a state beyond the range of numbers is no defect."""
-    seconds = int(system.timetable.points_ns[halt.k]) / 1e9
+    seconds = int(wiring.course.points_ns[halt.k]) / 1e9
     if halt.what == "range":
         out = f"{wiring.output(halt.station)} left the range of +-{system.divergence:g}"
         return "diverged", f"{out} at t = {seconds:g} s"

@@ -22,6 +22,8 @@ def receiving_order(system: System) -> tuple[str, ...]:
     """
     waits: dict[str, set[str]] = {name: set() for name in system.components}
     for c in system.connections:
+        if system.is_state(c.source):
+            continue
         if system.port(c.source).feedthrough and _at_once(system, c.link):
             waits[c.target.component].add(c.source.component)
     _check_loops(waits)
@@ -31,7 +33,8 @@ def receiving_order(system: System) -> tuple[str, ...]:
     likes: dict[str, set[str]] = {name: set() for name in system.components}
     if system.algorithm == "gauss-seidel":
         for c in system.connections:
-            if c.link is None and c.source.component != c.target.component:
+            apart = c.source.component != c.target.component
+            if c.link is None and apart and not system.is_state(c.source):
                 likes[c.target.component].add(c.source.component)
     return _sorted(waits, likes)
 
@@ -79,5 +82,7 @@ def _at_once(system: System, link: str | None) -> bool:
         return True
     if isinstance(system.links[link], TransportLink):
         return True  # at the start, whatever the delay
+    if link in system.timetable.live:
+        return True  # nobody can know
     schedule = system.timetable.schedules[link]
     return bool((schedule.delivered_ns == schedule.sent_ns).any())

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from cosim.fmu import Port
 from cosim.master.columns import Column
+from cosim.master.course import Course, part_of
 from cosim.master.journal import Observer
 from cosim.master.stations import Station
 from cosim.master.system import System
-from cosim.network import DELIVERED, LOST, OVERTAKEN, REASONS, PacketSchedule
+from cosim.network import DELIVERED, REASONS, Arrivals, PacketLink
 from cosim.trace import Poses, Rows, Signal, TraceWriter, input_topic, link_topic, output_topic
 
 _SENT, _POSED, _DELIVERED, _RECEIVED = 0, 1, 2, 1 << 30
@@ -33,10 +34,13 @@ class TraceRecorder(Observer):
 
     def begin(self, stations: Sequence[Station]) -> None:
         """Declare a topic per component and direction, and two per link."""
-        self._points = self._system.timetable.points_ns
-        self._traffic: list[_Traffic] = []
-        for name, schedule in self._system.timetable.schedules.items():
-            self._traffic.append(_Traffic(self._writer, self._system, name, schedule, stations))
+        course = stations[0].course
+        self._points = course.points_ns
+        self._traffic = [
+            _Traffic(self._writer, self._system, link, course, stations)
+            for link in self._system.links.values()
+            if isinstance(link, PacketLink)
+        ]
         self._send: list[tuple[Station, int, _Cast]] = []
         self._receive: list[tuple[Station, int, _Cast]] = []
         self._poses = []
@@ -57,11 +61,12 @@ class TraceRecorder(Observer):
             places = [c.name for c in station.output_columns]
             if all(name in places for name in _POSE):
                 self._poses.append((station, [places.index(name) for name in _POSE]))
+        points = "as they come about" if course.grows else str(len(self._points))
         self._writer.log(
             int(self._points[0]),
             "info",
             "master",
-            f"{len(stations)} components, {len(self._points)} communication points to "
+            f"{len(stations)} components, {points} communication points to "
             f"t = {int(self._points[-1]) / 1e9:g} s",
         )
 
@@ -135,15 +140,13 @@ class _Traffic:
         self,
         writer: TraceWriter,
         system: System,
-        name: str,
-        schedule: PacketSchedule,
+        link: PacketLink,
+        course: Course,
         stations: Sequence[Station],
     ) -> None:
-        self._writer = writer
-        self._schedule = schedule
-        self._rows = schedule.sent_rows(system.timetable.points_ns)
+        self._link, self._course = link, course
         by_name = {s.name: s for s in stations}
-        sources = list(dict.fromkeys(c.source for c in system.connections if c.link == name))
+        sources = dict.fromkeys(c.source for c in system.connections if c.link == link.name)
         self._sources = []
         columns = []
         for end in sources:
@@ -152,46 +155,42 @@ class _Traffic:
                 if column.port.name == end.variable:
                     self._sources.append((station, j))
                     columns.append(Column(column.port, f"{end.component}.{column.name}"))
-        link = schedule.link
         self._topic = writer.add_topic(
-            link_topic(name),
+            link_topic(link.name),
             [signal_of(column.port, column.name) for column in columns],
-            schema_name=f"cosim.link.{_identifier(name)}",
-            metadata={"link": name, "order": link.order, "on_loss": str(link.on_loss)},
+            schema_name=f"cosim.link.{_identifier(link.name)}",
+            metadata={"link": link.name, "order": link.order, "on_loss": str(link.on_loss)},
         )
-        self._cast = _cast(next(iter(stations)), columns)
-        self._dropped = writer.add_dropped_topic(name)
-        told = np.isin(schedule.status, (DELIVERED, LOST, OVERTAKEN))
-        order = np.argsort(schedule.arrival_ns, kind="stable")
-        self._pending = order[told[order]]
-        self._next = 0
+        self._cast = _cast(stations[0], columns)
+        self._dropped = writer.add_dropped_topic(link.name)
+        self._told = 0
 
     def until(self, until_ns: int, rank: int) -> list[Rows | Poses]:
         """What arrived, or was due and lost, up to an instant and not before."""
-        s = self._schedule
-        end = int(np.searchsorted(s.arrival_ns[self._pending], until_ns, side="right"))
-        mine = self._pending[self._next : end]
-        place = np.arange(self._next, end)
-        self._next = end
-        delivered = s.status[mine] == DELIVERED
+        first = self._told
+        found = self._course.arrivals(self._link.name, first)
+        count = int(np.searchsorted(found.arrival_ns, until_ns, side="right"))
+        self._told += count
+        delivered = found.status[:count] == DELIVERED
         parts: list[Rows | Poses] = []
         for topic_id, which, values in (
-            (self._topic, delivered, self._values),
-            (self._dropped, ~delivered, self._reasons),
+            (self._topic, np.flatnonzero(delivered), self._values),
+            (self._dropped, np.flatnonzero(~delivered), _reasons),
         ):
-            i = mine[which]
-            ranks = np.column_stack([np.full(i.size, rank), place[which]])
+            mine = part_of(found, which)
+            ranks = np.column_stack([np.full(which.size, rank), first + which])
             parts.append(
-                Rows(topic_id, s.arrival_ns[i], values(i), s.sent_ns[i], s.sequence[i], ranks)
+                Rows(topic_id, mine.arrival_ns, values(mine), mine.sent_ns, mine.sequence, ranks)
             )
         return parts
 
-    def _values(self, messages: NDArray[np.int64]) -> Any:
-        rows = self._rows[messages]
-        values = np.empty((messages.size, len(self._sources)))
+    def _values(self, messages: Arrivals) -> Any:
+        rows = self._course.rows_at(messages.sent_ns)
+        values = np.empty((rows.size, len(self._sources)))
         for column, (station, j) in enumerate(self._sources):
             values[:, column] = station.outputs[station.beat.last[rows], j]
-        return self._cast(self._schedule.link.quantize(values))
+        return self._cast(self._link.quantize(values))
 
-    def _reasons(self, messages: NDArray[np.int64]) -> Any:
-        return [[REASONS[status]] for status in self._schedule.status[messages]]
+
+def _reasons(messages: Arrivals) -> Any:
+    return [[REASONS[status]] for status in messages.status]

@@ -10,6 +10,7 @@ An input is held over its receiver's step. What it is held at, the policy says:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.master.beats import Beat
+from cosim.master.course import Course
 from cosim.master.system import Policy, System
 from cosim.network import PacketLink, TransportLink
 
@@ -85,6 +87,48 @@ class Route:
             self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
         )
         return not altered and bool((np.diff(self.columns) == 1).all())
+
+
+Fill = Callable[[int, int], None]
+"""Lays out the rows that a route reads at the points first to last - 1."""
+
+
+def growing(
+    system: System, course: Course, way: Way, *, stepped_before: bool
+) -> tuple[RowsInUse, Fill | None]:
+    """As `rows_in_use`, of which a part is known at a time, where points are added in the run."""
+    most = course.points_ns.size
+    here = np.arange(most)
+    channel = None if way.link is None else system.links[way.link]
+    if channel is None:
+        row = here + stepped_before
+
+        def end(first: int, last: int) -> None:
+            if first <= course.final < last:
+                row[course.final] = course.final
+
+        return RowsInUse(row), end if stepped_before else None
+    row = np.full(most, -1, np.int64)
+    if isinstance(channel, PacketLink):
+        name = channel.name
+
+        def fill(first: int, last: int) -> None:
+            row[first:last] = course.rows_of_messages(name, first, last)
+
+        return RowsInUse(row), fill
+    after, weight, delay = row.copy(), np.zeros(most), np.int64(channel.delay_ns)
+
+    def interpolate(first: int, last: int) -> None:
+        points = course.points_ns[:last]
+        wanted = np.maximum(points[first:] - delay, 0)
+        index = np.searchsorted(points, wanted, side="right") - 1
+        following = np.minimum(index + 1, last - 1)
+        gap = np.maximum(points[following] - points[index], 1)
+        past = wanted - points[index]
+        row[first:last], after[first:last] = index, following
+        weight[first:last] = np.where(past > 0, past / gap, 0.0)
+
+    return RowsInUse(row, after, weight), interpolate
 
 
 def rows_in_use(

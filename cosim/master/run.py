@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from cosim.errors import InputError
 from cosim.master.engine import EngineChoice
 from cosim.master.stations import Station
+from cosim.network import PacketSchedule
 
 Ending = Literal["finished", "stopped", "diverged", "failed"]
 
@@ -28,6 +30,7 @@ class Run:
     points_ns : the points reached [ns], int64 (k,).
     stations : the rows, of which the first k are valid.
     engine : which engine carried the run out, and why that one.
+    schedules : by packet link, its traffic up to the last point.
     """
 
     ending: Ending
@@ -35,6 +38,7 @@ class Run:
     points_ns: NDArray[np.int64]
     stations: tuple[Station, ...]
     engine: EngineChoice
+    schedules: Mapping[str, PacketSchedule]
 
     def signal(self, component: str, variable: str) -> NDArray[np.float64]:
         """Values of an output or a connected input at the points reached, shape (k,).

@@ -89,7 +89,9 @@ class Session:
             for station in self._wiring.stations
             for column in (*station.output_columns, *station.input_columns)
         )
-        self._choice = choose(engine, system.timetable.points_ns.size, texts=texts)
+        self._course = self._wiring.course
+        self._delays = self._wiring.columns_of_delays(system)
+        self._choice = choose(engine, self._course.points_ns.size, texts=texts)
         self._journal = Journal(observers)
         self._stack = ExitStack()
         self._stretch = _Stretch()
@@ -135,8 +137,7 @@ class Session:
     @property
     def time_ns(self) -> int:
         """Where the slaves stand [ns]."""
-        points = self.system.timetable.points_ns
-        return int(points[min(self._complete, points.size - 1)])
+        return int(self._course.points_ns[min(self._complete, self._course.count - 1)])
 
     @property
     def time_s(self) -> float:
@@ -155,7 +156,7 @@ class Session:
 
     def step(self, points: int = 1) -> None:
         """Go on by so many communication points, or to the end."""
-        self._go(min(self._complete + points, self.system.timetable.points_ns.size))
+        self._go(most=points)
 
     def run_until(
         self,
@@ -175,11 +176,7 @@ class Session:
         -------
         stopped : whether `stop` ended it.
         """
-        points = self.system.timetable.points_ns
-        last = points.size
-        if seconds is not None:
-            last = int(np.searchsorted(points, round(seconds * 1e9)))
-        return self._go(last, stop, pace)
+        return self._go(None if seconds is None else round(seconds * 1e9), stop=stop, pace=pace)
 
     def read(self, component: str, variable: str) -> Any:
         """The value of any variable, as the slave has it now."""
@@ -266,7 +263,7 @@ class Session:
         """
         snapshot.check(fingerprint(self.system, self._wiring))
         self._journal.rewind(snapshot.complete)
-        snapshot.put_back(self.system, self._wiring)
+        snapshot.put_back(self._wiring)
         self._complete = snapshot.complete
         self._adjustments = dict(snapshot.adjustments)
         self._ending = self._reason = self._halt = None
@@ -274,38 +271,59 @@ class Session:
 
     def result(self) -> Run:
         """What has happened so far; "stopped" for a run that has not ended by itself."""
-        points = self.system.timetable.points_ns
+        points = self._course.points_ns[: self._complete]
         return Run(
             self._ending or "stopped",
             self._reason if self._ending else f"stopped at t = {self.time_s:g} s",
-            points[: self._complete],
+            points,
             self._wiring.stations,
             self._choice,
+            self._course.schedules(int(points[-1]) if points.size else 0),
         )
 
-    def _go(self, last: int, stop: Condition | None = None, pace: Pace | None = None) -> bool:
+    def _go(
+        self,
+        until_ns: int | None = None,
+        *,
+        most: int | None = None,
+        stop: Condition | None = None,
+        pace: Pace | None = None,
+    ) -> bool:
         self._check_open()
-        points = self.system.timetable.points_ns
-        while self._ending is None and self._complete < last:
-            first = self._complete
-            most = 1 if stop is not None else self._stretch.points
+        points, begun = self._course.points_ns, self._complete
+        while self._ending is None:
+            first, last = self._complete, self._course.count
+            if until_ns is not None:
+                last = int(np.searchsorted(points[:last], until_ns))
+            if most is not None:
+                last = min(last, begun + most)
+            if first >= last:
+                return False
+            longest = 1 if stop is not None else self._stretch.points
             if pace is not None:
-                most = min(most, pace.wait(points, first))
-            self._advance(first, min(last, first + most))
+                longest = min(longest, pace.wait(points[: self._course.count], first))
+            self._advance(first, min(last, first + longest))
             if pace is not None:
-                pace.done(points, first, self._complete)
+                pace.done(points[: self._course.count], first, self._complete)
             if stop is not None and self._complete > first and stop(self):
                 return True
         return False
 
     def _advance(self, first: int, last: int) -> None:
         began = time.perf_counter()
-        halt = self._engine.advance(first, last)
-        self._complete = last if halt is None else halt.complete
+        horizon = self._course.horizon
+        if first == horizon:
+            last = first + 1
+            halt = self._cross(horizon)
+        else:
+            last = min(last, horizon)
+            halt = self._engine.advance(first, last)
+        if self._ending is None:
+            self._complete = last if halt is None else halt.complete
         if halt is not None:
             self._halt = halt
             self._ending, self._reason = ending_of(self.system, self._wiring, halt)
-        elif last == self.system.timetable.points_ns.size:
+        elif self._ending is None and self._complete > self._course.final:
             self._ending = "finished"
         # what is said in a step from a point out of range is void, like the step
         self._journal.hand_on(self._complete, said_after=halt is None or halt.what != "range")
@@ -313,8 +331,26 @@ class Session:
         if self._ending is not None:
             self._conclude()
 
+    def _cross(self, k: int) -> Halt | None:
+        """A point at which a message is sent whose delay what is sent there decides."""
+        halt = self._engine.send(k)
+        if halt is not None:
+            return halt
+        row = self._wiring.rows[k]
+        outside = ~(np.abs(row[: self._wiring.outputs]) <= self.system.divergence)
+        if not outside.any():
+            try:
+                self._course.resolve(k, row, self._delays)
+            except InputError as error:
+                self._ending, self._reason = "failed", error.text()
+                return None
+        horizon = self._course.horizon
+        self._wiring.lay_out(k, horizon)
+        self._engine.known(k, horizon)
+        return self._engine.leave(k)
+
     def _conclude(self) -> None:
-        points, halt = self.system.timetable.points_ns, self._halt
+        points, halt = self._course.points_ns, self._halt
         level = {"finished": "info", "stopped": "info"}.get(self._ending or "", "error")
         last = halt.k if self._ending == "failed" and halt else max(self._complete - 1, 0)
         self._journal.where = lambda: (self._complete, int(points[last]))
@@ -366,7 +402,7 @@ class Session:
 
     def _where(self) -> tuple[int, int]:
         k, complete = self._engine.where()
-        return k + complete, int(self.system.timetable.points_ns[k])
+        return k + complete, int(self._course.points_ns[k])
 
     def _check_open(self) -> None:
         if not hasattr(self, "_engine"):

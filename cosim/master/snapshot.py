@@ -30,7 +30,9 @@ def fingerprint(system: System, wiring: Wiring) -> str:
         for column in (*station.output_columns, *station.input_columns):
             digest.update(f"{station.name}.{column.name}\0".encode())
         for route in station.routes:
-            digest.update(route.row.tobytes())
+            digest.update(f"{route.way}\0{route.columns.tolist()}\0".encode())
+    for name, link in system.links.items():
+        digest.update(f"{name}\0{link!r}\0".encode())
     return digest.hexdigest()
 
 
@@ -46,6 +48,7 @@ class Snapshot:
     texts : the texts that rows name by number.
     states : per component: a state of this session's slave, or, portable, bytes.
     adjustments : by column.
+    values : by link whose delay follows a signal, the values so far.
     """
 
     system: str
@@ -54,6 +57,7 @@ class Snapshot:
     texts: Sequence[str]
     states: Mapping[str, State | bytes]
     adjustments: Mapping[int, Adjustment]
+    values: Mapping[str, Sequence[float]]
 
     @classmethod
     def take(
@@ -75,7 +79,8 @@ class Snapshot:
                 states[station.name] = station.slave.serialised(state)
                 station.slave.free(state)
         rows = wiring.rows[: complete + 1].copy()
-        return cls(system, complete, rows, wiring.texts.all(), states, adjustments)
+        values = {name: tuple(given) for name, given in wiring.course.values.items()}
+        return cls(system, complete, rows, wiring.texts.all(), states, adjustments, values)
 
     def check(self, system: str) -> None:
         """Refuse a snapshot of another system."""
@@ -86,7 +91,7 @@ class Snapshot:
                 expected="the same FMUs, connections, links, steps and end",
             )
 
-    def put_back(self, system: System, wiring: Wiring) -> None:
+    def put_back(self, wiring: Wiring) -> None:
         """Restore every slave, and the rows."""
         wiring.texts.learn(self.texts)
         for station in wiring.stations:
@@ -98,8 +103,10 @@ class Snapshot:
             else:
                 station.slave.restore(saved)
             station.forget(self.complete)
-        wiring.rows[: self.rows.shape[0]] = self.rows
-        wiring.begin_again(system, self.rows.shape[0])
+        wiring.course.go_back(self.values)
+        wiring.begin_again(0)
+        wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]
+        wiring.rows[: self.complete] = self.rows[: self.complete]
 
     def save(self, path: Path) -> None:
         """Write a portable snapshot to a file (NumPy's .npz).
@@ -119,6 +126,7 @@ class Snapshot:
             "complete": self.complete,
             "texts": list(self.texts),
             "components": list(self.states),
+            "values": {name: list(given) for name, given in self.values.items()},
             "adjustments": {str(c): list(a) for c, a in self.adjustments.items()},
         }
         states: dict[str, Any] = {
@@ -145,7 +153,13 @@ class Snapshot:
                 rows = found["rows"]
             adjustments = {int(c): Adjustment(*a) for c, a in about["adjustments"].items()}
             return cls(
-                about["system"], about["complete"], rows, about["texts"], states, adjustments
+                about["system"],
+                about["complete"],
+                rows,
+                about["texts"],
+                states,
+                adjustments,
+                about["values"],
             )
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
             raise InputError(

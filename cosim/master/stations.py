@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from cosim.fmu import FmuSlave, Port
 from cosim.master.beats import Beat
 from cosim.master.columns import Column
+from cosim.master.course import Course
 from cosim.master.routes import Route
-from cosim.master.system import Component
+from cosim.master.system import Component, Endpoint, Signal
 
 Rows = NDArray[np.float64]
 
@@ -50,9 +51,11 @@ class Station:
     outputs : (points, outputs), a view of the rows; valid at its own points up to the last
         one reached.
     output_columns, input_columns : what the columns of its outputs and connected inputs hold.
+    course : the points of the run.
     sends : outputs that do not wait for the inputs of the same point.
     takes : connected inputs.
     answers : outputs that follow the inputs of the same point.
+    driven : inputs that follow a signal, or the state of a link.
     straight : numbers of the routes whose values are set straight from the sender's row.
     """
 
@@ -68,6 +71,8 @@ class Station:
     routes: tuple[Route, ...]
     rows: Rows = field(repr=False)
     texts: Texts = field(repr=False)
+    course: Course = field(repr=False)
+    driven: Mapping[str, Signal | Endpoint] = field(default_factory=dict, repr=False)
     slave: FmuSlave = field(init=False)
     straight: set[int] = field(init=False)
 

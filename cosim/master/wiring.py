@@ -13,13 +13,16 @@ from itertools import groupby
 
 import numpy as np
 
+from cosim.errors import InputError
 from cosim.fmu import Port
+from cosim.master.beats import beat_of
 from cosim.master.columns import columns_of, element_names
+from cosim.master.course import Course
 from cosim.master.order import receiving_order
-from cosim.master.routes import Route, Way, rows_in_use
+from cosim.master.routes import Fill, Route, Way, growing, rows_in_use
 from cosim.master.stations import Group, Rows, Station, Texts
-from cosim.master.system import Component, Connection, Endpoint, System
-from cosim.network import PacketLink
+from cosim.master.system import Component, Connection, Endpoint, Signal, System
+from cosim.network import LinkState, PacketLink
 
 _KINDS = ("float", "int", "bool", "string")
 
@@ -33,12 +36,16 @@ class Wiring:
     rows : (points, values).
     outputs : how many of the values are outputs; they come first.
     stations : in the order in which they receive, and under Gauss-Seidel step.
+    course : the points.
+    fills : what lays out the routes that are not known from the start.
     """
 
     rows: Rows
     outputs: int
     stations: tuple[Station, ...]
     texts: Texts
+    course: Course
+    fills: tuple[Fill, ...]
 
     def station(self, name: str) -> Station:
         """The station of a component."""
@@ -48,7 +55,7 @@ class Wiring:
         """The first column of a station's outputs."""
         return min((group.column for group in (*station.sends, *station.answers)), default=0)
 
-    def begin_again(self, system: System, row: int) -> None:
+    def begin_again(self, row: int) -> None:
         """Lay out rows from `row` on: inputs at their start values, or at what drives them."""
         self.rows[row:] = 0.0
         for station in self.stations:
@@ -60,9 +67,42 @@ class Wiring:
                     self.rows[row:, first + j : first + j + port.size] = self.texts.doubles(
                         held, port
                     )
-                end = Endpoint(station.name, port.name)
-                if end in system.driven:
-                    self.rows[row:, first + j] = system.driven[end][row:]
+        self.lay_out(row, self.course.horizon)
+
+    def lay_out(self, first: int, last: int) -> None:
+        """Routes and driven inputs at the points first to last - 1, known by now."""
+        for fill in self.fills:
+            fill(first, last)
+        states: dict[str, LinkState] = {}
+        for station in self.stations:
+            for j, column in enumerate(station.input_columns):
+                cells = self.rows[first:last, station.input_column + j]
+                source = station.driven.get(column.name)
+                if source is None or first >= last:
+                    continue
+                if isinstance(source, Endpoint):
+                    name, what = source
+                    if name not in states:
+                        states[name] = self.course.state(name, first, last)
+                    cells[:] = getattr(states[name], _STATE.get(what, what))
+                elif callable(source):
+                    cells[:] = _finite(
+                        source(self.course.seconds[first:last]), station.name, column.name
+                    )
+                else:
+                    cells[:] = source[first:last]
+
+    def columns_of_delays(self, system: System) -> dict[str, tuple[int, ...]]:
+        """By link whose delay follows a signal, the columns of its sources."""
+        found = {}
+        for name in self.course.live:
+            columns = []
+            for end in system.delays[name].signals:
+                station = self.station(end.component)
+                names = [column.name for column in station.output_columns]
+                columns.append(self.first_output(station) + names.index(end.variable))
+            found[name] = tuple(columns)
+        return found
 
     def output(self, column: int) -> Endpoint:
         """The output that stands in a column."""
@@ -91,8 +131,14 @@ def wire(system: System) -> Wiring:
                 column[direction, Endpoint(name, port.name)] = width
                 width += port.size
     total = sum(port.size for members, _ in sorted_outputs.values() for port in members)
-    rows: Rows = np.zeros((system.timetable.points_ns.size, width))
+    course = Course(system)
+    most = course.points_ns.size
+    rows: Rows = np.zeros((most, width))
+    beats = system.beats
+    if course.grows:
+        beats = dict.fromkeys(system.components, beat_of(None, course.points_ns))
     texts = Texts()
+    fills: list[Fill] = []
     stations = {}
     for name, component in system.components.items():
         outputs, prompt = sorted_outputs[name]
@@ -103,7 +149,7 @@ def wire(system: System) -> Wiring:
         station = Station(
             name=name,
             component=component,
-            beat=system.beats[name],
+            beat=beats[name],
             output_columns=columns_of(outputs),
             input_columns=columns_of(inputs),
             outputs=rows[:, a : a + sum(port.size for port in outputs)],
@@ -111,15 +157,18 @@ def wire(system: System) -> Wiring:
             takes=_groups(inputs, c, ways),
             answers=_groups(outputs[prompt:], b),
             routes=tuple(
-                _route(system, name, way, members, column, order)
+                _route(system, course, name, way, members, column, order, fills)
                 for way, members in _ways(system, name)
             ),
             rows=rows,
             texts=texts,
+            course=course,
+            driven=_driven(system, name),
         )
         stations[name] = station
-    wiring = Wiring(rows, total, tuple(stations[name] for name in order), texts)
-    wiring.begin_again(system, 0)
+    ordered = tuple(stations[name] for name in order)
+    wiring = Wiring(rows, total, ordered, texts, course, tuple(fills))
+    wiring.begin_again(0)
     return wiring
 
 
@@ -140,15 +189,35 @@ def _inputs(system: System, name: str) -> tuple[list[Port], list[int | None]]:
         mine = _by_type([system.port(c.target) for c in members])
         ports += mine
         ways += [number] * len(mine)
-    driven = [system.port(end) for end in system.driven if end.component == name]
+    driven = [system.port(Endpoint(name, variable)) for variable in _driven(system, name)]
     return ports + driven, ways + [None] * len(driven)
+
+
+def _driven(system: System, name: str) -> dict[str, Signal | Endpoint]:
+    """Inputs of a component that follow a signal, or the state of a link."""
+    found: dict[str, Signal | Endpoint] = {
+        end.variable: signal for end, signal in system.driven.items() if end.component == name
+    }
+    for c in system.connections:
+        if c.target.component == name and system.is_state(c.source):
+            found[c.target.variable] = c.source
+    return found
+
+
+_STATE = {"age": "age_s"}
+
+
+def _finite(values: Rows, component: str, variable: str) -> Rows:
+    if not np.isfinite(values).all():
+        raise InputError("the signal of an input must be finite", where=f"{component}.{variable}")
+    return values
 
 
 def _ways(system: System, name: str) -> list[tuple[Way, list[Connection]]]:
     """Connections into a component, by sender, link and policy."""
     ways: dict[Way, list[Connection]] = {}
     for c in system.connections:
-        if c.target.component == name:
+        if c.target.component == name and not system.is_state(c.source):
             ways.setdefault(Way(c.source.component, c.link, c.policy), []).append(c)
     return list(ways.items())
 
@@ -177,21 +246,23 @@ def _groups(
 
 def _route(
     system: System,
+    course: Course,
     name: str,
     way: Way,
     members: Iterable[Connection],
     column: Mapping[tuple[str, Endpoint], int],
     order: Sequence[str],
+    fills: list[Fill],
 ) -> Route:
     in_order = sorted(members, key=lambda c: column["in", c.target])
     before = order.index(way.source) < order.index(name)
-    used = rows_in_use(
-        system,
-        way,
-        system.beats[way.source],
-        system.beats[name],
-        stepped_before=system.algorithm == "gauss-seidel" and before,
-    )
+    stepped = system.algorithm == "gauss-seidel" and before
+    if course.grows or way.link in course.live:
+        used, fill = growing(system, course, way, stepped_before=stepped)
+        fills += [fill] if fill is not None else []
+    else:
+        sender, receiver = system.beats[way.source], system.beats[name]
+        used = rows_in_use(system, way, sender, receiver, stepped_before=stepped)
     sizes = [range(system.port(c.target).size) for c in in_order]
     pairs = [
         (column["out", c.source] + i, column["in", Endpoint(name, c.target.variable)] + i)

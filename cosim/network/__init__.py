@@ -5,6 +5,7 @@ from cosim.network.checks import MAX_NS
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.impairment import GilbertElliott, Jitter
 from cosim.network.live import LiveSchedule
+from cosim.network.messages import sending_instants
 from cosim.network.packet import PacketLink
 from cosim.network.profile import DelayProfile
 from cosim.network.resolve import schedule
@@ -46,4 +47,5 @@ __all__ = [
     "TransportLink",
     "align",
     "schedule",
+    "sending_instants",
 ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription, Port, describe_fmu
@@ -143,7 +144,13 @@ def same_start(one: System, other: System) -> bool:
         == other.components[name].parameters.get(port.name, port.start)
         for name, component in one.components.items()
         for port in component.description.ports.values()
-    ) and all(np.array_equal(one.driven[end], other.driven[end]) for end in one.driven)
+    ) and all(np.array_equal(_values(one, end), _values(other, end)) for end in one.driven)
+
+
+def _values(system: System, end: Endpoint) -> NDArray[np.float64]:
+    """A driven input at the points that are known before the run."""
+    signal = system.driven[end]
+    return signal(system.timetable.points_ns / 1e9) if callable(signal) else signal
 
 
 def _of_the_start(port: Port, reached: bool) -> bool:  # noqa: FBT001 - a predicate of both

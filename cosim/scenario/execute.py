@@ -20,7 +20,6 @@ from cosim.master import (
     Run,
     System,
     TraceRecorder,
-    make_timetable,
     simulate,
 )
 from cosim.network import PacketSchedule
@@ -168,7 +167,7 @@ def _outcome(
         # a run that starts from rest is its own companion
         same = same_start(system, at_rest)
         companion = run if same else _simulate(at_rest, "companion", tell, "auto")
-    schedules = _schedules_reached(system, run, scenario.run.events)
+    schedules = run.schedules
     flight = Flight(
         scenario, prepared.problem, prepared.design, run, companion, schedules, prepared.push
     )
@@ -188,15 +187,6 @@ def _outcome(
         engine=run.engine,
     )
     return outcome, schedules
-
-
-def _schedules_reached(system: System, run: Run, events: Any) -> Mapping[str, PacketSchedule]:
-    """The traffic up to where the run got: a shorter run has the same messages."""
-    if run.ending == "finished" or run.points_ns.size < 2:
-        return system.timetable.schedules
-    reached = int(run.points_ns[-1])
-    step = min(system.timetable.step_ns, reached)
-    return make_timetable(system.links, step, reached, events).schedules
 
 
 def _simulate(

@@ -31,6 +31,15 @@ class Engine(Protocol):
     def advance(self, first: int, last: int) -> Halt | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
 
+    def known(self, first: int, last: int) -> None:
+        """The rows to be read at the points first to last - 1 are known now."""
+
+    def send(self, k: int) -> Halt | None:
+        """The first half of what happens at point k: after it, what is sent is in the row."""
+
+    def leave(self, k: int) -> Halt | None:
+        """The other half."""
+
 
 def choose(asked: EngineName, points: int, *, texts: bool = False) -> EngineChoice:
     """The engine for a run of so many points; `texts`: it exchanges Strings.

@@ -44,22 +44,29 @@ class CompiledEngine:
         self._numbers: list[float] = []
         self._moves: list[list[int]] = []
         self._scratch = 0
-        lists = (program.opening, program.point, program.closing)
-        self._lists = [self._coded(operations) for operations in lists]
-        n = program.points_ns.size
+        self._opening = self._coded(program.opening)
+        sending, leaving = self._coded(program.sending), self._coded(program.leaving)
+        concluding = self._coded(program.concluding)
+        self._parts = (sending, leaving, concluding)
+        self._point = np.vstack([sending, leaving])
+        self._closing = np.vstack([sending, concluding])
+        course = program.course
+        n = course.points_ns.size
+        self._stacked = np.array(self._tables, np.int64).reshape(-1, n)
+        self._shares = np.array(self._weights, np.float64).reshape(-1, n)
         scratch = np.zeros(max(self._scratch, 1), np.uint64)
         beats = [np.full(n, -1) if beat is None else beat for beat in program.beats]
         self._arguments: tuple[Any, ...] = (
             self._place,
             program.rows,
-            program.points_ns,
-            program.seconds,
+            course.points_ns,
+            course.seconds,
             np.array(beats, np.int64).reshape(-1, n)
             if any(beat is not None for beat in program.beats)
             else np.zeros((1, 1), np.int64),
             np.array(self._moves, np.int64).reshape(-1, kernel.MOVE_FIELDS),
-            np.array(self._tables, np.int64).reshape(-1, n),
-            np.array(self._weights, np.float64).reshape(-1, n),
+            self._stacked,
+            self._shares,
             np.array([p for pairs in self._pairs for p in pairs], np.int64).reshape(-1, 2),
             np.array(self._numbers, np.float64),
             tuple(scratch.view(code) for code in kernel.TYPES),
@@ -73,16 +80,29 @@ class CompiledEngine:
 
     def advance(self, first: int, last: int) -> Halt | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
-        end = self._program.points_ns.size - 1
-        opening, point, closing = self._lists
-        halt = None
-        if first == 0 and len(opening):
-            halt = self._run(0, 1, opening, checked=False)
-        if halt is None and first < min(last, end):
-            halt = self._run(first, min(last, end), point)
-        if halt is None and last > end:
-            halt = self._run(end, last, closing)
+        final = self._program.course.final
+        halt = self._run(0, 1, self._opening, checked=False) if first == 0 else None
+        if halt is None and first < min(last, final):
+            halt = self._run(first, min(last, final), self._point)
+        if halt is None and last > final:
+            halt = self._run(final, last, self._closing)
         return halt
+
+    def known(self, first: int, last: int) -> None:
+        """The rows to be read at the points first to last - 1 are known now."""
+        for own, table in zip(self._stacked, self._tables, strict=True):
+            own[first:last] = table[first:last]
+        for shares, weight in zip(self._shares, self._weights, strict=True):
+            shares[first:last] = weight[first:last]
+
+    def send(self, k: int) -> Halt | None:
+        """The first half of what happens at point k: after it, what is sent is in the row."""
+        halt = self._run(0, 1, self._opening, checked=False) if k == 0 else None
+        return halt or self._run(k, k + 1, self._parts[0], checked=False)
+
+    def leave(self, k: int) -> Halt | None:
+        """The other half."""
+        return self._run(k, k + 1, self._parts[2 if k == self._program.course.final else 1])
 
     def _run(
         self, first: int, last: int, operations: _Integers, *, checked: bool = True

@@ -51,8 +51,8 @@ class _Writer:
         self._stride = int(rows.strides[0])
         self.names: dict[str, Any] = {
             "place": place,
-            "seconds": program.seconds.data,
-            "sizes": np.append(np.diff(program.points_ns) / 1e9, 0.0).data,
+            "seconds": program.course.seconds.data,
+            "sizes": program.course.sizes.data,
             "rows": rows,
         }
         self._lines: list[str] = []
@@ -155,7 +155,7 @@ class _Writer:
         return "(k + 1)" if self._program.beats[station] is None else f"{self._beat(station)}[k]"
 
     def _sizes(self, station: int) -> str:
-        beat, points = self._program.beats[station], self._program.points_ns
+        beat, points = self._program.beats[station], self._program.course.points_ns
         self.names[f"size{station}"] = ((points[beat] - points) / 1e9).data
         return f"size{station}"
 

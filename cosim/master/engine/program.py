@@ -24,6 +24,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.master.course import Course
 from cosim.master.exchange import Exchange
 from cosim.master.routes import Route
 from cosim.master.stations import Group, Rows, Station
@@ -141,20 +142,21 @@ class Program:
     Attributes
     ----------
     rows, outputs : as in the wiring.
-    points_ns, seconds : the points, as integers [ns] and as doubles [s].
+    course : the points.
     opening : at the first point, before all else.
-    point : at every point but the last; closing : at the last.
+    sending : at every point; what is sent is then in its row.
+    leaving : after that, at every point but the last; concluding : at the last.
     beats : per station, its next point at its own points, -1 elsewhere; None: every point.
     bound : an output beyond +-bound, or NaN, ends the run.
     """
 
     rows: Rows
     outputs: int
-    points_ns: Integers
-    seconds: NDArray[np.float64]
+    course: Course
     opening: tuple[Operation, ...]
-    point: tuple[Operation, ...]
-    closing: tuple[Operation, ...]
+    sending: tuple[Operation, ...]
+    leaving: tuple[Operation, ...]
+    concluding: tuple[Operation, ...]
     beats: tuple[Integers | None, ...]
     bound: float
 
@@ -172,24 +174,23 @@ def make_program(
     to be moved ones (`Station.move`). `may_go_back` : saved states may be restored.
     """
     maker = _Maker(wiring.stations, adjustments or {}, final=not may_go_back)
-    opening, point, closing = (
+    opening, sending, leaving, concluding = (
         maker.gauss_seidel() if system.algorithm == "gauss-seidel" else maker.jacobi(system)
     )
-    points = system.timetable.points_ns
     return Program(
         rows=wiring.rows,
         outputs=wiring.outputs,
-        points_ns=points,
-        seconds=points / 1e9,
+        course=wiring.course,
         opening=tuple(opening),
-        point=tuple(point),
-        closing=tuple(closing),
+        sending=tuple(sending),
+        leaving=tuple(leaving),
+        concluding=tuple(concluding),
         beats=tuple(None if s.beat.always else s.beat.following for s in wiring.stations),
         bound=system.divergence,
     )
 
 
-_Lists = tuple[list[Operation], list[Operation], list[Operation]]
+_Lists = tuple[list[Operation], list[Operation], list[Operation], list[Operation]]
 
 
 class _Maker:
@@ -207,14 +208,14 @@ class _Maker:
         self._final = final
 
     def jacobi(self, system: System) -> _Lists:
-        exchange: list[Operation] = []
+        sending: list[Operation] = []
+        receiving: list[Operation] = []
         for i, station in enumerate(self._stations):
-            exchange += self._gets(i, station.sends)
-        for i, station in enumerate(self._stations):
-            exchange += [*self._takes(i), *self._gets(i, station.answers)]
+            sending += self._gets(i, station.sends)
+            receiving += [*self._takes(i), *self._gets(i, station.answers)]
         places = {station.name: i for i, station in enumerate(self._stations)}
         steps = [self._step(places[name]) for name in system.components]
-        return [], [*exchange, Complete(), *steps], exchange
+        return [], sending, [*receiving, Complete(), *steps], receiving
 
     def gauss_seidel(self) -> _Lists:
         opening: list[Operation] = []
@@ -225,7 +226,7 @@ class _Maker:
             opening += self._gets(i, outputs)
             closing += self._takes(i)
             point += [*self._takes(i), self._step(i), *self._gets(i, outputs, ahead=True)]
-        return opening, point, closing
+        return opening, [], point, closing
 
     def _takes(self, number: int) -> list[Operation]:
         station = self._stations[number]

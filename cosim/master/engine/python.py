@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.master.engine.listing import ENDED, stretch
+from cosim.master.engine.listing import ENDED, Stretch, stretch
 from cosim.master.engine.program import Call, Halt, Operation, Program, Step
+
+_List = tuple[tuple[Operation, ...], Stretch]
 
 
 class PythonEngine:
@@ -14,9 +16,21 @@ class PythonEngine:
     def __init__(self, program: Program) -> None:
         self._program = program
         self._place = [0, 0]
-        self._opening = stretch(program, program.opening, self._place, name="opening")
-        self._points = stretch(program, program.point, self._place, name="point")
-        self._closing = stretch(program, program.closing, self._place, name="closing")
+        point = (*program.sending, *program.leaving)
+        closing = (*program.sending, *program.concluding)
+        self._opening = self._written("opening", program.opening)
+        self._point = self._written("point", point)
+        self._closing = self._written("closing", closing)
+        self._parts: tuple[_List, ...] = ()
+        if program.course.live:
+            self._parts = (
+                self._written("sending", program.sending),
+                self._written("leaving", program.leaving),
+                self._written("concluding", program.concluding),
+            )
+
+    def _written(self, name: str, operations: tuple[Operation, ...]) -> _List:
+        return operations, stretch(self._program, operations, self._place, name=name)
 
     def where(self) -> tuple[int, bool]:
         """The point that is being worked on, and whether its row is complete."""
@@ -38,18 +52,32 @@ class PythonEngine:
         row, column = np.argwhere(~(np.abs(part) <= bound))[0].tolist()
         return Halt(first + row, first + row + 1, "range", column, 0)
 
+    def known(self, first: int, last: int) -> None:
+        """The rows to be read at the points first to last - 1 are known now."""
+
+    def send(self, k: int) -> Halt | None:
+        """The first half of what happens at point k: after it, what is sent is in the row."""
+        halt = self._carry_out(self._opening, 0, 1) if k == 0 else None
+        return halt or self._carry_out(self._parts[0], k, k + 1)
+
+    def leave(self, k: int) -> Halt | None:
+        """The other half."""
+        final = self._program.course.final
+        halt = self._carry_out(self._parts[2 if k == final else 1], k, k + 1)
+        complete = k + 1 if halt is None else halt.complete
+        return self._out_of_range(k, complete) or halt
+
     def _advance(self, first: int, last: int) -> Halt | None:
-        program = self._program
-        end = program.points_ns.size - 1
-        refused, operations = None, program.opening
-        if first == 0 and program.opening:
-            refused = self._opening(0, 1)
-        if refused is None:
-            operations = program.point
-            refused = self._points(first, min(last, end))
-        if refused is None and last > end:
-            operations = program.closing
-            refused = self._closing(end, last)
+        final = self._program.course.final
+        halt = self._carry_out(self._opening, 0, 1) if first == 0 else None
+        halt = halt or self._carry_out(self._point, first, min(last, final))
+        if halt is None and last > final:
+            halt = self._carry_out(self._closing, final, last)
+        return halt
+
+    def _carry_out(self, what: _List, first: int, last: int) -> Halt | None:
+        operations, carry_out = what
+        refused = carry_out(first, last) if operations else None
         return None if refused is None else self._halt(operations, *refused)
 
     def _halt(self, operations: tuple[Operation, ...], k: int, number: int, status: int) -> Halt:

@@ -1,0 +1,258 @@
+"""Whether the parts of a system fit together: links, connections, types, units, steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.fmu import Port, SignalKind
+from cosim.network import PacketLink, TransportLink
+
+if TYPE_CHECKING:
+    from cosim.master.system import Connection, Endpoint, System
+    from cosim.master.timetable import Link
+
+LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
+    {"age": "float", "sequence": "int", "dropped": "int", "delivered": "int"}
+)
+"""What a packet link can be asked for by a connection, `Endpoint(link, ...)`, and its kind."""
+
+
+def check_links(system: System) -> None:
+    """Links under their own names, in the timetable, with what decides their delays."""
+    for name, link in system.links.items():
+        packet = isinstance(link, PacketLink)
+        known = name in system.timetable.schedules or name in system.timetable.live
+        if link.name != name or (packet and not known):
+            raise InputError(
+                "the link and its place in the system do not fit",
+                where=f"link {name!r}",
+                expected="the link's own name, and a timetable made for it",
+                got=f"link {link.name!r}, schedules of {list(system.timetable.schedules)}",
+                hint="pass the same links to make_timetable and to System",
+            )
+    for name in system.timetable.live:
+        _check_delay(system, name)
+    for name in system.delays:
+        if name not in system.timetable.live:
+            raise InputError(
+                "this link's delay follows no signal",
+                where=f"link {name!r}",
+                expected=f"a link with a DelaySignal: {', '.join(system.timetable.live) or 'none'}",
+            )
+
+
+def _check_delay(system: System, name: str) -> None:
+    """The signals that decide a delay: there, numbers, and known when the message is sent."""
+    source = system.delays.get(name)
+    where = f"link {name!r}: delay"
+    if source is None or not source.signals:
+        raise InputError("nothing decides the delay of this link", where=where)
+    number = 1 if source.origin is None else len(source.origin)
+    if len(source.signals) != number:
+        raise InputError(
+            "the signals that decide a delay do not fit",
+            where=where,
+            expected="one signal, or as many as the place has coordinates",
+            got=f"{len(source.signals)} signals, {number} coordinates",
+        )
+    for end in source.signals:
+        port = system.port(end)
+        if port.causality != "output" or port.kind != "float" or port.shape or port.feedthrough:
+            raise InputError(
+                "this signal cannot decide a delay",
+                where=f"{where}, {end}",
+                expected="a Real output that follows no input at once",
+                got=f"{port.causality}, {port.kind}"
+                + (", follows an input at once" if port.feedthrough else ""),
+            )
+
+
+def check_parts(system: System) -> None:
+    """Connections, driven inputs, order and steps."""
+    taken: dict[Endpoint, str] = {}
+    _check_connections(system, taken)
+    _check_driven(system, taken)
+    _check_order(system)
+    for name, component in system.components.items():
+        if system.grows and component.every_ns is not None:
+            raise InputError(
+                "a step of one's own does not go with points that come about in the run",
+                where=f"component {name!r}",
+                got=f"link {next(iter(system.timetable.live))!r}, whose delay follows a signal",
+                hint='events = "grid"',
+            )
+        own = system.timetable.points_ns[system.beats[name].own]
+        irregular = system.grows or np.unique(np.diff(own)).size > 1
+        if irregular and not component.description.variable_step:
+            raise InputError(
+                "this FMU takes steps of one size only",
+                where=f"component {name!r} ({component.description.path.name})",
+                hint='set events = "grid" and an end that is a multiple of the step, or give '
+                "the component a step of its own of which the end is a multiple",
+            )
+
+
+def _check_order(system: System) -> None:
+    if system.order is None:
+        return
+    if system.algorithm != "gauss-seidel" or sorted(system.order) != sorted(system.components):
+        raise InputError(
+            "the order does not fit the system",
+            where="order",
+            expected=f"under gauss-seidel, each of {', '.join(system.components)} once",
+            got=f"{system.algorithm}: {', '.join(system.order)}",
+        )
+
+
+def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
+    for connection in system.connections:
+        where = f"connection {connection.source} -> {connection.target}"
+        if system.is_state(connection.source):
+            _check_state(system, connection, where)
+            _take(taken, connection.target, f"connection from {connection.source}")
+            continue
+        source, target = system.port(connection.source), system.port(connection.target)
+        if system.grows and connection.policy != "hold":
+            raise InputError(
+                "the next point is not known where points come about in the run",
+                where=where,
+                expected="the policy hold",
+                got=connection.policy,
+                hint='events = "grid"',
+            )
+        if source.causality != "output" or target.causality != "input":
+            raise InputError(
+                "a connection leads from an output to an input",
+                where=where,
+                got=f"{source.causality} -> {target.causality}",
+            )
+        _check_types(source, target, where)
+        if source.unit and target.unit and source.unit != target.unit:
+            raise InputError(
+                "the units of the two ends differ",
+                where=where,
+                got=f"{source.unit} -> {target.unit}",
+            )
+        if connection.link is not None and connection.link not in system.links:
+            raise InputError.unknown("link", connection.link, system.links, where=where)
+        if source.kind != "float" and connection.policy != "hold":
+            raise InputError(
+                "only real numbers have a value in between",
+                where=where,
+                expected="the policy hold",
+                got=connection.policy,
+            )
+        if connection.link is not None and source.kind != "float":
+            _check_carries(system.links[connection.link], source, where)
+        _take(taken, connection.target, f"connection from {connection.source}")
+
+
+_NAMES = {"float": "Real", "int": "Integer", "bool": "Boolean", "string": "String"}
+
+
+def _check_types(source: Port, target: Port, where: str) -> None:
+    """Same kind, same shape, and room for every value."""
+    if source.kind is None or source.kind != target.kind:
+        raise InputError(
+            "the types of the two ends do not fit",
+            where=where,
+            expected="both Real, both Integer (or Enumeration), both Boolean or both String",
+            got=" -> ".join(_NAMES.get(p.kind or "", "Binary or Clock") for p in (source, target)),
+        )
+    if source.shape != target.shape:
+        raise InputError(
+            "the arrays at the two ends differ in shape",
+            where=where,
+            got=f"{source.shape or 'a scalar'} -> {target.shape or 'a scalar'}",
+        )
+    if source.kind == "int" and not _has_room(source, target):
+        raise InputError(
+            "the target's integers are too small for the source's",
+            where=where,
+            got=f"{source.getter_type} -> {target.getter_type}",
+            hint="a source that declares min and max within the target's range",
+        )
+
+
+def _has_room(source: Port, target: Port) -> bool:
+    limits = np.iinfo(target.c_type)
+    declared = np.iinfo(source.c_type)
+    low = declared.min if source.minimum is None else source.minimum
+    high = declared.max if source.maximum is None else source.maximum
+    return bool(limits.min <= low and high <= limits.max)
+
+
+def _check_state(system: System, connection: Connection, where: str) -> None:
+    """State of a link: of a packet link, into an input of a type that holds it."""
+    name, what = connection.source
+    if not isinstance(system.links[name], PacketLink):
+        raise InputError("only a packet link has a state", where=where, got=f"link {name!r}")
+    if what not in LINK_STATE:
+        raise InputError.unknown("state of a link", what, LINK_STATE, where=where)
+    target = system.port(connection.target)
+    allowed = ("float",) if LINK_STATE[what] == "float" else ("float", "int")
+    if target.causality != "input" or target.kind not in allowed or target.shape:
+        raise InputError(
+            "the state of a link does not fit this target",
+            where=where,
+            expected="an input, " + " or ".join(_NAMES[kind] for kind in allowed),
+            got=f"{target.causality}, {_NAMES.get(target.kind or '', 'none')}",
+        )
+    if connection.link is not None or connection.policy != "hold":
+        raise InputError("the state of a link is there at once: it takes no link", where=where)
+    if what == "age" and target.unit not in (None, "s"):
+        raise InputError("an age is in seconds", where=where, got=str(target.unit))
+
+
+def _check_carries(link: Link, port: Port, where: str) -> None:
+    """Refuse a link that would make a number in between out of an Integer or Boolean."""
+    text_replaced = port.kind == "string" and not (
+        isinstance(link, PacketLink) and link.on_loss == "hold"
+    )
+    if isinstance(link, TransportLink) or link.quantization or text_replaced:
+        raise InputError(
+            f"link {link.name!r} carries real numbers only",
+            where=where,
+            expected="a packet link without quantization" + ", on_loss hold" * text_replaced,
+            got=f"{port.name} of kind {port.kind}",
+        )
+
+
+def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:
+    for end, values in system.driven.items():
+        port = system.port(end)
+        if port.causality != "input" or port.kind != "float" or port.shape:
+            raise InputError(
+                "only a Real input can follow a signal",
+                where=str(end),
+                got=f"{port.causality}, {port.kind or 'String'}{' array' if port.shape else ''}",
+            )
+        if not callable(values):
+            _check_values(system, end, values)
+        _take(taken, end, "driven signal")
+
+
+def _check_values(system: System, end: Endpoint, values: NDArray[np.float64]) -> None:
+    if system.grows:
+        raise InputError(
+            "values at points do not go with points that come about in the run",
+            where=str(end),
+            expected="a function of the points",
+            hint='events = "grid"',
+        )
+    if values.shape != system.timetable.points_ns.shape or not np.isfinite(values).all():
+        raise InputError("the signal of an input must be finite", where=str(end))
+
+
+def _take(taken: dict[Endpoint, str], target: Endpoint, by: str) -> None:
+    if target in taken:
+        raise InputError(
+            "an input has two sources", where=str(target), got=f"{taken[target]}, and {by}"
+        )
+    taken[target] = by

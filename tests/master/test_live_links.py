@@ -1,0 +1,260 @@
+"""Links whose delay the run itself decides, and the state of links as signals."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scalar import end, ns, scalar_fmu, scalars
+
+from cosim.errors import InputError
+from cosim.master import DelaySource, EngineName, Run, Session, Snapshot, System, simulate
+from cosim.network import DelaySignal, Jitter, PacketLink, TransportLink
+
+A, B, START = (-1.0, -0.5), (1.5, -2.0), (1.0, 0.8)
+PAIR = {n: {"a": A[i], "b": B[i], "x0": START[i]} for i, n in enumerate(("a", "b"))}
+STOP = 2.0
+SCALE, OFFSET = 0.05, 0.02  # seconds per unit, seconds
+SIGNAL = DelaySignal(SCALE, ns(OFFSET))
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scalar_fmu(tmp_path_factory.mktemp("scalar"))
+
+
+@pytest.fixture(params=["python", "compiled"])
+def engine(request: pytest.FixtureRequest) -> EngineName:
+    name: EngineName = request.param
+    return name
+
+
+def ranged(fmu: Path, **more: Any) -> System:
+    """a tells b over a link whose delay is 0.02 s + 0.05 s |x_a|; b tells a over another one."""
+    links = (
+        PacketLink("there", ns(0.07), ns(0.01), delay=SIGNAL, order="as-arrived"),
+        PacketLink("back", ns(0.05), 0, ns(0.0207)),
+    )
+    given: dict[str, Any] = {
+        "step": 0.1,
+        "stop": STOP,
+        "links": links,
+        "delays": {"there": DelaySource((end("a.x"),), (0.0,))},
+    }
+    return scalars(fmu, PAIR, (("a.x", "b.u", "there"), ("b.x", "a.u", "back")), **given | more)
+
+
+def advanced(x: list[float], u: list[float], h: float) -> list[float]:
+    return [math.exp(a * h) * x[i] + math.expm1(a * h) / a * B[i] * u[i] for i, a in enumerate(A)]
+
+
+def by_events(grid: float | None = None) -> list[float]:
+    """Both states at the end, from one event to the next; sends and arrivals on a grid or not."""
+
+    def up(t: int) -> int:
+        return t if grid is None else -(-t // ns(grid)) * ns(grid)
+
+    order = itertools.count()
+    events: list[tuple[int, int, int, float | None]] = []
+    for i, (first, every) in enumerate(((0.01, 0.07), (0.0, 0.05))):
+        for sent in range(ns(first), ns(STOP) + 1, ns(every)):
+            heapq.heappush(events, (up(sent), next(order), i, None))
+    x, u, now = list(START), [0.0, 0.0], 0
+    while events and events[0][0] <= ns(STOP):
+        at, _, i, carried = heapq.heappop(events)
+        x, now = advanced(x, u, (at - now) / 1e9), at
+        if carried is None:
+            delay = ns(0.0207) if i else round(1e9 * (OFFSET + SCALE * abs(x[0])))
+            heapq.heappush(events, (up(at + delay), next(order), i, x[i]))
+        else:
+            u[1 - i] = carried
+    return advanced(x, u, (ns(STOP) - now) / 1e9)
+
+
+def ends(run: Run) -> list[float]:
+    return [run.signal(name, "x")[-1] for name in ("a", "b")]
+
+
+def rows(run: Run) -> list[bytes]:
+    return [run.signal(c, v).tobytes() for c in ("a", "b") for v in ("x", "u")]
+
+
+@pytest.mark.parametrize("step", [0.1, 0.033, 0.5])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_delay_that_follows_a_signal_is_exact_whatever_the_step(
+    fmu: Path, engine: EngineName, step: float, algorithm: str
+) -> None:
+    run = simulate(ranged(fmu, step=step, algorithm=algorithm), engine=engine)
+    assert run.ending == "finished"
+    assert ends(run) == pytest.approx(by_events(), rel=1e-12)
+    sent = run.schedules["there"].sent_ns
+    delays = run.schedules["there"].arrival_ns - sent
+    at = np.searchsorted(run.points_ns, sent)
+    expected = OFFSET + SCALE * np.abs(run.signal("a", "x")[at])
+    assert delays == pytest.approx(1e9 * expected, abs=0.51)
+    arrived = run.schedules["there"].arrival_ns
+    assert np.isin(arrived[arrived <= ns(STOP)], run.points_ns).all()
+
+
+def test_delay_that_follows_a_signal_on_a_grid(fmu: Path, engine: EngineName) -> None:
+    run = simulate(ranged(fmu, step=0.01, events="grid"), engine=engine)
+    assert ends(run) == pytest.approx(by_events(0.01), rel=1e-12)
+    assert run.points_ns.size == 201
+
+
+def test_engines_agree_with_losses_copies_and_overtaking(fmu: Path) -> None:
+    link = PacketLink(
+        "there",
+        ns(0.03),
+        0,
+        jitter=Jitter("exponential", mean_ns=ns(0.05)),
+        loss=0.2,
+        duplicate=0.3,
+        delay=SIGNAL,
+        on_loss=0.5,
+        quantization=1e-3,
+    )
+    links = (link, TransportLink("back", ns(0.07)))
+    runs = [
+        simulate(ranged(fmu, links=links, algorithm=algorithm), engine=engine)
+        for algorithm in ("jacobi", "gauss-seidel")
+        for engine in ("python", "compiled")
+    ]
+    assert rows(runs[0]) == rows(runs[1])
+    assert rows(runs[2]) == rows(runs[3])
+    assert runs[0].schedules["there"].statistics()["lost"] > 0
+
+
+def test_distance_from_a_place_decides(fmu: Path) -> None:
+    source = DelaySource((end("a.x"), end("b.x")), (0.3, -0.4))
+    run = simulate(ranged(fmu, delays={"there": source}))
+    schedule = run.schedules["there"]
+    at = np.searchsorted(run.points_ns, schedule.sent_ns)
+    x, y = run.signal("a", "x")[at] - 0.3, run.signal("b", "x")[at] + 0.4
+    expected = OFFSET + SCALE * np.hypot(x, y)
+    assert schedule.arrival_ns - schedule.sent_ns == pytest.approx(1e9 * expected, abs=0.51)
+
+
+@pytest.mark.parametrize("events", ["align", "grid"])
+def test_going_back_and_on_with_a_live_link(
+    fmu: Path, engine: EngineName, events: str, tmp_path: Path
+) -> None:
+    step = 0.01 if events == "grid" else 0.1
+    with Session(ranged(fmu, step=step, events=events), engine=engine) as session:
+        session.run_until(0.7)
+        before = session.snapshot()
+        session.snapshot(portable=True).save(tmp_path / "s.npz")
+        session.run_until()
+        first = session.result()
+        whole = rows(first)
+        points = first.points_ns.tolist()
+        session.restore(before)
+        session.override("a", "x", 3.0)
+        session.run_until()
+        assert rows(session.result()) != whole
+        session.restore(before)
+        session.run_until()
+        assert rows(session.result()) == whole
+    with Session(ranged(fmu, step=step, events=events), engine=engine) as session:
+        session.restore(Snapshot.load(tmp_path / "s.npz"))
+        session.run_until()
+        assert rows(session.result()) == whole
+        assert session.result().points_ns.tolist() == points
+
+
+def test_value_that_makes_no_delay_ends_the_run(fmu: Path, engine: EngineName) -> None:
+    """0.02 s + 0.05 s/unit x: negative once x < -0.4."""
+    system = ranged(fmu, delays={"there": DelaySource((end("a.x"),))})
+    parts = PAIR | {"a": PAIR["a"] | {"x0": -0.5}}
+    system = scalars(
+        fmu,
+        parts,
+        (("a.x", "b.u", "there"),),
+        step=0.1,
+        stop=STOP,
+        links=[system.links["there"]],
+        delays=system.delays,
+    )
+    run = simulate(system, engine=engine)
+    assert run.ending == "failed"
+    assert run.reason is not None
+    assert "link 'there', message 0" in run.reason
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"delays": {}}, "nothing decides the delay"),
+        ({"delays": {"there": DelaySource((end("a.y"),))}}, "follows no input at once"),
+        ({"delays": {"there": DelaySource((end("a.x"),), (0.0, 1.0))}}, "2 coordinates"),
+        ({"every": {"a": 0.2}}, "come about in the run"),
+    ],
+)
+def test_what_does_not_go_with_a_live_link_is_refused(
+    fmu: Path, more: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        ranged(fmu, **more)
+
+
+@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("what", ["age", "sequence", "dropped", "delivered"])
+def test_state_of_a_link_is_a_signal(
+    fmu: Path, engine: EngineName, what: str, *, live: bool
+) -> None:
+    delay: dict[str, Any] = {"delay": SIGNAL} if live else {"delay_ns": ns(0.033)}
+    link = PacketLink("there", ns(0.07), ns(0.01), loss=0.3, **delay)
+    pairs = (("a.x", "b.u", "there"), (f"there.{what}", "a.u"))
+    delays = {"there": DelaySource((end("a.x"),), (0.0,))} if live else {}
+    system = scalars(fmu, PAIR, pairs, step=0.1, stop=STOP, links=[link], delays=delays)
+    run = simulate(system, engine=engine)
+    schedule = run.schedules["there"]
+    seen = run.signal("a", "u")
+    for k, t in enumerate(run.points_ns.tolist()):
+        told = [
+            (arrival, int(sent), status)
+            for arrival, sent, status in zip(
+                schedule.arrival_ns.tolist(),
+                schedule.sent_ns.tolist(),
+                schedule.status.tolist(),
+                strict=True,
+            )
+            if arrival <= t and status != 3
+        ]
+        got = [sent for _, sent, status in told if status == 0]
+        newest = max(got, default=None)
+        expected = {
+            "age": (t - (newest or 0)) / 1e9,
+            "sequence": -1 if newest is None else (newest - ns(0.01)) // ns(0.07),
+            "dropped": len(told) - len(got),
+            "delivered": len(got),
+        }[what]
+        assert seen[k] == expected, t
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "message"),
+    [
+        ("there.ages", "a.u", "did you mean age"),
+        ("there.age", "a.a", "does not fit this target"),
+        ("there.age", "b.u", "two sources"),
+    ],
+)
+def test_state_that_does_not_fit_is_refused(
+    fmu: Path, source: str, target: str, message: str
+) -> None:
+    link = PacketLink("there", ns(0.07))
+    with pytest.raises(InputError, match=message):
+        scalars(
+            fmu,
+            PAIR,
+            (("a.x", "b.u", "there"), (source, target)),
+            step=0.1,
+            stop=STOP,
+            links=[link],
+        )
