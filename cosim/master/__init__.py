@@ -14,6 +14,7 @@ from cosim.master.system import (
     Connection,
     DelaySource,
     Endpoint,
+    LogLevel,
     Policy,
     System,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "EngineChoice",
     "EngineName",
     "Link",
+    "LogLevel",
     "Observer",
     "Pace",
     "Policy",

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import numpy as np
 
@@ -41,11 +41,12 @@ from cosim.master.pacing import Pace
 from cosim.master.run import Ending, Run
 from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.stations import Station
-from cosim.master.system import System
+from cosim.master.system import LogLevel, System
 from cosim.master.wiring import wire
 
 _STRETCH_S = 0.05
 _LONGEST = 1 << 16
+_LEVELS = get_args(LogLevel)
 
 Condition = Callable[["Session"], bool]
 
@@ -108,7 +109,10 @@ class Session:
         try:
             for name, component in self.system.components.items():
                 note = functools.partial(self._note, name)
-                slave = self._stack.enter_context(FmuSlave(component.description, name, note))
+                slave = FmuSlave(
+                    component.description, name, note, categories=component.log_categories
+                )
+                self._stack.enter_context(slave)
                 self._wiring.station(name).slave = slave
             self.initial_passes = initialise(self.system, self._wiring)
             for observer in self._observers:
@@ -398,7 +402,9 @@ class Session:
         self._journal.where = self._where
 
     def _note(self, name: str, level: str, message: str, _category: str) -> None:
-        self._journal.note(name, level, message)
+        least = self.system.components[name].log_level
+        if _LEVELS.index(level) >= _LEVELS.index(least):
+            self._journal.note(name, level, message)
 
     def _where(self) -> tuple[int, int]:
         k, complete = self._engine.where()

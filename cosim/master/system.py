@@ -16,6 +16,7 @@ from cosim.master.beats import Beat, beat_of
 from cosim.master.checks import check_links, check_parts
 from cosim.master.timetable import Link, Timetable
 
+LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 Algorithm = Literal["jacobi", "gauss-seidel"]
 Policy = Literal["hold", "midpoint", "linear"]
 """What an input is held at over a step: see `cosim.master.routes`."""
@@ -45,11 +46,15 @@ class Component:
     """An FMU with the parameters it starts from.
 
     `every_ns` : its own communication step [ns]; None: it communicates at every point.
+    `log_level` : what it says below that level ("debug" ... "fatal") is left out;
+    `log_categories` : of the FMU's categories, those that it is to speak of; None: all.
     """
 
     description: FmuDescription
     parameters: Mapping[str, Any] = field(default_factory=dict)
     every_ns: int | None = None
+    log_level: LogLevel = "debug"
+    log_categories: Sequence[str] | None = None
 
 
 class DelaySource(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -179,6 +180,18 @@ def test_what_is_said_stands_between_the_rows_it_was_said_between(mixed: Path) -
     assert diary.lines[place[0]][0] == ns(0.3)
     assert diary.lines[place[0] - 1][0] == 3
     assert diary.lines[place[1] + 1][0] == 4
+
+
+def test_what_a_component_says_can_be_left_out(mixed: Path) -> None:
+    said = {}
+    for level in ("debug", "warning"):
+        system = ring(mixed)
+        quiet = {n: replace(c, log_level=level) for n, c in system.components.items()}
+        diary = Diary()
+        simulate(replace(system, components=quiet), [diary])
+        said[level] = [line for line in diary.lines if len(line) == 4 and line[2] in quiet]
+    assert any(line[-1] == "four more" for line in said["debug"])
+    assert said["warning"] == [line for line in said["debug"] if line[1] == "warning"]
 
 
 def test_nan_is_out_of_range_on_both_engines(fmus: Path) -> None:
