@@ -107,7 +107,7 @@ class LiveSchedule:
 
         Returns
         -------
-        Instant at which it arrives [ns], or would if it is lost.
+        Instant at which it arrives [ns], or would if it is lost; that of sending if it is refused.
 
         Raises
         ------
@@ -131,12 +131,16 @@ class LiveSchedule:
                 expected="no value",
                 got=repr(value),
             )
-        out, refused = self._transmit(int(drawn_.sent_ns[k]))
-        leaves = out + int(drawn_.delay_ns[k])
-        fate = QUEUE_FULL if refused else LOST if drawn_.lost[k] else DELIVERED
-        arrival = self._send(leaves + int(drawn_.jitter_ns[k]), fate)
-        if drawn_.copied[k] and fate == DELIVERED:
-            self._send(leaves + int(drawn_.copy_jitter_ns[k]), fate)
+        sent = int(drawn_.sent_ns[k])
+        if self._is_full(sent):
+            arrival = self._due_at(sent, QUEUE_FULL)
+        else:
+            self._free = max(self._free, sent) + self._frame_ns
+            crosses = self._free + int(drawn_.delay_ns[k])
+            fate = LOST if drawn_.lost[k] else DELIVERED
+            arrival = self._send(crosses + int(drawn_.jitter_ns[k]), fate)
+            if drawn_.copied[k] and fate == DELIVERED:
+                self._send(crosses + int(drawn_.copy_jitter_ns[k]), fate)
         self._next += 1
         self._settle()
         return arrival
@@ -234,14 +238,10 @@ class LiveSchedule:
         twin._receiver = copy.deepcopy(self._receiver)  # noqa: SLF001
         return twin
 
-    def _transmit(self, sent_ns: int) -> tuple[int, bool]:
-        """When the sender has put a message on the link; whether the queue refuses it."""
-        out = max(self._free, sent_ns) + self._frame_ns
+    def _is_full(self, sent_ns: int) -> bool:
+        """Whether the queue refuses a message sent now."""
         limit = self._longest_wait_ns
-        if limit is not None and self._free - sent_ns > limit:
-            return out, True
-        self._free = out
-        return out, False
+        return limit is not None and self._free - sent_ns > limit
 
     def _send(self, arrival_ns: int, fate: int) -> int:
         """Put an entry on its way; when it arrives."""
@@ -252,10 +252,13 @@ class LiveSchedule:
         if self._link.order == "fifo":
             arrival = max(arrival, self._behind)
             self._behind = arrival if fate == DELIVERED else self._behind
-        if arrival <= self._end_ns:
-            heappush(self._due, (arrival, self._entry, self._next, fate))
+        return self._due_at(arrival, fate)
+
+    def _due_at(self, time_ns: int, fate: int) -> int:
+        if time_ns <= self._end_ns:
+            heappush(self._due, (time_ns, self._entry, self._next, fate))
         self._entry += 1
-        return arrival
+        return time_ns
 
     def _settle(self) -> None:
         """Let everything arrive that no message still to be sent can change."""

@@ -63,8 +63,9 @@ class PacketLink:
         takes no time to send. Else each takes frame_size / data_rate, and one that is due while
         another is still being sent waits for it (losses happen later, so they take their turn).
     queue_limit : how many messages may wait while another is being sent; one more is refused
-        ("queue full", drop-tail), and missed by the receiver when it would have arrived had it
-        been let in. None: as many as there are. Only with a `data_rate`.
+        ("queue full", drop-tail) at the instant of sending. It was never on the link: the
+        receiver does not miss it, `on_loss` does not act. None: as many as there are. Only
+        with a `data_rate`.
     quantization : step of the quantizer applied to the values sent; 0: none.
     seed : seed of the run (0 to 2**63 - 1). Two links of one run share it and still draw
         independently, since their names differ.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.network.schedule import DELIVERED, DUPLICATE, OVERTAKEN
+from cosim.network.schedule import DELIVERED, DUPLICATE, LOST, OVERTAKEN
 from cosim.network.state import NONE_YET, SUBSTITUTE, Timeline
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Receiver:
-    """Decides what becomes of each entry that arrives, or is due and missing.
+    """Decides what becomes of each entry that arrives, or is due and missing, or was refused.
 
     The columns of a `Timeline` grow by one with each; `status` says what was decided,
     `message` of which, and `change_ns` when what is in use changed.
@@ -36,7 +36,7 @@ class Receiver:
 
         Parameters
         ----------
-        time_ns : instant of arrival, or at which it was due [ns].
+        time_ns : instant of arrival, or at which it was due or refused [ns].
         entry, message : its index and its number.
         fate : DELIVERED as far as the channel goes, or why it never comes.
         sent_ns : instant of sending [ns].
@@ -47,7 +47,7 @@ class Receiver:
             self._use(time_ns, entry, message)
             self._newest = max(self._newest, message)
             self._origin_ns = sent_ns
-        elif self._substitutes and self._newest < message:
+        elif fate == LOST and self._substitutes and self._newest < message:
             self._use(time_ns, SUBSTITUTE, SUBSTITUTE)
         self._delivered += fate == DELIVERED
         self._dropped += fate != DELIVERED

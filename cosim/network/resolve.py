@@ -55,16 +55,18 @@ def settled(
     arrival = out[message] + transit
     if points_ns is not None:
         arrival = rounded_up(arrival, points_ns)
-    gone = (messages.lost | refused)[message]
+    refused = refused[message]
+    gone = messages.lost[message] | refused
     if link.order == "fifo":
         # What is lost holds nobody up, but is itself not missed before its predecessors are in.
         arrival = np.maximum(arrival, np.maximum.accumulate(np.where(gone, 0, arrival)))
+    arrival[refused] = messages.sent_ns[message[refused]]
     status = np.full(message.size, DELIVERED, np.int8)
     if link.order == "newest-wins":
         status[_again(arrival, copy)] = DUPLICATE
         status[earliest_newer(arrival, copy, ~gone) < arrival] = OVERTAKEN
     status[gone] = LOST
-    status[refused[message]] = QUEUE_FULL
+    status[refused] = QUEUE_FULL
     status[arrival > end_ns] = IN_FLIGHT
     return PacketSchedule(
         link=link,
@@ -98,7 +100,7 @@ def _with_copies(copied: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[
 def _transmitted(
     link: PacketLink, sent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Instant at which the sender has put each message on the link; whether it was refused.
+    """Instant at which the sender has put each message on the link; whether it is refused.
 
     One after the other: out[k] = max(sent[k], out[k-1]) + frame, which unrolls into
     frame (k + 1) + max over j <= k of (sent[j] - frame j).
@@ -113,8 +115,9 @@ def _transmitted(
     free = 0
     for k, instant in enumerate(sent.tolist()):
         refused[k] = free - instant > longest
-        out[k] = max(free, instant) + link.frame_ns
-        free = free if refused[k] else int(out[k])
+        if not refused[k]:
+            free = max(free, instant) + link.frame_ns
+        out[k] = free
     return out, refused
 
 

@@ -34,7 +34,8 @@ class Arrivals(NamedTuple):
 
     Attributes
     ----------
-    arrival_ns : instant of arrival, or at which it was due [ns], int64, never decreasing.
+    arrival_ns : instant of arrival, or at which it was due, or refused [ns], int64, never
+        decreasing.
     sent_ns : instant of sending [ns], int64.
     sequence : sequence number, int64.
     status : as in `PacketSchedule`, IN_FLIGHT excepted, int8.
@@ -60,7 +61,8 @@ class PacketSchedule:
     sent_ns : instant of sending [ns], int64 (n,); that of its original for a copy.
     transit_ns : delay + jitter [ns], int64 (n,), also of those that are lost.
     arrival_ns : instant at which the message arrives or would have [ns], int64 (n,): sending,
-        the sender's queue (`data_rate`), transit, and under fifo waiting for its predecessors.
+        the sender's queue (`data_rate`), transit, and under fifo waiting for its predecessors;
+        that of sending where the queue refuses it.
     delivered_ns : instant of delivery [ns], int64 (n,); -1 if it was not delivered in the run.
     sequence : sequence number, int64 (n,).
     status : DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL or DUPLICATE, int8 (n,). What
@@ -213,8 +215,7 @@ class PacketSchedule:
         if self.link.on_loss == "hold":
             return np.zeros(self.status.size, np.bool_)
         newer = earliest_newer(self.arrival_ns, self.copy, self.status == DELIVERED)
-        missed = (self.status == LOST) | (self.status == QUEUE_FULL)
-        result: NDArray[np.bool_] = missed & (newer > self.arrival_ns)
+        result: NDArray[np.bool_] = (self.status == LOST) & (newer > self.arrival_ns)
         return result
 
     def _timeline(self) -> Timeline:

@@ -30,9 +30,9 @@ class LinkState(NamedTuple):
         for what it is before the first delivery and during a substitute.
     sequence : sequence number of the message in use, int64; `NONE_YET` (-1) before the first
         delivery, `SUBSTITUTE` (-2) while the substitute is in use.
-    dropped : how many messages and copies were dropped so far, int64: a lost one (or one
-        that the full queue refused) from the instant it was due, an overtaken one or a
-        duplicate from its arrival.
+    dropped : how many messages and copies were dropped so far, int64: one that the full queue
+        refused from its sending on, a lost one from the instant it was due, an overtaken one or
+        a duplicate from its arrival.
     delivered : how many were delivered so far, int64.
     """
 

@@ -194,9 +194,8 @@ class _Model:
         return busy and limit is not None and len(self.waiting) >= limit
 
     def hand_to_sender(self, t: int, k: int, *, refused: bool) -> None:
-        if refused:  # missed when it would have come, after all that is in the queue
-            assert self.busy_until is not None
-            self.leave(self.busy_until + self.frame * (len(self.waiting) + 1), k)
+        if refused:
+            heapq.heappush(self.events, (t, _ARRIVE, k, 0))
         elif self.busy_until is not None:
             self.waiting.append(k)
         else:
@@ -227,7 +226,10 @@ class _Model:
         for other in list(self.line):
             due = self.outcome.entries[other].due
             ahead = self.line[: self.line.index(other)]
-            if due is not None and all(self.outcome.entries[a].gone for a in ahead):
+            if due is None:
+                continue
+            refused = self.outcome.entries[other].refused
+            if refused or all(self.outcome.entries[a].gone for a in ahead):
                 self.line.remove(other)
                 self.receive(t, other)
 
@@ -245,7 +247,7 @@ class _Model:
         newest_wins = self.link.order == "newest-wins"
         if entry.gone:
             entry.fate = "queue full" if entry.refused else "lost"
-            if self.link.on_loss != "hold" and self.newest < k:
+            if not entry.refused and self.link.on_loss != "hold" and self.newest < k:
                 note.used, note.effect = "substitute", "noticed"
         elif newest_wins and k <= self.newest:
             entry.fate = "overtaken" if k < self.newest else "duplicate"
