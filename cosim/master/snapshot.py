@@ -18,6 +18,7 @@ from cosim.master.engine import Adjustment
 from cosim.master.stations import Rows
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
+from cosim.network import DelayProfile
 
 
 def fingerprint(system: System, wiring: Wiring) -> str:
@@ -33,6 +34,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
             digest.update(f"{route.way}\0{route.columns.tolist()}\0".encode())
     for name, link in system.links.items():
         digest.update(f"{name}\0{link!r}\0".encode())
+        if isinstance(link.delay, DelayProfile):  # of which repr shows a part
+            digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
     return digest.hexdigest()
 
 

@@ -14,7 +14,7 @@ from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.errors import InputError
 from cosim.master import DelaySource, EngineName, Run, Session, Snapshot, System, simulate
-from cosim.network import DelaySignal, Jitter, PacketLink, TransportLink
+from cosim.network import DelayProfile, DelaySignal, Jitter, PacketLink, TransportLink
 
 A, B, START = (-1.0, -0.5), (1.5, -2.0), (1.0, 0.8)
 PAIR = {n: {"a": A[i], "b": B[i], "x0": START[i]} for i, n in enumerate(("a", "b"))}
@@ -128,6 +128,21 @@ def test_engines_agree_with_losses_copies_and_overtaking(fmu: Path) -> None:
     assert rows(runs[0]) == rows(runs[1])
     assert rows(runs[2]) == rows(runs[3])
     assert runs[0].schedules["there"].statistics()["lost"] > 0
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_recorded_delay_of_a_continuous_signal(fmu: Path, *, live: bool) -> None:
+    """The delay falls from 0.4 s to 0.1 s: what is read is x at that instant."""
+    profile = DelayProfile.from_seconds([0.5, 1.0], [0.4, 0.1], "linear")
+    links = [TransportLink("line", delay=profile), PacketLink("p", ns(0.07), delay=SIGNAL)]
+    pairs = [("a.x", "b.u", "line"), *([("a.x", "a.u", "p")] if live else [])]
+    delays = {"p": DelaySource((end("b.x"),), (0.0,))} if live else {}
+    used = links if live else links[:1]
+    run = simulate(scalars(fmu, PAIR, pairs, step=0.01, stop=STOP, links=used, delays=delays))
+    t = run.points_ns / 1e9
+    delay = np.interp(t, [0.5, 1.0], [0.4, 0.1])
+    read = np.interp(np.maximum(t - delay, 0.0), t, run.signal("a", "x"))
+    assert run.signal("b", "u") == pytest.approx(read, abs=1e-9)
 
 
 def test_distance_from_a_place_decides(fmu: Path) -> None:
