@@ -94,7 +94,7 @@ class FmuDescription:
 
         Raises
         ------
-        InputError : a length that is no positive integer.
+        InputError : a length that is no natural number.
         """
         lengths = {d for p in self.ports.values() for d in p.dimensions if isinstance(d, str)}
         if not lengths & set(parameters):
@@ -103,11 +103,11 @@ class FmuDescription:
         for name in lengths:
             value = parameters.get(name, self.ports[name].start)
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or value != value // 1 or value < 1:
+            if not number or value != value // 1 or value < 0:
                 raise InputError(
                     f"{name} is no length of an array",
                     where=str(self.path),
-                    expected="a positive integer",
+                    expected="an integer, not negative",
                     got=repr(value),
                 )
             values[name] = int(value)

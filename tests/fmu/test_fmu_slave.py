@@ -83,18 +83,6 @@ def test_parameters_without_meaning_fail_the_initialisation(fmus: Path) -> None:
         auv.initialise({"hydro.X_udot": 1.0}, 0.0, 1.0)
 
 
-def test_fmu_without_a_binary_for_this_machine(fmus: Path, tmp_path: Path) -> None:
-    """Said as such, and nothing is left behind."""
-    bare = tmp_path / "WaveField.fmu"
-    with zipfile.ZipFile(fmus / "WaveField.fmu") as old, zipfile.ZipFile(bare, "w") as new:
-        for name in old.namelist():
-            if not name.startswith("binaries/"):
-                new.writestr(name, old.read(name))
-    with pytest.raises(ComponentError, match="the FMU cannot be loaded") as caught:
-        FmuSlave(describe_fmu(bare), "sea", Log())
-    assert "component 'sea'" in str(caught.value)
-
-
 def test_fmu_whose_script_is_broken(fmus: Path, tmp_path: Path) -> None:
     """An FMU that someone edited and broke is a component error, not a crash."""
     broken = tmp_path / "WaveField.fmu"

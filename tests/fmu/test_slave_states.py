@@ -1,0 +1,106 @@
+"""States of slaves: saved, restored, freed, as bytes; and what cannot."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from foreign import c_fmu, every, talker
+
+from cosim.errors import InputError
+from cosim.fmu import FmuSlave, describe_fmu
+
+
+def silent(_level: str, _message: str, _category: str) -> None:
+    """Hear nothing."""
+
+
+def flown(slave: FmuSlave, first: int, last: int) -> list[dict[str, float]]:
+    """Outputs of the steps first to last - 1, with inputs that move."""
+    ports = slave.description.ports.values()
+    inputs = [p.name for p in ports if p.causality == "input"]
+    outputs = [p.name for p in ports if p.causality == "output"]
+    seen = []
+    for k in range(first, last):
+        slave.write({name: math.sin(k + j) for j, name in enumerate(inputs)})
+        slave.step(k * 0.05, 0.05)
+        seen.append(slave.read(outputs))
+    return seen
+
+
+@pytest.mark.parametrize("flavour", ["python", "native", "native-fmi3"])
+def test_restored_slave_goes_on_bit_for_bit(
+    fmus: Path, native_fmus: Path, native_fmus_of_fmi3: Path, flavour: str
+) -> None:
+    """After a detour, from bytes, and in another instance; delay lines included."""
+    folder = {"python": fmus, "native": native_fmus, "native-fmi3": native_fmus_of_fmi3}[flavour]
+    described = describe_fmu(folder / "AuvPlant.fmu")
+    with FmuSlave(described, "one", silent) as one, FmuSlave(described, "two", silent) as two:
+        one.initialise({}, 0.0, 10.0)
+        two.initialise({}, 0.0, 10.0)
+        flown(one, 0, 20)
+        state = one.snapshot()
+        content = one.serialised(state)
+        onward = flown(one, 20, 40)
+        one.restore(state)
+        assert flown(one, 20, 40) == onward
+        one.free(state)
+        one.free(state)
+        two.restore(two.deserialise(content))
+        assert flown(two, 20, 40) == onward
+        with pytest.raises(InputError, match="a state that was freed"):
+            one.restore(state)
+        with pytest.raises(InputError, match="a state of another slave"):
+            one.restore(two.snapshot())
+
+
+def test_slave_is_told_that_there_is_a_way_back(tmp_path: Path) -> None:
+    """As long as a state is kept; what is kept to the end is freed then."""
+    lines = []
+    described = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
+    with FmuSlave(described, "it", lambda *line: lines.append(line[1])) as slave:
+        slave.initialise({}, 0.0, 1.0)
+        slave.step(0.0, 0.5)
+        assert slave.read(["size"]) == {"size": -0.5}
+        state = slave.snapshot()
+        slave.step(0.5, 0.5)
+        assert slave.read(["size"]) == {"size": 0.5}
+        slave.free(state)
+        slave.step(1.0, 0.5)
+        assert slave.read(["size"]) == {"size": -0.5}
+        slave.snapshot()
+        slave.snapshot()
+    assert lines.count("a state is freed") == 3
+
+
+def test_state_of_a_phase_brings_the_phase_back(tmp_path: Path) -> None:
+    """A state saved during the initialisation goes back into it."""
+    described = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
+    with FmuSlave(described, "it", silent) as slave:
+        slave.enter_initialisation(0.0, None)
+        state = slave.snapshot()
+        slave.exit_initialisation()
+        slave.step(0.0, 0.5)
+        slave.restore(state)
+        slave.write({"x": 3.0})
+        slave.exit_initialisation()
+        assert slave.read(["x"]) == {"x": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("flags", "capability"),
+    [
+        ("", "canGetAndSetFMUstate"),
+        ('canGetAndSetFMUstate="true"', "canSerializeFMUstate"),
+    ],
+)
+def test_fmu_that_cannot_go_back_is_said(tmp_path: Path, flags: str, capability: str) -> None:
+    """With its name and the capability that is missing."""
+    described = describe_fmu(c_fmu("talker_fmi2.c", talker(flags=flags), tmp_path))
+    with FmuSlave(described, "it", silent) as slave:
+        attempt = slave.snapshot if not flags else lambda: slave.deserialise(b"")
+        with pytest.raises(InputError) as caught:
+            attempt()
+    assert "talker_fmi2.fmu" in str(caught.value)
+    assert caught.value.expected == f"the capability {capability}"

@@ -1,0 +1,128 @@
+"""FMUs unpacked once per process, and gone with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from foreign import c_fmu, talker
+
+from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
+from cosim.fmu.unpacked import PREFIX, leave, unpacked
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
+    """An FMU."""
+    return describe_fmu(c_fmu("talker_fmi2.c", talker(), tmp_path_factory.mktemp("talker")))
+
+
+@pytest.fixture
+def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A place of its own for what processes unpack."""
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    leave()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def silent(_level: str, _message: str, _category: str) -> None:
+    """Hear nothing."""
+
+
+def test_instances_share_what_is_unpacked(described: FmuDescription, scratch: Path) -> None:
+    """One folder per FMU, while the process lives; unpacked anew if somebody cleans up."""
+    with FmuSlave(described, "one", silent), FmuSlave(described, "two", silent):
+        (room,) = scratch.iterdir()
+        assert room.name.startswith(f"{PREFIX}{os.getpid()}-")
+        assert [p.name for p in room.iterdir() if p.is_dir()] == [described.sha256]
+    folder = unpacked(described)
+    assert (folder / "resources").is_dir()
+    leave()
+    assert list(scratch.iterdir()) == []
+    assert unpacked(described).parent != folder.parent
+    assert (folder.parent / described.sha256).is_dir() is False
+    leave()
+
+
+_CODE = """
+import signal, sys, time
+from pathlib import Path
+from cosim.fmu import FmuSlave, describe_fmu
+def stop(number, frame):
+    raise SystemExit(1)
+signal.signal(signal.SIGTERM, stop)
+slave = FmuSlave(describe_fmu(Path(sys.argv[1])), "it", lambda *line: None)
+slave.initialise({}, 0.0, 1.0)
+print("ready", flush=True)
+sys.stdin.read() if sys.argv[2] == "ends" else time.sleep(600)
+"""
+
+
+def other_process(described: FmuDescription, scratch: Path, what: str) -> subprocess.Popen[bytes]:
+    """A process that has instantiated the FMU, and ends or waits."""
+    process = subprocess.Popen(  # noqa: S603 - ourselves
+        [sys.executable, "-c", _CODE, str(described.path), what],
+        env={**os.environ, "TMPDIR": str(scratch)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == b"ready"
+    return process
+
+
+def test_what_a_process_unpacked_goes_with_it(described: FmuDescription, scratch: Path) -> None:
+    """At its end, by a signal that it handles; after it was killed, at the next one's start."""
+    ended = other_process(described, scratch, "ends")
+    told = other_process(described, scratch, "waits")
+    killed = other_process(described, scratch, "waits")
+    assert len(list(scratch.iterdir())) == 3
+    ended.communicate(b"")
+    told.send_signal(signal.SIGTERM)
+    told.communicate()
+    killed.kill()
+    killed.communicate()
+    (left,) = scratch.iterdir()
+    assert left.name.startswith(f"{PREFIX}{killed.pid}-")
+    living = other_process(described, scratch, "ends")
+    (room,) = scratch.iterdir()
+    assert room.name.startswith(f"{PREFIX}{living.pid}-")
+    unpacked(described)  # sweeps, and leaves alone what is in use
+    assert {p.name.split("-")[2] for p in scratch.iterdir()} == {str(living.pid), str(os.getpid())}
+    living.communicate(b"")
+    leave()
+    assert list(scratch.iterdir()) == []
+
+
+_FORK = """
+import os, sys
+from pathlib import Path
+from cosim.fmu import describe_fmu
+from cosim.fmu.unpacked import leave, unpacked
+described = describe_fmu(Path(sys.argv[1]))
+folder = unpacked(described)
+child = os.fork()
+if child == 0:
+    own = unpacked(described)
+    leave()
+    os._exit(0 if own != folder and not own.exists() and folder.exists() else 1)
+code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+sys.exit(code if folder.exists() else 2)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_fork_leaves_the_files_of_its_parent(described: FmuDescription, scratch: Path) -> None:
+    """It unpacks for itself, and removes what is its own."""
+    line = [sys.executable, "-c", _FORK, str(described.path)]
+    environment = {**os.environ, "TMPDIR": str(scratch)}
+    done = subprocess.run(line, env=environment, check=False)  # noqa: S603 - ourselves
+    assert done.returncode == 0
+    assert list(scratch.iterdir()) == []
