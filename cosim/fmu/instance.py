@@ -28,6 +28,10 @@ from cosim.fmu.unpacked import unpacked
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 """fmi2Status and fmi3Status; 0 is OK."""
 _STATUS: Final = MappingProxyType({2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"})
+_CLAIM: Final = "logStatus"
+"""How the standard's categories begin that say what a call returns. Some exporters, PythonFMU
+among them, cannot return what they say there, so it is believed. An error in another category
+claims nothing: there are tools that log their progress so."""
 _CO_SIMULATION = 1
 _living: WeakSet[Instance] = WeakSet()
 
@@ -42,7 +46,8 @@ class Instance:
     version : of FMI.
     component : address of the instance.
     phase : where it stands.
-    last_error : the last message with a status beyond Warning.
+    last_error : the last message with a status beyond Warning since the last call from here.
+    _complaint : the last message that claims an error, until the call that it belongs to is over.
     """
 
     def __init__(
@@ -126,6 +131,7 @@ class Instance:
                 if tool
                 else None,
             )
+        self.last_error = self._complaint = None
         if self._categories is not None:
             names = [category.encode() for category in self._categories]
             array = (ctypes.c_char_p * len(names))(*names)
@@ -167,7 +173,7 @@ class Instance:
             message = with_names(message, self._name_of)
         if status >= DISCARD:
             self.last_error = message
-        if status >= ERROR:
+        if status >= ERROR and category.startswith(_CLAIM):
             self._complaint = message
         wanted = self._categories is None or category in self._categories
         if wanted or status > WARNING:
@@ -212,6 +218,7 @@ class Instance:
                 expected="nothing but close",
                 got=self.last_error,
             )
+        self.last_error = None
         try:
             return int(self._binary.function(function)(self.component, *arguments))
         except AttributeError as error:

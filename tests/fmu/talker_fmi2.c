@@ -3,7 +3,8 @@
 
    Real: 0 input u, 1 output y = u. String: 2 input greeting, 3 output reply = greeting. Integer:
    4 parameter mode, 6 an enumeration. Boolean: 5 input b, 7 output c = b. In the fourth step mode
-   1 asks for the end, 2 discards without asking, 3 is fatal, 4 logs an error and asks. */
+   1 asks for the end, 2 discards without asking, 3 is fatal, 4 says that it returns an error but asks,
+   5 logs an error without meaning and asks. */
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -16,7 +17,7 @@ typedef struct {
     const fmi2CallbackFunctions *calls;
     char *name;
     double u;
-    int mode, level, b, steps, calls_after;
+    int mode, level, b, steps;
     char greeting[64];
 } Model;
 
@@ -102,8 +103,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_wa
         return fmi2OK;
     if (m->mode == 3)
         SAY(m, fmi2Fatal, "logStep", "everything is lost");
-    if (m->mode == 4)
-        SAY(m, fmi2Error, "logStep", "it broke");
+    if (m->mode == 4 || m->mode == 5)
+        SAY(m, fmi2Error, m->mode == 4 ? "logStatusError" : "logStep", "it broke");
     return m->mode == 3 ? fmi2Fatal : fmi2Discard;
 }
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {

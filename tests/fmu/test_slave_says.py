@@ -90,7 +90,7 @@ def test_log_categories_restrict_what_is_said(fmi2: FmuDescription, fmi3: FmuDes
     assert "did you mean made" in str(caught.value)
 
 
-@pytest.mark.parametrize(("mode", "asks"), [(0, False), (1, True)])
+@pytest.mark.parametrize(("mode", "asks"), [(0, False), (1, True), (5, True)])
 def test_slave_of_fmi2_asks_for_the_end(fmi2: FmuDescription, mode: int, *, asks: bool) -> None:
     """By Discard, and terminated when it is asked; it is then ended in order."""
     log = Log()
