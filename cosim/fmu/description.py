@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from fmpy import read_model_description
+from fmpy.model_description import ValidationError
 from lxml import etree
 
 from cosim.errors import InputError
@@ -26,6 +28,14 @@ _INTERFACES = {
     "modelExchange": "model exchange",
     "scheduledExecution": "scheduled execution",
 }
+_HARMLESS = re.compile(
+    r'must have variability != "continuous"|has no start value|provides a start value|'
+    r"^The (display )?unit .* is not defined|dependenciesKind|"
+    r"contains an illegal (carriage|line|tab)|"
+    r"^Exactly one independent variable"
+)
+"""Problems of a description, in fmpy's words, with which the FMU runs all the same. PythonFMU
+leaves out the variability of an Integer, unless it is given one: it is "discrete" then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +49,7 @@ class FmuDescription:
     ports : variable name -> Port; FMI 3's aliases are variables of their own.
     xml : modelDescription.xml as it stands in the FMU.
     version : of FMI; a 3.0.1 is a 3.0.
+    departures : where the description breaks the standard in ways that do no harm here.
     """
 
     path: Path
@@ -47,6 +58,7 @@ class FmuDescription:
     ports: Mapping[str, Port]
     xml: bytes
     version: FmiVersion
+    departures: tuple[str, ...] = ()
 
     @property
     def variable_step(self) -> bool:
@@ -129,7 +141,7 @@ def describe_fmu(path: Path) -> FmuDescription:
         content = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             xml = archive.read("modelDescription.xml")
-        model = read_model_description(io.BytesIO(content))
+        model, departures = _read_model(content)
         version = _version(model, path)
         ports = _ports(model, xml, version)
     except InputError:
@@ -139,7 +151,18 @@ def describe_fmu(path: Path) -> FmuDescription:
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
     digest = hashlib.sha256(content).hexdigest()
-    return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version)
+    return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
+
+
+def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
+    """Fmpy's model description, and where it departs from the standard without harm."""
+    try:
+        return read_model_description(io.BytesIO(content)), ()
+    except ValidationError as error:
+        problems = tuple(str(problem) for problem in error.problems)
+        if not all(_HARMLESS.search(problem) for problem in problems):
+            raise
+    return read_model_description(io.BytesIO(content), validate=False), problems
 
 
 def _version(model: Any, path: Path) -> FmiVersion:
@@ -186,7 +209,9 @@ def _ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Port]:
             name=variable.name,
             reference=variable.valueReference,
             causality=variable.causality,
-            variability=variable.variability,
+            variability="discrete"
+            if carrier.kind != "float" and variable.variability == "continuous"
+            else variable.variability,
             kind=carrier.kind,
             unit=variable.unit or (declared.unit if declared is not None else None),
             start=parsed_start(carrier.kind, start, shape),
@@ -258,13 +283,17 @@ def _direct(model: Any) -> set[Any]:
 
     By name in FMI 2, where two variables may share a reference; by reference in FMI 3.
     """
-    by_name = model.fmiVersion == "2.0"
+
+    def key(variable: Any) -> Any:
+        return variable.name if model.fmiVersion == "2.0" else variable.valueReference
+
+    declared = {key(unknown.variable): unknown.dependencies for unknown in model.outputs}
     found = set()
-    for unknown in model.outputs:
-        dependencies: Iterable[Any] | None = unknown.dependencies
-        if dependencies is None:
-            dependencies = model.modelVariables
-        if any(v.causality == "input" for v in dependencies):
-            variable = unknown.variable
-            found.add(variable.name if by_name else variable.valueReference)
+    for variable in model.modelVariables:
+        if variable.causality == "output":
+            dependencies: Iterable[Any] | None = declared.get(key(variable))
+            if dependencies is None:
+                dependencies = model.modelVariables
+            if any(v.causality == "input" for v in dependencies):
+                found.add(key(variable))
     return found

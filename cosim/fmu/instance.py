@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -32,6 +33,9 @@ _CLAIM: Final = "logStatus"
 """How the standard's categories begin that say what a call returns. Some exporters, PythonFMU
 among them, cannot return what they say there, so it is believed. An error in another category
 claims nothing: there are tools that log their progress so."""
+_PYTHONFMU: Final = "slavemodule.txt"
+"""What PythonFMU puts into the resources. It hands its messages on as if they were formats: a
+per cent sign in one would be followed by what happens to lie in memory, or by a crash."""
 _CO_SIMULATION = 1
 _living: WeakSet[Instance] = WeakSet()
 
@@ -81,6 +85,8 @@ class Instance:
             self.end(terminate=False)
             raise
         _living.add(self)
+        for departure in description.departures:
+            self._log("warning", f"modelDescription.xml: {departure}", "")
 
     def _check_categories(self) -> None:
         known = {category.name for category in self.description.model.logCategories}
@@ -138,7 +144,8 @@ class Instance:
             self.call("choosing log categories", "SetDebugLogging", bool(names), len(names), array)
 
     def _create_fmi2(self) -> int | None:
-        self._callbacks = fmi2_callbacks(self._environment)
+        texts = (self._resources / _PYTHONFMU).is_file()
+        self._callbacks = fmi2_callbacks(self._environment, formats=not texts)
         found: int | None = self._binary.function("Instantiate")(
             self.name.encode(),
             _CO_SIMULATION,
@@ -155,7 +162,7 @@ class Instance:
         found: int | None = self._binary.function("InstantiateCoSimulation")(
             self.name.encode(),
             self.description.model.instantiationToken.encode(),
-            f"{self._resources}/".encode(),
+            f"{self._resources}{os.sep}".encode(),
             visible,
             self._categories is None or bool(self._categories),
             event_mode,

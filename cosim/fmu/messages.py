@@ -81,14 +81,18 @@ def _formatting(folder: Path) -> Any:
     return ctypes.CDLL(str(copy))
 
 
-def fmi2_callbacks(environment: int) -> Any:
-    """fmi2CallbackFunctions of an instance; to be kept as long as it lives."""
+def fmi2_callbacks(environment: int, *, formats: bool) -> Any:
+    """fmi2CallbackFunctions of an instance; to be kept as long as it lives.
+
+    `formats` says whether its messages are formats with arguments, or texts.
+    """
     callbacks = fmi2.fmi2CallbackFunctions()
     callbacks.logger = _fmi2_logger
     callbacks.allocateMemory = _allocate
     callbacks.freeMemory = _release
     callbacks.componentEnvironment = environment
-    _formatting(own_folder()).addLoggerProxy(ctypes.byref(callbacks))
+    if formats:
+        _formatting(own_folder()).addLoggerProxy(ctypes.byref(callbacks))
     return callbacks
 
 

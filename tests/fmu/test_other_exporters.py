@@ -1,0 +1,127 @@
+"""What other exporters do that the standard does not foresee: it runs all the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foreign import c_fmu, talker
+from pythonfmu import FmuBuilder
+
+from cosim.errors import InputError
+from cosim.fmu import FmuSlave, describe_fmu
+
+_SCRIPT = """
+from pythonfmu import *
+from pythonfmu.enums import Fmi2Status
+
+class Percent(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.x, self.n, self.s = 1.0, 0, "a"
+        self.register_variable(Real("x", causality=Fmi2Causality.output))
+        self.register_variable(Integer("n", causality=Fmi2Causality.output))
+        self.register_variable(String("s", causality=Fmi2Causality.parameter,
+            variability=Fmi2Variability.tunable, start="a"))
+
+    def do_step(self, time, step):
+        self.log("100 %s %d %n %s%s", Fmi2Status.ok, "logAll")
+        self.x += step
+        self.n += 1
+        return self.n < 3
+"""
+
+
+class Log:
+    """Collects what a slave says."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str, str]] = []
+
+    def __call__(self, level: str, message: str, category: str) -> None:
+        self.lines.append((level, message, category))
+
+
+def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
+    """An Integer without variability, a per cent sign in a message, False for the end."""
+    script = tmp_path / "percent.py"
+    script.write_text(_SCRIPT)
+    FmuBuilder.build_FMU(script, dest=tmp_path)
+    described = describe_fmu(tmp_path / "Percent.fmu")
+    assert described.ports["n"].variability == "discrete"
+    assert "is of type Integer" in described.departures[0]
+    log = Log()
+    with FmuSlave(described, "it", log) as slave:
+        slave.initialise({"s": "b"}, 0.0, 1.0)
+        steps = 0
+        while not slave.asked_to_end():
+            slave.step(steps / 4, 0.25)
+            steps += 1
+        assert steps == 3
+        assert slave.read(["x", "n", "s"]) == {"x": 1.75, "n": 3, "s": "b"}
+        slave.write({"s": "c"})
+        assert slave.read(["s"]) == {"s": "c"}
+    departure, *said = log.lines
+    assert departure == ("warning", f"modelDescription.xml: {described.departures[0]}", "")
+    assert said == [("info", "100 %s %d %n %s%s", "logAll")] * 3
+
+
+def test_slave_that_does_not_pass_its_environment_on(tmp_path: Path) -> None:
+    """Its messages are found by the name of the instance."""
+    text = Path(__file__).with_name("talker_fmi2.c").read_text("utf-8")
+    given = "(m)->calls->componentEnvironment, (m)->name"
+    assert given in text
+    text = text.replace(given, "(m), (m)->name")
+    described = describe_fmu(c_fmu("talker_fmi2.c", talker(), tmp_path, text=text))
+    logs = Log(), Log()
+    with FmuSlave(described, "one", logs[0]), FmuSlave(described, "two", logs[1]):
+        pass
+    for name, log in zip(("one", "two"), logs, strict=True):
+        assert log.lines == [
+            ("info", f"{{talker}} 1 {name} URI 1", "logMade"),
+            ("info", "freed", "logMade"),
+        ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "harmless"),
+    [
+        ('<Real start="0"/>', "<Real/>", True),
+        ('<Real start="0"/>', '<Real start="0" unit="furlong"/>', True),
+        ('name="y"', 'name="u"', False),
+        ('<Real start="0"/>', '<Real start="zero"/>', False),
+        ('causality="parameter" variability="fixed"', 'causality="parameter"', False),
+    ],
+)
+def test_description_that_departs_from_the_standard(
+    tmp_path: Path, old: str, new: str, *, harmless: bool
+) -> None:
+    """Read where it does no harm, and said; refused where nobody knows what is meant."""
+    text = talker()
+    assert old in text
+    path = c_fmu("talker_fmi2.c", text.replace(old, new), tmp_path)
+    if not harmless:
+        with pytest.raises(InputError, match="not a valid FMU"):
+            describe_fmu(path)
+        return
+    described = describe_fmu(path)
+    assert len(described.departures) == 1
+    assert described.ports["y"].feedthrough
+
+
+def test_output_that_the_structure_leaves_out_may_depend_on_every_input(tmp_path: Path) -> None:
+    """So it is taken where nothing is declared."""
+    text = talker().replace('<Outputs><Unknown index="2"/>', "<Outputs>")
+    described = describe_fmu(c_fmu("talker_fmi2.c", text, tmp_path))
+    assert described.ports["y"].feedthrough
+
+
+def test_starts_of_what_is_computed_are_the_fmus_to_take(tmp_path: Path) -> None:
+    """An output of the standard's default, calculated, has no start that could be given."""
+    described = describe_fmu(c_fmu("talker_fmi2.c", talker(), tmp_path))
+    nothing: Any = Log()
+    with FmuSlave(described, "it", nothing) as slave:
+        with pytest.raises(InputError, match="y cannot be set before the initialisation") as caught:
+            slave.initialise({"y": 1.0}, 0.0, 1.0)
+        assert caught.value.got == "continuous output: never"
