@@ -154,7 +154,13 @@ class FmuSlave(WithStates):
         if self._discarded is False or self._complaint is not None:
             return False
         value = ctypes.c_int(0)
-        status = self.status_of("GetBooleanStatus", _TERMINATED, ctypes.byref(value))
+        said = self.last_error
+        try:
+            status = self.status_of("GetBooleanStatus", _TERMINATED, ctypes.byref(value))
+        except ComponentError:  # it has no such function, or is at its end already
+            return False
+        finally:
+            self.last_error = said  # it belongs to the step
         return status <= WARNING and bool(value.value)
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from cosim.master.run import Ending
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
-_FATAL = 4
+_DISCARD, _FATAL = 2, 4
 
 
 def ending_of(system: System, wiring: Wiring, halt: Halt) -> tuple[Ending, str]:
@@ -19,8 +19,8 @@ def ending_of(system: System, wiring: Wiring, halt: Halt) -> tuple[Ending, str]:
         out = f"{wiring.output(halt.station)} left the range of +-{system.divergence:g}"
         return "diverged", f"{out} at t = {seconds:g} s"
     station = wiring.stations[halt.station]
-    # an FMI 2 slave asks by fmi2Discard, which exporters also make of a plain failure: it is one
-    if halt.what == "end":
+    discarded = halt.what == "step" and halt.status == _DISCARD  # how a slave of FMI 2 asks
+    if halt.what == "end" or (discarded and station.slave.asked_to_end()):
         said = f"component {station.name!r} asked for the end in the step from t = {seconds:g} s"
         return "stopped", said
     slave = station.slave

@@ -48,6 +48,7 @@ class Component:
     `every_ns` : its own communication step [ns]; None: it communicates at every point.
     `log_level` : what it says below that level ("debug" ... "fatal") is left out;
     `log_categories` : of the FMU's categories, those that it is to speak of; None: all.
+    Arrays have the lengths that structural parameters among `parameters` give them.
     """
 
     description: FmuDescription
@@ -55,6 +56,10 @@ class Component:
     every_ns: int | None = None
     log_level: LogLevel = "debug"
     log_categories: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        resized = self.description.resized(self.parameters)
+        object.__setattr__(self, "description", resized)
 
 
 class DelaySource(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign import TYPES, c_fmu, every, talker
+from foreign.c_fmu import TYPES, c_fmu, every, talker
 
 from cosim.errors import ComponentError, InputError
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from foreign import c_fmu, talker
+from foreign.c_fmu import c_fmu, source_of, talker
 from pythonfmu import FmuBuilder
 
 from cosim.errors import InputError
@@ -69,7 +69,7 @@ def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
 
 def test_slave_that_does_not_pass_its_environment_on(tmp_path: Path) -> None:
     """Its messages are found by the name of the instance."""
-    text = Path(__file__).with_name("talker_fmi2.c").read_text("utf-8")
+    text = source_of("talker_fmi2.c")
     given = "(m)->calls->componentEnvironment, (m)->name"
     assert given in text
     text = text.replace(given, "(m), (m)->name")

@@ -8,7 +8,7 @@ from pathlib import Path
 import fmpy
 import psutil
 import pytest
-from foreign import c_fmu, every, talker
+from foreign.c_fmu import c_fmu, every, talker
 from packed import FMI1, Files, files_of, pack, renamed, with_file, without
 
 from cosim.errors import ComponentError, CosimError, InputError

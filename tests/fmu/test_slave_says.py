@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from foreign import c_fmu, every, talker
+from foreign.c_fmu import c_fmu, every, talker
 
 from cosim.errors import ComponentError, InputError
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu

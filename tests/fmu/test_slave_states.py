@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import pytest
-from foreign import c_fmu, every, talker
+from foreign.c_fmu import c_fmu, every, talker
 
 from cosim.errors import InputError
 from cosim.fmu import FmuSlave, describe_fmu

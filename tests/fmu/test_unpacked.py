@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from foreign import c_fmu, talker
+from foreign.c_fmu import c_fmu, talker
 
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
 from cosim.fmu.unpacked import PREFIX, leave, unpacked

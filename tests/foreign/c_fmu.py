@@ -43,6 +43,11 @@ def c_fmu(source: str, description: str, folder: Path, *, text: str | None = Non
     return path
 
 
+def source_of(name: str) -> str:
+    """The text of a C file beside this one."""
+    return Path(__file__).with_name(name).read_text("utf-8")
+
+
 def talker(*, flags: str = "") -> str:
     """Model description of talker_fmi2.c, with further attributes of its CoSimulation."""
     variables = (
@@ -76,11 +81,13 @@ def talker(*, flags: str = "") -> str:
     )
 
 
-def every() -> str:
-    """Model description of every_fmi3.c."""
+def every(*, strings: bool = True) -> str:
+    """Model description of every_fmi3.c, with or without its Strings."""
     lines = ['<Float64 name="time" valueReference="999" causality="independent"/>']
     outputs = []
     for place, kind in enumerate(TYPES):
+        if kind == "String" and not strings:
+            continue
         discrete = "" if kind.startswith("Float") else 'variability="discrete"'
         for slot, (name, causality) in enumerate(
             (("in", "input"), ("out", "output"), ("row", "input"), ("reversed", "output"))

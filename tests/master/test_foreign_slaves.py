@@ -1,0 +1,169 @@
+"""Runs of slaves that are not ours: FMI 2.0 and 3.0 together, every type, ends and failures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign.c_fmu import c_fmu, every, talker
+
+from cosim.fmu import FmuDescription, describe_fmu
+from cosim.master import Component, Connection, Endpoint, Session, System, make_timetable, simulate
+from cosim.master.stations import Station
+
+STEP_S, END_S = 0.25, 2.0
+
+
+class Diary:
+    """Collects what is said."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[int, str, str, str]] = []
+
+    def begin(self, stations: Sequence[Station]) -> None:
+        """Before the first point."""
+
+    def span(self, first: int, last: int) -> None:
+        """Rows are complete."""
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        self.lines.append((time_ns, level, name, message))
+
+
+@pytest.fixture(scope="module")
+def fmi2(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
+    """The FMI 2.0 slave that says a lot."""
+    return describe_fmu(c_fmu("talker_fmi2.c", talker(), tmp_path_factory.mktemp("talker")))
+
+
+@pytest.fixture(scope="module")
+def fmi3(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
+    """The FMI 3.0 slave with variables of every type."""
+    return describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path_factory.mktemp("every")))
+
+
+def system_of(
+    components: Mapping[str, tuple[FmuDescription, Mapping[str, Any]]], *wires: str
+) -> System:
+    """Components with parameters; wires as `a.y b.u`."""
+    ends = [
+        [Endpoint(*end.split(".", 1)) for end in wire.split()]  # variables may have a point
+        for wire in wires
+    ]
+    return System(
+        {name: Component(*given) for name, given in components.items()},
+        [Connection(source, target) for source, target in ends],
+        {},
+        {},
+        make_timetable({}, round(STEP_S * 1e9), round(END_S * 1e9), "grid"),
+        1e12,
+    )
+
+
+def test_values_of_every_type_travel_between_the_versions(
+    fmi2: FmuDescription, fmi3: FmuDescription
+) -> None:
+    """Reals, truth values and texts into FMI 3.0 and on, arrays and integers within it."""
+    small = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Float32")
+    system = system_of(
+        {
+            "two": (fmi2, {"u": 0.5, "b": True, "greeting": "größer"}),
+            "three": (
+                fmi3,
+                {
+                    "n": 3,
+                    "Float64.row": np.arange(9.0),
+                    "String.row": ["a", "b"],
+                    **{f"{kind}.in": 7 for kind in small},
+                },
+            ),
+            "last": (fmi3, {"n": 3}),
+        },
+        "two.y three.Float64.in",
+        "two.c three.Boolean.in",
+        "two.reply three.String.in",
+        "three.Float64.reversed last.Float64.row",
+        "three.String.reversed last.String.row",
+        *(f"three.{kind}.out last.{kind}.in" for kind in (*small, "Boolean", "String")),
+    )
+    with Session(system) as session:
+        session.run_until()
+        read = {
+            name: session.read("last", name)
+            for name in ("Boolean.out", "String.out", "String.reversed", "Float64.reversed")
+        }
+        numbers = [session.read("last", f"{kind}.out") for kind in small]
+        run = session.result()
+    assert run.ending == "finished"
+    assert read == {
+        "Boolean.out": True,
+        "String.out": "größer",
+        "String.reversed": ["a", "b"],
+        "Float64.reversed": np.arange(9.0).reshape(3, 3).tolist(),
+    }
+    assert numbers == [7] * 7
+    assert run.signal("three", "Float64.out").tolist() == [0.5] * 9
+    assert run.signal("last", "Float64.row[1,2]").tolist() == [3.0] * 9
+
+
+@pytest.mark.parametrize("engine", ["python", "compiled"])
+def test_slave_of_fmi3_ends_the_run(fmi3: FmuDescription, engine: Any) -> None:
+    """At the end of the step in which it asks; the other one is ended in order."""
+    bare = describe_without_texts(fmi3)
+    diary = Diary()
+    system = system_of({"one": (bare, {"end_at": 1.0}), "two": (bare, {})}, "one.x two.Float64.in")
+    run = simulate(system, [diary], engine=engine)
+    assert run.ending == "stopped"
+    assert "component 'one' asked for the end in the step from t = 0.75 s" in str(run.reason)
+    assert run.signal("one", "x").tolist() == [5.0, 5.25, 5.5, 5.75]
+    assert [name for _, _, name, said in diary.lines if said == "terminated"] == ["two", "one"]
+
+
+def describe_without_texts(fmi3: FmuDescription) -> FmuDescription:
+    """The FMU without its String variables, for the engine that has none."""
+    folder = fmi3.path.parent / "bare"
+    if not folder.exists():
+        folder.mkdir()
+        c_fmu("every_fmi3.c", every(strings=False), folder)
+    return describe_fmu(folder / fmi3.path.name)
+
+
+def test_slave_of_fmi2_ends_the_run_by_discard(fmi2: FmuDescription) -> None:
+    """In its fourth step, and what it logs without meaning is no failure."""
+    for mode in (1, 5):
+        run = simulate(system_of({"it": (fmi2, {"mode": mode})}))
+        assert run.ending == "stopped"
+        assert "asked for the end in the step from t = 0.75 s" in str(run.reason)
+        assert run.points_ns.size == 4
+
+
+@pytest.mark.parametrize(("mode", "word"), [(2, "Discard"), (3, "Fatal"), (4, "Discard")])
+def test_failure_names_component_time_and_words(
+    fmi2: FmuDescription, fmi3: FmuDescription, mode: int, word: str
+) -> None:
+    """The other slaves are terminated and freed; after Fatal none of the FMU is called."""
+    diary = Diary()
+    system = system_of(
+        {"bad": (fmi2, {"mode": mode}), "same": (fmi2, {}), "other": (fmi3, {})},
+        "bad.y other.Float64.in",
+    )
+    run = simulate(system, [diary])
+    assert run.ending == "failed"
+    reason = str(run.reason)
+    assert f"component 'bad' (talker_fmi2.fmu): step from t = 0.75 s returned fmi2{word}" in reason
+    assert ("everything is lost" in reason) == (mode == 3)
+    assert ("it broke" in reason) == (mode == 4)
+    assert run.points_ns.size == 4
+    said = {(name, message) for _, _, name, message in diary.lines}
+    assert ("other", "terminated") in said
+    assert (("same", "terminated") in said) == (mode != 3)
+    assert (("bad", "freed") in said) == (mode != 3)
+    assert ("bad", "terminated") not in said
+
+
+def test_lengths_that_no_array_has_are_bad_input(fmi3: FmuDescription) -> None:
+    """Said when the component is made."""
+    with pytest.raises(ValueError, match="n is no length of an array"):
+        Component(fmi3, {"n": -1})
