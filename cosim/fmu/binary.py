@@ -10,8 +10,10 @@ from typing import Any, Final
 
 import fmpy
 
-from cosim.fmu.description import FmiVersion, FmuDescription
+from cosim.errors import ComponentError
+from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.platforms import FMI2, this_machine
+from cosim.fmu.port import FmiVersion
 
 PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType({"2.0": "fmi2", "3.0": "fmi3"})
 _TYPES: Final[Mapping[str, Any]] = MappingProxyType(
@@ -113,13 +115,29 @@ class Binary:
         fmpy.freeLibrary(self._dll._handle)  # noqa: SLF001 - ctypes has no other name for it
 
 
-def library_of(description: FmuDescription, folder: Path) -> Path:
-    """The library for this machine among the unpacked files of an FMU.
+def loaded(description: FmuDescription, folder: Path, component: str) -> Binary:
+    """The functions of an FMU that is unpacked in `folder`.
 
     Raises
     ------
-    OSError : there is none, with what there is instead.
+    ComponentError : no library for this machine, one of another name, or one that does not load.
     """
+    try:
+        return Binary(_library_of(description, folder), description.version)
+    except OSError as error:
+        here = this_machine()
+        sources = (folder / "sources").is_dir()
+        raise ComponentError(
+            "the FMU cannot be loaded",
+            where=f"component {component!r} ({description.path})",
+            expected=f"a library for {here.architecture} {here.system} that loads",
+            got=str(error),
+            hint="it brings its C sources: fmpy compile" if sources else None,
+        ) from error
+
+
+def _library_of(description: FmuDescription, folder: Path) -> Path:
+    """The library for this machine; an `OSError` with what there is instead, if there is none."""
     identifier = description.model.coSimulation.modelIdentifier
     here = this_machine()
     tuple_name = f"{here.architecture}-{here.system}"

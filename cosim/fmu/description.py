@@ -6,23 +6,19 @@ import hashlib
 import io
 import re
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import prod
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from fmpy import read_model_description
 from fmpy.model_description import ValidationError
-from lxml import etree
 
 from cosim.errors import InputError
-from cosim.fmu.port import CARRIERS, Port, parsed, parsed_start
+from cosim.fmu.declared_ports import declared_ports
+from cosim.fmu.port import FmiVersion, Port
 
-__all__ = ["FmiVersion", "FmuDescription", "describe_fmu"]
-
-FmiVersion = Literal["2.0", "3.0"]
 _INTERFACES = {
     "coSimulation": "co-simulation",
     "modelExchange": "model exchange",
@@ -143,7 +139,7 @@ def describe_fmu(path: Path) -> FmuDescription:
             xml = archive.read("modelDescription.xml")
         model, departures = _read_model(content)
         version = _version(model, path)
-        ports = _ports(model, xml, version)
+        ports = declared_ports(model, xml, version)
     except InputError:
         raise
     except Exception as error:  # fmpy and zipfile raise many kinds; each means the same here
@@ -185,115 +181,3 @@ def _version(model: Any, path: Path) -> FmiVersion:
             hint="export it for co-simulation",
         )
     return "2.0" if model.fmiVersion == "2.0" else "3.0"
-
-
-def _ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Port]:
-    direct = _direct(model)
-    words = _Words(xml) if version == "3.0" else None
-    names = {v.valueReference: v.name for v in reversed(model.modelVariables)}
-    ports = {}
-    for variable in model.modelVariables:
-        carrier = CARRIERS[version][variable.type]
-        number = carrier.kind in ("float", "int")
-        low, high = _range(variable, words) if number else (None, None)
-        declared = variable.declaredType
-        shape = tuple(variable.shape or ())
-        start = [] if variable.start is None else [str(variable.start)]
-        if words is not None:
-            start = words.start(variable, shape)
-        if shape and len(start) > 1 and len(start) != prod(shape):
-            raise ValueError(
-                f"{variable.name} has {len(start)} start values for {prod(shape)} elements"
-            )
-        ports[variable.name] = Port(
-            name=variable.name,
-            reference=variable.valueReference,
-            causality=variable.causality,
-            variability="discrete"
-            if carrier.kind != "float" and variable.variability == "continuous"
-            else variable.variability,
-            kind=carrier.kind,
-            unit=variable.unit or (declared.unit if declared is not None else None),
-            start=parsed_start(carrier.kind, start, shape),
-            minimum=None if low is None or carrier.kind is None else parsed(carrier.kind, low),
-            maximum=None if high is None or carrier.kind is None else parsed(carrier.kind, high),
-            description=variable.description,
-            feedthrough=(variable.name if version == "2.0" else variable.valueReference) in direct,
-            getter_type=carrier.getter_type,
-            c_type=carrier.c_type,
-            shape=shape,
-            dimensions=tuple(
-                d.start if d.start is not None else names[d.valueReference]
-                for d in variable.dimensions
-            ),
-            initial=variable.initial,
-            items=_items(variable),
-        )
-    return ports
-
-
-class _Words:
-    """What fmpy's reader leaves out of an FMI 3 description, from the XML itself."""
-
-    def __init__(self, xml: bytes) -> None:
-        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
-        found = etree.fromstring(xml, parser).find("ModelVariables")
-        self._elements = {} if found is None else {v.get("name"): v for v in found}
-
-    def get(self, variable: Any, attribute: str) -> str | None:
-        """An attribute of a variable, or of the one that it is an alias of."""
-        value = self._element(variable).get(attribute)
-        return None if value is None else str(value)
-
-    def start(self, variable: Any, shape: tuple[int, ...]) -> list[str]:
-        """Every start value: texts stand in elements of their own, numbers in one attribute."""
-        element = self._element(variable)
-        if variable.type == "String":
-            return [str(s.get("value")) for s in element.findall("Start")]
-        text = element.get("start")
-        if text is None:
-            return []
-        return str(text).split() if shape else [str(text)]
-
-    def _element(self, variable: Any) -> Any:
-        return self._elements[(variable.alias or variable).name]
-
-
-def _range(variable: Any, words: _Words | None) -> tuple[str | None, str | None]:
-    """The least and greatest value, of the variable or else of its type."""
-    low, high = variable.min, variable.max
-    if words is not None:
-        low, high = words.get(variable, "min"), words.get(variable, "max")
-    declared = variable.declaredType
-    if declared is not None:
-        low = declared.min if low is None else low
-        high = declared.max if high is None else high
-    return low, high
-
-
-def _items(variable: Any) -> tuple[int, ...]:
-    declared = variable.declaredType
-    if variable.type != "Enumeration" or declared is None:
-        return ()
-    return tuple(int(item.value) for item in declared.items)
-
-
-def _direct(model: Any) -> set[Any]:
-    """Outputs with a direct dependency on an input; undeclared dependencies mean all.
-
-    By name in FMI 2, where two variables may share a reference; by reference in FMI 3.
-    """
-
-    def key(variable: Any) -> Any:
-        return variable.name if model.fmiVersion == "2.0" else variable.valueReference
-
-    declared = {key(unknown.variable): unknown.dependencies for unknown in model.outputs}
-    found = set()
-    for variable in model.modelVariables:
-        if variable.causality == "output":
-            dependencies: Iterable[Any] | None = declared.get(key(variable))
-            if dependencies is None:
-                dependencies = model.modelVariables
-            if any(v.causality == "input" for v in dependencies):
-                found.add(key(variable))
-    return found

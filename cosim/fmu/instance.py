@@ -5,15 +5,13 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal
 from weakref import WeakSet
 
 from cosim.errors import ComponentError, InputError
-from cosim.fmu.binary import PREFIX, Binary, library_of
+from cosim.fmu.binary import PREFIX, loaded
 from cosim.fmu.description import FmuDescription
-from cosim.fmu.inspect.platforms import this_machine
 from cosim.fmu.messages import (
     LEVELS,
     LogSink,
@@ -77,7 +75,7 @@ class Instance:
         self._check_alone()
         folder = unpacked(description)
         self._resources = folder / "resources"
-        self._binary = self._loaded(folder)
+        self._binary = loaded(description, folder, name)
         self._environment = listen(name, self._heard)
         try:
             self._instantiate()
@@ -105,20 +103,6 @@ class Instance:
                     got=f"component {other.name!r} is an instance of it",
                     hint="one component of it per run; runs in processes of their own",
                 )
-
-    def _loaded(self, folder: Path) -> Binary:
-        try:
-            return Binary(library_of(self.description, folder), self.version)
-        except OSError as error:
-            here = this_machine()
-            sources = (folder / "sources").is_dir()
-            raise ComponentError(
-                "the FMU cannot be loaded",
-                where=f"component {self.name!r} ({self.description.path})",
-                expected=f"a library for {here.architecture} {here.system} that loads",
-                got=str(error),
-                hint="it brings its C sources: fmpy compile" if sources else None,
-            ) from error
 
     def _instantiate(self) -> None:
         create = self._create_fmi2 if self.version == "2.0" else self._create_fmi3
@@ -245,7 +229,14 @@ class Instance:
         returned = f"returned {PREFIX[self.version]}{word}" if word else f"returned status {status}"
         if status <= WARNING:
             returned = "logged an error"
-        return ComponentError(f"{what} {returned}", where=self._where, got=self.last_error)
+        return ComponentError(
+            f"{what} {returned}",
+            where=self._where,
+            got=self.last_error,
+            hint="steps that go on in the background are not supported"
+            if word == "Pending"
+            else None,
+        )
 
     def abandon(self) -> None:
         """Call nothing of this instance any more: one of its FMU has reported Fatal."""

@@ -8,6 +8,7 @@ from math import prod
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
+FmiVersion = Literal["2.0", "3.0"]
 SignalKind = Literal["float", "int", "bool", "string"]
 
 
@@ -24,7 +25,7 @@ _SIZED = {
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
-CARRIERS: Mapping[str, Mapping[str, Carrier]] = MappingProxyType(
+CARRIERS: Mapping[FmiVersion, Mapping[str, Carrier]] = MappingProxyType(
     {
         "2.0": {
             "Real": Carrier("float", "Real", "f8"),
