@@ -145,5 +145,8 @@ def _script(spec: ComponentSpec, package: str, renamed: dict[str, str]) -> str:
         f'    """{spec.description}."""\n\n'
         f"    TABLE = _TABLE\n"
         f"    CONSTANTS = _CONSTANTS\n"
-        f"    BEHAVIOUR = {behaviour}\n"
+        f"    BEHAVIOUR = {behaviour}\n\n\n"
+        "# Nor does the loader give back the class that it finds here: one for all instances, or\n"
+        "# a process that makes thousands of them would grow by a class each time.\n"
+        f'{spec.name} = globals().setdefault("_first", {spec.name})\n'
     )

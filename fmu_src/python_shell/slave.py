@@ -52,13 +52,16 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     TABLE: tuple[dict[str, Any], ...] = ()
     BEHAVIOUR: Any = None
     CONSTANTS: dict[str, Any] = {}  # noqa: RUF012 - replaced as a whole by each FMU
+    PARTED: set[str] = set()  # noqa: RUF012 - one for all instances
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         # where the host is no Python, the binary ends Python itself, while it holds the loader's
         # lock: what follows would wait for ever
-        if sys.platform == "linux" and sys.orig_argv:
-            atexit.register(_part_from_binary, str(self.resources), type(self).__name__)
+        resources = str(self.resources)
+        if sys.platform == "linux" and sys.orig_argv and resources not in self.PARTED:
+            self.PARTED.add(resources)  # once per binary, not per instance
+            atexit.register(_part_from_binary, resources, type(self).__name__)
         self._names = [entry["name"] for entry in self.TABLE]
         self._values: dict[str, Any] = {entry["name"]: entry["start"] for entry in self.TABLE}
         for entry in self.TABLE:
