@@ -33,7 +33,8 @@ among them, cannot return what they say there, so it is believed. An error in an
 claims nothing: there are tools that log their progress so."""
 _PYTHONFMU: Final = "slavemodule.txt"
 """What PythonFMU puts into the resources. It hands its messages on as if they were formats: a
-per cent sign in one would be followed by what happens to lie in memory, or by a crash."""
+per cent sign in one would be followed by what happens to lie in memory, or by a crash. And every
+step that it could not make it calls the end that the slave wants."""
 _CO_SIMULATION = 1
 _living: WeakSet[Instance] = WeakSet()
 
@@ -75,6 +76,7 @@ class Instance:
         self._check_alone()
         folder = unpacked(description)
         self._resources = folder / "resources"
+        self._of_pythonfmu = (self._resources / _PYTHONFMU).is_file()
         self._binary = loaded(description, folder, name)
         self._environment = listen(name, self._heard)
         try:
@@ -128,8 +130,7 @@ class Instance:
             self.call("choosing log categories", "SetDebugLogging", bool(names), len(names), array)
 
     def _create_fmi2(self) -> int | None:
-        texts = (self._resources / _PYTHONFMU).is_file()
-        self._callbacks = fmi2_callbacks(self._environment, formats=not texts)
+        self._callbacks = fmi2_callbacks(self._environment, formats=not self._of_pythonfmu)
         found: int | None = self._binary.function("Instantiate")(
             self.name.encode(),
             _CO_SIMULATION,

@@ -147,11 +147,12 @@ class FmuSlave(WithStates):
         """Whether the slave wants the run to end with the last step.
 
         In FMI 2 a slave asks by Discard; a caller of fmi2DoStep itself asks here after that only.
-        One that has logged an error on the way does not ask, it has failed.
+        One that has logged an error on the way does not ask, it has failed; nor does one of
+        PythonFMU, which says so of every step that could not be made.
         """
         if self.version == "3.0":
             return bool(self._results.terminate_simulation)
-        if self._discarded is False or self._complaint is not None:
+        if self._discarded is False or self._complaint is not None or self._of_pythonfmu:
             return False
         value = ctypes.c_int(0)
         said = self.last_error

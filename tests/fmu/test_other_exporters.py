@@ -9,7 +9,7 @@ import pytest
 from foreign.c_fmu import c_fmu, source_of, talker
 from pythonfmu import FmuBuilder
 
-from cosim.errors import InputError
+from cosim.errors import ComponentError, InputError
 from cosim.fmu import FmuSlave, describe_fmu
 
 _SCRIPT = """
@@ -44,7 +44,7 @@ class Log:
 
 
 def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
-    """An Integer without variability, a per cent sign in a message, False for the end."""
+    """An Integer without variability, a per cent sign in a message; False is a failed step."""
     script = tmp_path / "percent.py"
     script.write_text(_SCRIPT)
     FmuBuilder.build_FMU(script, dest=tmp_path)
@@ -54,14 +54,14 @@ def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
     log = Log()
     with FmuSlave(described, "it", log) as slave:
         slave.initialise({"s": "b"}, 0.0, 1.0)
-        steps = 0
-        while not slave.asked_to_end():
-            slave.step(steps / 4, 0.25)
-            steps += 1
-        assert steps == 3
-        assert slave.read(["x", "n", "s"]) == {"x": 1.75, "n": 3, "s": "b"}
+        slave.step(0.0, 0.25)
+        slave.step(0.25, 0.25)
+        assert slave.read(["x", "n", "s"]) == {"x": 1.5, "n": 2, "s": "b"}
         slave.write({"s": "c"})
         assert slave.read(["s"]) == {"s": "c"}
+        with pytest.raises(ComponentError, match=r"step from t = 0\.5 s returned fmi2Discard"):
+            slave.step(0.5, 0.25)
+        assert not slave.asked_to_end()
     departure, *said = log.lines
     assert departure == ("warning", f"modelDescription.xml: {described.departures[0]}", "")
     assert said == [("info", "100 %s %d %n %s%s", "logAll")] * 3
