@@ -157,7 +157,7 @@ def test_hundreds_of_instances_leave_nothing(tmp_path: Path, which: str) -> None
     before, files = process.memory_info().rss, process.num_fds()
     for _ in range(400):
         cycle()
-    assert process.num_fds() == files
+    assert process.num_fds() <= files
     assert process.memory_info().rss - before < 2 << 20
     loaded = [m.path for m in process.memory_maps() if described.sha256 in m.path]
     assert loaded == []
