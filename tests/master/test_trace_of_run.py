@@ -140,8 +140,7 @@ def test_same_seed_same_content(fmus: Path, tmp_path: Path) -> None:
     other = dataclasses.replace(LINK, seed=12)
     seed = content(section_5(fmus, step=0.05, stop=1.0, links=[other]), tmp_path / "c.mcap")
     step = content(section_5(fmus, step=0.025, stop=1.0, links=[LINK]), tmp_path / "d.mcap")
-    assert first == again
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+    assert first == again  # not the bytes: what is flushed when is up to the clock on the wall
     assert len({first, seed, step}) == 3
 
 
