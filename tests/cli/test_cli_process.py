@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import time
@@ -17,7 +18,7 @@ LONG = (SCENARIOS / "valid" / "over-a-packet-link.toml").read_text("utf-8")
 LONG = LONG.replace("end = 1.0", "end = 5000.0").replace("step = 0.1", "step = 0.01")
 
 
-def started(fmus: Path, folder: Path) -> subprocess.Popen[str]:
+def started(fmus: Path, folder: Path, **environment: str) -> subprocess.Popen[str]:
     """A long run that has begun to write its trace."""
     (folder / "long.toml").write_text(LONG, "utf-8")
     process = subprocess.Popen(  # noqa: S603 - the command under test
@@ -26,6 +27,7 @@ def started(fmus: Path, folder: Path) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env=os.environ | environment,
     )
     partial = folder / "t.mcap.partial"
     until = time.monotonic() + 60.0
@@ -48,19 +50,27 @@ def readable_rows(folder: Path) -> int:
     return len(rows)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "killed"])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, signal.SIGTERM, signal.SIGKILL],
+    ids=["Ctrl-C", "told to end", "killed"],
+)
 def test_interrupted_run_leaves_its_rows(
     number: signal.Signals, fmus: Path, tmp_path: Path
 ) -> None:
-    """Ctrl-C: exit 130, in words. Either way the rows so far are readable in the .partial."""
-    process = started(fmus, tmp_path)
+    """Ctrl-C: exit 130, SIGTERM: 143, in words. In any case the rows so far are in the .partial."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    process = started(fmus, tmp_path, TMPDIR=str(scratch))
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert "Traceback" not in out + err
-    if number == signal.SIGINT:
-        assert process.returncode == 130
-        assert json.loads(out)["error"]["exit_code"] == 130
-        assert "interrupted" in err
+    if number != signal.SIGKILL:
+        assert process.returncode == 128 + number
+        assert json.loads(out)["error"]["exit_code"] == 128 + number
+        assert ("interrupted" if number == signal.SIGINT else "told to end") in err
+        assert not list(scratch.iterdir()), "temporary folders are left"
+        assert Trace(tmp_path / "t.mcap.partial").complete
     else:
         assert process.returncode == -signal.SIGKILL
     assert readable_rows(tmp_path) > 1000
