@@ -18,6 +18,7 @@ from cosim.trace.layout import (
     result_of_link,
 )
 from cosim.trace.reader import Table, TopicInfo, Trace
+from cosim.trace.recover import Recovery, recover
 from cosim.trace.rows import Poses, Rows
 from cosim.trace.writer import Attachment, TraceWriter
 
@@ -29,6 +30,7 @@ __all__ = [
     "SCENARIO_ATTACHMENT",
     "Attachment",
     "Poses",
+    "Recovery",
     "Rows",
     "Signal",
     "Table",
@@ -42,6 +44,7 @@ __all__ = [
     "input_topic",
     "link_topic",
     "output_topic",
+    "recover",
     "render",
     "result_of_link",
 ]

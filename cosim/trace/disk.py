@@ -26,15 +26,16 @@ class PartialFile:
     ----------
     path : final path.
     fsync : hand what is flushed on to the disk itself, so that it survives a power cut.
+    suffix : of the name until it is finished.
 
     Raises
     ------
     InputError : it cannot be created, or another process is writing it.
     """
 
-    def __init__(self, path: Path, *, fsync: bool) -> None:
+    def __init__(self, path: Path, *, fsync: bool, suffix: str = ".partial") -> None:
         self.path = path
-        self.partial_path = path.with_name(path.name + ".partial")
+        self.partial_path = path.with_name(path.name + suffix)
         self._fsync = fsync
         if path.is_dir():
             raise InputError("the trace's path is a directory", where=str(path))
@@ -94,6 +95,11 @@ class PartialFile:
     def close(self) -> None:
         """Close under the name `.partial`."""
         self._raw.close()
+
+    def discard(self) -> None:
+        """Close and remove what is not to be finished."""
+        self._raw.close()
+        self.partial_path.unlink(missing_ok=True)
 
     def cut(self, size: int) -> None:
         """Close, without what lies behind `size`: half a record, when the disk has failed."""

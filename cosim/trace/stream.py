@@ -90,10 +90,10 @@ class McapStream:
         self._first: int | None = None
         self._last = 0
 
-    def start(self, library: str) -> None:
+    def start(self, library: str, profile: str = "") -> None:
         """Magic bytes and header."""
         self._write(MCAP0_MAGIC)
-        self._record(Header(profile="", library=library))
+        self._record(Header(profile=profile, library=library))
 
     def metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """A metadata record; what is in the chunk in progress stays behind it."""
@@ -102,20 +102,26 @@ class McapStream:
             length = self._record(Metadata(name=name, metadata=dict(entries)))
             self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
 
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """An attachment without times."""
+    def attachment(
+        self, name: str, media_type: str, data: bytes, *, log_ns: int = 0, create_ns: int = 0
+    ) -> None:
+        """An attachment; without times, unless they are given."""
         with self._undivided():
             offset = self.position
             record = Attachment(
-                create_time=0, log_time=0, name=name, media_type=media_type, data=data
+                create_time=create_ns,
+                log_time=log_ns,
+                name=name,
+                media_type=media_type,
+                data=data,
             )
             length = self._record(record)
             self._attachments.append(
                 AttachmentIndex(
                     offset=offset,
                     length=length,
-                    create_time=0,
-                    log_time=0,
+                    create_time=create_ns,
+                    log_time=log_ns,
                     data_size=len(data),
                     name=name,
                     media_type=media_type,

@@ -1,0 +1,42 @@
+"""`cosim trace recover` and `cosim trace verify` as a shell sees them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cli.shell import cosim, trace_of
+
+
+def test_recover_says_what_it_did(tmp_path: Path) -> None:
+    """Exit code 3 and the figures when something is lost, 0 when nothing is."""
+    whole = trace_of("paper-example").read_bytes()
+    cut = tmp_path / "cut.mcap.partial"
+    cut.write_bytes(whole[: len(whole) // 2])
+    done = cosim("trace", "recover", cut, "--json", cwd=tmp_path)
+    assert done.code == 3, done.err
+    told = done.json
+    assert Path(told["output"]) == tmp_path / "cut.recovered.mcap"
+    assert told["lost_messages"] is None
+    assert told["messages"] > 0
+    assert told["damage"][0]["position"] < len(whole) // 2
+    info = cosim("trace", "info", told["output"], "--json", cwd=tmp_path).json
+    assert (info["complete"], info["finished"]) == (True, False)
+    assert info["message_count"] == told["messages"]
+
+    again = cosim("trace", "recover", cut, cwd=tmp_path)
+    assert again.code == 2
+    assert "exists" in again.err
+    cut.write_bytes(whole[:-3])  # the closing magic alone
+    mended = cosim("trace", "recover", cut, "--out", "b.mcap", "--json", cwd=tmp_path)
+    assert (mended.code, mended.json["lost_messages"]) == (0, 0)
+    people = cosim("trace", "recover", cut, "-o", "b.mcap", "--force", cwd=tmp_path)
+    assert people.code == 0
+    assert "b.mcap" in people.out
+    fine = cosim("trace", "recover", trace_of("paper-example"), cwd=tmp_path)
+    assert (fine.code, "nothing to recover" in fine.out) == (0, True)
+
+
+def test_recover_refuses_what_is_no_trace(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"PK")
+    for file in ("a.mcap", "none.mcap", "."):
+        assert cosim("trace", "recover", file, "--json", cwd=tmp_path).error["exit_code"] == 2
