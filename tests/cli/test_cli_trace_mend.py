@@ -6,10 +6,16 @@ from pathlib import Path
 
 from cli.shell import cosim, trace_of
 
+from cosim.trace import Signal, TraceWriter
+
 
 def test_recover_says_what_it_did(tmp_path: Path) -> None:
     """Exit code 3 and the figures when something is lost, 0 when nothing is."""
-    whole = trace_of("paper-example").read_bytes()
+    with TraceWriter(tmp_path / "a.mcap", run={"seed": "1"}, chunk_bytes=500) as writer:
+        topic = writer.add_topic("/x", [Signal("x")], schema_name="t.X")
+        for k in range(1000):
+            writer.write(topic, k, [k])
+        whole = writer.finish({}).read_bytes()
     cut = tmp_path / "cut.mcap.partial"
     cut.write_bytes(whole[: len(whole) // 2])
     done = cosim("trace", "recover", cut, "--json", cwd=tmp_path)
