@@ -23,7 +23,7 @@ from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
-from cosim.verbs.trace_mend import recover
+from cosim.verbs.trace_mend import recover, verify
 
 app = typer.Typer(
     name="cosim",
@@ -42,6 +42,7 @@ app.add_typer(fmu_app, name="fmu")
 fmu_app.command()(build)
 fmu_app.command()(controller)
 trace_app.command()(recover)
+trace_app.command()(verify)
 
 # typer may bring its own copy of click: this is the usage error of the one it uses
 _UsageError: Any = typer.BadParameter.__base__

@@ -20,6 +20,8 @@ from cosim.trace.layout import (
 from cosim.trace.reader import Table, TopicInfo, Trace
 from cosim.trace.recover import Recovery, recover
 from cosim.trace.rows import Poses, Rows
+from cosim.trace.verdicts import Check
+from cosim.trace.verify import Verification, verify
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
@@ -29,6 +31,7 @@ __all__ = [
     "DROPPED_SIGNALS",
     "SCENARIO_ATTACHMENT",
     "Attachment",
+    "Check",
     "Poses",
     "Recovery",
     "Rows",
@@ -37,6 +40,7 @@ __all__ = [
     "TopicInfo",
     "Trace",
     "TraceWriter",
+    "Verification",
     "certificate_entries",
     "content_hash",
     "describe",
@@ -47,4 +51,5 @@ __all__ = [
     "recover",
     "render",
     "result_of_link",
+    "verify",
 ]

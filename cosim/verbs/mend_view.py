@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from cosim.trace import Recovery
+from cosim.trace import Recovery, Verification
 
 _MOST = 20
 
@@ -38,3 +39,25 @@ def recovery_view(found: Recovery) -> Table:
     if len(found.damage) > _MOST:
         view.add_row("", f"and {len(found.damage) - _MOST} more")
     return view
+
+
+_COLOURS = {"ok": "green", "failed": "bold red", "incomplete": "yellow", "not checked": "dim"}
+_WORDS = {
+    "ok": "everything that was checked is right",
+    "failed": "NOT what it says",
+    "incomplete": "right as far as it goes, but not complete",
+}
+
+
+def verification_view(found: Verification) -> Group:
+    """One line per check, then the verdict."""
+    view = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    view.add_column(style="bold", no_wrap=True)
+    view.add_column(no_wrap=True)
+    view.add_column(overflow="fold")
+    for check in found.checks:
+        verdict = Text(check.verdict, style=_COLOURS[check.verdict])
+        view.add_row(check.name, verdict, plain(check.detail))
+    last = plain(f"{found.path}: {_WORDS[found.verdict]}")
+    last.stylize(_COLOURS[found.verdict])
+    return Group(view, last)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cli.shell import cosim, trace_of
+import pytest
+from cli.shell import cosim, home, trace_of
 
 from cosim.trace import Signal, TraceWriter
 
@@ -46,3 +47,34 @@ def test_recover_refuses_what_is_no_trace(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"PK")
     for file in ("a.mcap", "none.mcap", "."):
         assert cosim("trace", "recover", file, "--json", cwd=tmp_path).error["exit_code"] == 2
+
+
+@pytest.mark.parametrize("name", ["paper-example", "auv-acoustic"])
+def test_verify_finds_a_flight_good(name: str, tmp_path: Path) -> None:
+    """A run of ours passes every check, its FMUs are found; cut or changed, it does not."""
+    trace = trace_of(name)
+    done = cosim("trace", "verify", trace, "--fmus", home() / "fmus", "--json", cwd=tmp_path)
+    assert done.code == 0, done.out
+    told = done.json
+    assert (told["verdict"], told["ok"], told["ours"]) == ("ok", True, True)
+    names = {check["name"] for check in told["checks"]}
+    assert {"checksums", "result", "certificate", "FMU files", "order"} <= names
+    assert (
+        "everything that was checked is right" in cosim("trace", "verify", trace, cwd=tmp_path).out
+    )
+
+    whole = trace.read_bytes()
+    other = tmp_path / "other.mcap"
+    other.write_bytes(whole[:-5000])
+    assert cosim("trace", "verify", other, cwd=tmp_path).code == 3
+    half = len(whole) // 2
+    other.write_bytes(whole[:half] + bytes([whole[half] ^ 4]) + whole[half + 1 :])
+    bad = cosim("trace", "verify", other, "--json", cwd=tmp_path)
+    assert bad.code == 1
+    assert bad.json["verdict"] == "failed"
+
+
+def test_verify_refuses_what_is_no_trace(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"PK")
+    for file in ("a.mcap", "none.mcap", "."):
+        assert cosim("trace", "verify", file, "--json", cwd=tmp_path).error["exit_code"] == 2

@@ -1,0 +1,152 @@
+"""The messages of a link against what was sent, and what became of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.trace.layout import output_topic
+from cosim.trace.reader import Table
+from cosim.trace.verdicts import Check, judged
+
+
+@dataclass(frozen=True)
+class Link:
+    """What the trace has of a link.
+
+    Attributes
+    ----------
+    delivered, dropped : its messages; None if it has no such topic.
+    declared : the link as `cosim.run` describes it, and its order.
+    figures : of `cosim.result`; empty without one.
+    """
+
+    name: str
+    delivered: Table
+    dropped: Table | None
+    declared: Mapping[str, Any]
+    figures: Mapping[str, str]
+
+
+def checks_of_links(
+    links: Sequence[Link], tables: Mapping[str, Table], *, whole: bool
+) -> Iterator[Check]:
+    """Name, verdict and detail; one of each kind for all links together."""
+    if not links:
+        yield Check("links", "not checked", "the run has none")
+        return
+    names = ", ".join(link.name for link in links)
+    for name, check, fine in (
+        ("link delays", _early, "nothing came before it was sent and the link's delay was over"),
+        ("link sequence", _sequence, "numbers as the order of the link has them"),
+        ("link fates", _fates, "every message was delivered, dropped or in flight, once"),
+    ):
+        problems = [f"{link.name}: {what}" for link in links for what in check(link)]
+        yield judged(name, problems, f"{names}: {fine}")
+    problems = [f"{link.name}: {what}" for link in links for what in _values(link, tables)]
+    yield judged("link values", problems, f"{names}: what was delivered is what was sent")
+    if whole:
+        problems = [f"{link.name}: {what}" for link in links for what in _figures(link)]
+        yield judged("link counts", problems, f"{names}: as many as the result says")
+
+
+def _numbers(table: Table | None) -> NDArray[np.int64]:
+    return np.zeros(0, np.int64) if table is None else table.sequence
+
+
+def _early(link: Link) -> Iterator[str]:
+    least = link.declared.get("delay_ns", 0)
+    least = least if isinstance(least, int) else 0
+    transit = link.delivered.log_time_ns - link.delivered.publish_time_ns
+    if (transit < least).any():
+        i = int(np.argmax(transit < least))
+        number = link.delivered.sequence[i]
+        yield f"message {number} took {transit[i]} ns, the link's delay is {least} ns"
+
+
+def _sequence(link: Link) -> Iterator[str]:
+    """In order of delivery the numbers grow, unless the link says as-arrived."""
+    numbers, sent = link.delivered.sequence, link.delivered.publish_time_ns
+    if link.declared.get("order") in ("newest-wins", "fifo"):
+        least = 0 if link.declared.get("duplicate") else 1
+        back = np.flatnonzero(np.diff(numbers) < least)
+        if back.size:
+            i = int(back[0])
+            yield f"message {numbers[i + 1]} was delivered after {numbers[i]}"
+    by_number = np.argsort(numbers, kind="stable")
+    if (np.diff(sent[by_number]) < 0).any():
+        yield "a message of a higher number was sent before one of a lower"
+
+
+def _fates(link: Link) -> Iterator[str]:
+    delivered, dropped = _numbers(link.delivered), _numbers(link.dropped)
+    if not link.declared.get("duplicate"):
+        for what, numbers in (("delivered", delivered), ("dropped", dropped)):
+            found, counts = np.unique(numbers, return_counts=True)
+            if (counts > 1).any():
+                yield f"message {found[counts > 1][0]} was {what} twice"
+        both = np.intersect1d(delivered, dropped)
+        if both.size:
+            yield f"message {both[0]} was delivered, and dropped"
+
+
+def _figures(link: Link) -> Iterator[str]:
+    said = {key: int(v) for key, v in link.figures.items() if v.isdecimal()}
+    if not {"sent", "delivered", "dropped", "in_flight"} <= set(said):
+        yield "the result has no figures of it"
+        return
+    delivered, dropped = _numbers(link.delivered), _numbers(link.dropped)
+    if delivered.size != said["delivered"]:
+        yield f"{delivered.size} messages delivered, the result says {said['delivered']}"
+    if dropped.size != said["dropped"]:
+        yield f"{dropped.size} messages dropped, the result says {said['dropped']}"
+    if link.declared.get("duplicate"):
+        return
+    known = np.union1d(delivered, dropped)
+    missing = np.setdiff1d(np.arange(said["sent"]), known)
+    if missing.size != said["in_flight"]:
+        yield f"{missing.size} messages without a fate, the result says {said['in_flight']}"
+    if known.size and known[-1] >= said["sent"]:
+        yield f"message {known[-1]}, where the result says {said['sent']} were sent"
+
+
+def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
+    """Every value is the sender's at the instant of sending, quantized as the link does."""
+    step = link.declared.get("quantization", 0.0)
+    for name, values in link.delivered.columns.items():
+        sender = _sender(name, tables)
+        if sender is None:
+            yield f"{name} is no output in this trace"
+            continue
+        table, variable = sender
+        sent = link.delivered.publish_time_ns
+        rows = np.searchsorted(table.log_time_ns, sent)
+        there = np.append(table.log_time_ns, -1)[rows] == sent
+        if not there.all():
+            i = int(np.argmin(there))
+            yield f"{name}: message {link.delivered.sequence[i]} was sent at no row of the sender"
+        expected = table.columns[variable][rows[there]]
+        if isinstance(step, int | float) and step and expected.dtype.kind == "f":
+            expected = np.rint(expected / step) * step
+        got = values[there]
+        differs = got != expected
+        if got.dtype.kind == "f":
+            differs &= ~(np.isnan(got) & np.isnan(expected))
+        if differs.any():
+            i = int(np.argmax(differs))
+            number = link.delivered.sequence[there][i]
+            yield f"{name}: message {number} has {got[i]!r}, sent was {expected[i]!r}"
+
+
+def _sender(name: str, tables: Mapping[str, Table]) -> tuple[Table, str] | None:
+    """Rows and column of `component.variable`; both may have dots."""
+    parts = name.split(".")
+    for i in range(1, len(parts)):
+        table = tables.get(output_topic(".".join(parts[:i])))
+        if table is not None and ".".join(parts[i:]) in table.columns:
+            return table, ".".join(parts[i:])
+    return None
