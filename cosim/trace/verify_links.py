@@ -123,12 +123,12 @@ def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
             yield f"{name} is no output in this trace"
             continue
         table, variable = sender
-        sent = link.delivered.publish_time_ns
-        rows = np.searchsorted(table.log_time_ns, sent)
-        there = np.append(table.log_time_ns, -1)[rows] == sent
+        # what a component has sent holds until its next row
+        rows = np.searchsorted(table.log_time_ns, link.delivered.publish_time_ns, "right") - 1
+        there = rows >= 0
         if not there.all():
             i = int(np.argmin(there))
-            yield f"{name}: message {link.delivered.sequence[i]} was sent at no row of the sender"
+            yield f"{name}: message {link.delivered.sequence[i]} was sent before the sender's rows"
         expected = table.columns[variable][rows[there]]
         if isinstance(step, int | float) and step and expected.dtype.kind == "f":
             expected = np.rint(expected / step) * step

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -74,6 +75,38 @@ def test_interrupted_run_leaves_its_rows(
     else:
         assert process.returncode == -signal.SIGKILL
     assert readable_rows(tmp_path) > 1000
+
+
+FULL = """
+import resource, sys
+from cosim.entry import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
+main()
+"""
+
+
+def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
+    """It stops, says why and leaves with 3; what is on the disk reads and can be recovered."""
+    (tmp_path / "long.toml").write_text(LONG, "utf-8")
+    command = [sys.executable, "-c", FULL, "run", "long.toml", "--out", "t.mcap", "--json"]
+    done = subprocess.run(  # noqa: S603 - the command under test
+        [*command, "--fsync", "--fmus", str(fmus.parent)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    error = json.loads(done.stdout)["error"]
+    assert "could not be written" in error["what"]
+    assert "recover" in error["hint"]
+    assert "Traceback" not in done.stderr
+    rows = readable_rows(tmp_path)
+    assert rows > 1000
+    mended = cosim("trace", "recover", "t.mcap.partial", "--json", cwd=tmp_path)
+    assert (mended.code, mended.json["lost_bytes"]) == (3, 0)
+    assert len(Trace(tmp_path / "t.recovered.mcap").read("/plant/output")) == rows
+    assert cosim("trace", "verify", "t.recovered.mcap", cwd=tmp_path).code == 3
 
 
 def test_reader_that_leaves_early(tmp_path: Path) -> None:
