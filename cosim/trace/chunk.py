@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -99,9 +100,11 @@ def _index(channels: Integers, times: Integers, starts: Integers) -> list[tuple[
     pairs[:, 0], pairs[:, 1] = times, starts
     if (channels == channels[0]).all():
         return [(int(channels[0]), times.size, pairs.tobytes())]
-    found, first = np.unique(channels, return_index=True)
     index = []
-    for channel in found[np.argsort(first)]:
-        mine = pairs[channels == channel]
-        index.append((int(channel), len(mine), mine.tobytes()))
-    return index
+    for channel in np.flatnonzero(np.bincount(channels)).tolist():
+        mine = np.flatnonzero(channels == channel)
+        index.append((int(mine[0]), channel, pairs[mine]))
+    return [(channel, len(own), own.tobytes()) for _, channel, own in sorted(index, key=_FIRST)]
+
+
+_FIRST = operator.itemgetter(0)

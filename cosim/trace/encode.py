@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cosim.errors import InputError
 from cosim.trace.columns import Column, columns_of_doubles, columns_of_rows
 from cosim.trace.layout import field_names
-from cosim.trace.wire import FIXED64, field_tag
+from cosim.trace.wire import FIXED64, alike, field_tag
 
 if TYPE_CHECKING:
     from cosim.trace.layout import Signal
@@ -194,7 +194,4 @@ def _shapes(columns: Sequence[Column], count: int) -> list[tuple[Mine, int]]:
     varying = [column.size for column in columns if isinstance(column.size, np.ndarray)]
     if not varying:
         return [(slice(None), count)]
-    kinds, kind = np.unique(np.column_stack(varying), axis=0, return_inverse=True)
-    order = np.argsort(kind.ravel(), kind="stable")
-    ends = np.cumsum(np.bincount(kind.ravel(), minlength=len(kinds)))
-    return [(mine, mine.size) for mine in np.split(order, ends[:-1])]
+    return [(mine, mine.size) for mine in alike(np.column_stack(varying))]

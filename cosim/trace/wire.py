@@ -44,3 +44,17 @@ def put_varints(into: Bytes, values: Integers) -> None:
     for j in range(length):
         more = 0x80 if j < length - 1 else 0
         into[:, j] = (unsigned >> np.uint64(7 * j) & np.uint64(0x7F)) | np.uint64(more)
+
+
+def alike(shapes: Integers) -> list[NDArray[np.intp]]:
+    """Which rows of `shapes`, (m, k), are the same, in order of their entries; none negative."""
+    sizes = shapes.max(axis=0, initial=0).tolist()
+    code, room = np.zeros(len(shapes), np.int64), 1
+    for j, size in enumerate(sizes):
+        code = code * (size + 1) + shapes[:, j]
+        room *= size + 1
+    if room > 2**62:  # one number cannot hold them
+        _, code = np.unique(shapes, axis=0, return_inverse=True)
+    order = np.argsort(code.ravel(), kind="stable")
+    ends = np.flatnonzero(np.diff(code.ravel()[order])) + 1
+    return np.split(order, ends)

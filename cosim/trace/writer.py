@@ -323,6 +323,12 @@ class TraceWriter:
         with contextlib.suppress(CosimError):  # what went wrong first is what matters
             self.close()
 
+    def __del__(self) -> None:
+        """Nobody can write any more: what there is goes to the disk."""
+        if hasattr(self, "_foxglove"):  # the beginning was not refused
+            with contextlib.suppress(CosimError):
+                self.close()
+
     def _flush(self) -> None:
         self._stream.flush()
         self._flusher.flushed()

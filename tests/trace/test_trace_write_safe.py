@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import gc
 import multiprocessing
 import os
 import signal
@@ -98,6 +99,18 @@ def test_closed_writer_leaves_no_thread(tmp_path: Path) -> None:
     assert threading.active_count() == before + 1
     writer.finish({})
     assert threading.active_count() == before
+
+
+def test_writer_that_nobody_holds_any_more(tmp_path: Path) -> None:
+    """Its rows are on the disk, its file and thread are given back."""
+    before = threading.active_count()
+    writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=1e9)
+    fill(writer)
+    del writer
+    gc.collect()
+    assert threading.active_count() == before
+    assert rows_of(tmp_path / "a.mcap.partial") == list(range(1000))
+    TraceWriter(tmp_path / "a.mcap", run={}).close()
 
 
 WRITES = """
