@@ -48,7 +48,7 @@ trace_app.command()(verify)
 _UsageError: Any = typer.BadParameter.__base__
 _INTERRUPTED = 130  # what typer makes of a KeyboardInterrupt
 _TERMINATED = 128 + signal.SIGTERM
-_LEFT_BEHIND = "cosim trace info on the .partial file, if a run had begun"
+_LEFT_BEHIND = "cosim trace recover makes a trace of the .partial file, if a run had begun"
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so

@@ -72,7 +72,9 @@ def _sequence(link: Link) -> Iterator[str]:
     """In order of delivery the numbers grow, unless the link says as-arrived."""
     numbers, sent = link.delivered.sequence, link.delivered.publish_time_ns
     if link.declared.get("order") in ("newest-wins", "fifo"):
-        least = 0 if link.declared.get("duplicate") else 1
+        # of two copies newest-wins drops the later, fifo uses both
+        again = link.declared.get("order") == "fifo" and link.declared.get("duplicate")
+        least = 0 if again else 1
         back = np.flatnonzero(np.diff(numbers) < least)
         if back.size:
             i = int(back[0])
@@ -83,15 +85,13 @@ def _sequence(link: Link) -> Iterator[str]:
 
 
 def _fates(link: Link) -> Iterator[str]:
-    delivered, dropped = _numbers(link.delivered), _numbers(link.dropped)
-    if not link.declared.get("duplicate"):
-        for what, numbers in (("delivered", delivered), ("dropped", dropped)):
-            found, counts = np.unique(numbers, return_counts=True)
-            if (counts > 1).any():
-                yield f"message {found[counts > 1][0]} was {what} twice"
-        both = np.intersect1d(delivered, dropped)
-        if both.size:
-            yield f"message {both[0]} was delivered, and dropped"
+    """A message has one fate, and its copy one, too."""
+    most = 2 if link.declared.get("duplicate") else 1
+    fates = np.concatenate([_numbers(link.delivered), _numbers(link.dropped)])
+    found, counts = np.unique(fates, return_counts=True)
+    if (counts > most).any():
+        number, count = found[counts > most][0], counts[counts > most][0]
+        yield f"message {number} was delivered or dropped {count} times"
 
 
 def _figures(link: Link) -> Iterator[str]:
@@ -104,12 +104,14 @@ def _figures(link: Link) -> Iterator[str]:
         yield f"{delivered.size} messages delivered, the result says {said['delivered']}"
     if dropped.size != said["dropped"]:
         yield f"{dropped.size} messages dropped, the result says {said['dropped']}"
-    if link.declared.get("duplicate"):
-        return
+    total = said["delivered"] + said["dropped"] + said["in_flight"]
+    if said["sent"] + said.get("duplicated", 0) != total:
+        yield f"of {said['sent']} messages sent the result has the fates of {total}"
     known = np.union1d(delivered, dropped)
-    missing = np.setdiff1d(np.arange(said["sent"]), known)
-    if missing.size != said["in_flight"]:
-        yield f"{missing.size} messages without a fate, the result says {said['in_flight']}"
+    missing = np.setdiff1d(np.arange(said["sent"]), known).size
+    copies = bool(link.declared.get("duplicate"))  # of which some may be in flight alone
+    if missing > said["in_flight"] or (missing < said["in_flight"] and not copies):
+        yield f"{missing} messages without a fate, the result says {said['in_flight']}"
     if known.size and known[-1] >= said["sent"]:
         yield f"message {known[-1]}, where the result says {said['sent']} were sent"
 
