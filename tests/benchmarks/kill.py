@@ -5,7 +5,7 @@ when. It is killed at a random moment, the `.partial` recovered, and what the of
 finds in it compared with what the child had said. A third of the children each
 
 * write a row every few milliseconds (`steady`);
-* write thousands at a time (`blocks`);
+* write hundreds at a time (`blocks`);
 * write some and then compute for long, writing nothing (`long step`).
 
 `python -m tests.benchmarks.kill [KILLS] [--json]`: 200 kills by default.
@@ -46,7 +46,7 @@ path, mode, pause = sys.argv[1], sys.argv[2], float(sys.argv[3])
 note = Attachment("note", "text/plain", b"x" * 1000)
 writer = TraceWriter(path, run={"mode": mode}, attachments=[note], flush_interval_s=INTERVAL)
 topic = writer.add_topic("/x", [Signal(f"x[{i}]") for i in range(5)], schema_name="t.X")
-count, size = 0, 3000 if mode == "blocks" else 1
+count, size = 0, 400 if mode == "blocks" else 1
 while True:
     rows = np.arange(count, count + size)
     writer.write_rows([Rows(topic, rows, np.outer(rows, np.ones(5)))])
@@ -80,7 +80,7 @@ def one_kill(number: int, folder: Path) -> Loss:
     draw = random.Random(number)  # noqa: S311 - to be repeatable
     mode = MODES[number % len(MODES)]
     path = folder / f"{number}.mcap"
-    pause = draw.choice([0.001, 0.004, 0.02])
+    pause = draw.choice([0.002, 0.005, 0.02]) * (3 if mode == "blocks" else 1)
     with subprocess.Popen(  # noqa: S603 - the script above
         [sys.executable, "-c", CHILD, str(path), mode, str(pause)], stdout=subprocess.PIPE
     ) as child:
