@@ -145,7 +145,7 @@ def main() -> None:
             view.add_row(
                 mode,
                 str(len(some)),
-                f"{sum(one.written for one in some):.3g}",
+                str(sum(one.written for one in some)),
                 str(sum(1 for lost in rows if lost)),
                 f"{statistics.median(rows):g}",
                 str(max(rows)),
