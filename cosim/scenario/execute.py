@@ -94,10 +94,12 @@ def fly(
     *,
     progress: Progress | None = None,
     engine: EngineName = "auto",
+    fsync: bool = False,
 ) -> Outcome:
     """Run the scenario and its companion from rest; write the trace.
 
-    `engine` is a matter of speed alone: "python", "compiled", or "auto".
+    `engine` is a matter of speed alone: "python", "compiled", or "auto"; `fsync` as for
+    `TraceWriter`.
 
     Raises
     ------
@@ -122,7 +124,7 @@ def fly(
             "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
         ) from error
     entries, attachments = identity_of(prepared, system)
-    with TraceWriter(trace, run=entries, attachments=attachments) as writer:
+    with TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer:
         run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
         outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
         links: dict[str, str] = {}

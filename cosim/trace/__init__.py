@@ -18,7 +18,10 @@ from cosim.trace.layout import (
     result_of_link,
 )
 from cosim.trace.reader import Table, TopicInfo, Trace
+from cosim.trace.recover import Recovery, recover
 from cosim.trace.rows import Poses, Rows
+from cosim.trace.verdicts import Check
+from cosim.trace.verify import Verification, verify
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
@@ -28,13 +31,16 @@ __all__ = [
     "DROPPED_SIGNALS",
     "SCENARIO_ATTACHMENT",
     "Attachment",
+    "Check",
     "Poses",
+    "Recovery",
     "Rows",
     "Signal",
     "Table",
     "TopicInfo",
     "Trace",
     "TraceWriter",
+    "Verification",
     "certificate_entries",
     "content_hash",
     "describe",
@@ -42,6 +48,8 @@ __all__ = [
     "input_topic",
     "link_topic",
     "output_topic",
+    "recover",
     "render",
     "result_of_link",
+    "verify",
 ]

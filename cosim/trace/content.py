@@ -6,7 +6,7 @@ bytes):
 - messages, in file order: a digest of the channel (topic, message encoding, schema name,
   encoding and data, channel metadata sorted by key), log time, publish time, sequence, payload;
 - metadata records, in file order: name and entries sorted by key, without the keys that begin
-  with `host.`.
+  with `host.`, and without the record that says that a file was recovered.
 
 Not covered: compression, chunking, schema and channel ids, indexes, the writing library, and
 attachments, whose hashes belong into `cosim.run`.
@@ -18,7 +18,7 @@ import hashlib
 import struct
 from typing import TYPE_CHECKING
 
-from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.layout import HOST_PREFIX, RECOVERED
 from cosim.trace.reader import Channel, Trace
 
 if TYPE_CHECKING:
@@ -53,6 +53,8 @@ def content_hash_of(trace: Trace) -> str:
         messages.update(payload)
     metadata = hashlib.sha256()
     for name, entries in trace.metadata:
+        if name == RECOVERED:
+            continue
         metadata.update(_joined([name.encode(), *_entries(entries)]))
     return hashlib.sha256(_VERSION + messages.digest() + metadata.digest()).hexdigest()
 

@@ -32,6 +32,9 @@ Kind = Literal["float", "int", "bool", "string"]
 RUN, RESULT = "cosim.run", "cosim.result"
 """Names of the metadata records that open and close a trace."""
 
+RECOVERED = "cosim.recovered"
+"""Metadata record of a recovered file, which says what was lost; no part of the content hash."""
+
 HOST_PREFIX = "host."
 """Metadata keys that begin so (wall clock, machine) are no part of the content hash."""
 

@@ -62,6 +62,10 @@ def run(
             "are the same, bit for bit, where both call the same C library."
         ),
     ] = Flavour.python,
+    fsync: Annotated[
+        bool,
+        typer.Option("--fsync", help="Bring each second of the trace onto the disk itself."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Fly a scenario and write its trace.
@@ -74,7 +78,7 @@ def run(
     check_room(trace)
     with progress() as tell:
         prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
-        outcome = fly(prepared, trace, progress=tell, engine=engine.value)
+        outcome = fly(prepared, trace, progress=tell, engine=engine.value, fsync=fsync)
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)

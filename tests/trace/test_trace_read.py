@@ -199,7 +199,8 @@ def test_flushed_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         info = Trace(writer.partial_path).topics.get("/eta")
         counts.append(info.count if info else 0)
     writer.close()
-    assert counts == [0] * 10 + [11] * 10 + [21] * 10
+    assert all(k + 1 - count <= 10 for k, count in enumerate(counts))
+    assert len(set(counts)) < 8  # and not a chunk for every row
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))

@@ -290,7 +290,7 @@ def _outside(first: int, last: int, rows: Any, outputs: int, bound: float) -> tu
     return -1, -1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
     first: int,
     last: int,
