@@ -1,0 +1,6 @@
+def play():
+    pass
+
+
+def view():
+    pass
