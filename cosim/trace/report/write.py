@@ -58,8 +58,8 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
     ------
     InputError : not an MCAP file, plotly is missing, or the page cannot be written.
     """
-    target = beside(trace) if output is None else output
     content = content_of(trace)
+    target = beside(trace) if output is None else output
     text = page(content).encode()
     if target.exists() and target.samefile(trace):
         raise InputError(
