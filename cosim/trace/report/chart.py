@@ -29,6 +29,7 @@ class Curve:
     ----------
     role : number of a colour, or a name that the page knows.
     hidden : shown in the legend alone, until it is asked for.
+    source : `/component/direction/name` of the signal, "" for what is derived.
     """
 
     label: str
@@ -39,6 +40,7 @@ class Curve:
     unit: str = ""
     hidden: bool = False
     text: Sequence[str] | None = None
+    source: str = ""
 
     def trace(self, stretches: int) -> dict[str, Any]:
         """As plotly.js takes it, with so many stretches of time told apart."""
@@ -136,6 +138,7 @@ def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool =
         role=role,
         unit=series.unit or "",
         hidden=hidden,
+        source=f"{series.topic}/{series.name}",
     )
 
 
