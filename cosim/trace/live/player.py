@@ -83,6 +83,7 @@ class Player:
         self._listened_to = threading.Event()
         self._jumps = 0
         self._begun = False
+        self._news = False
         self._told = Status.paused
 
     def __enter__(self) -> Self:
@@ -153,7 +154,7 @@ class Player:
             else:
                 self.playback.pause()
             self._begun = True
-            self._told = self.playback.status  # the answer tells it
+            self._told, self._news = self.playback.status, False  # the answer tells it
             return self._state(jumped=jumped, request=request.request_id)
 
     def wait(self) -> None:
@@ -177,18 +178,19 @@ class Player:
             before, jumps = self._told, self._jumps
             due = self.playback.due()
             at = self.playback.position_ns
-            self._told = self.playback.status
             looped = due.jumped and before is Status.playing is self.playback.status
-            news = looped or self._told is not before
-            state = self._state(jumped=looped, request=None) if news else None
+            # an end is told one step late: the SDK lets it overtake the last messages
+            state = self._state(jumped=looped, request=None) if looped or self._news else None
+            self._news = self.playback.status is not before
+            self._told = self.playback.status
+        if state is not None:
+            self._server.broadcast_playback_state(state)
         for i in due.messages:
             if self._jumps != jumps:  # somebody went elsewhere: what is left is of no use
                 return
             _, _, log, _, payload = self._messages[i]
             self._advertised[self._number[i]].log(bytes(payload), log_time=log)
         self._server.broadcast_time(at)
-        if state is not None:
-            self._server.broadcast_playback_state(state)
 
     def _state(self, *, jumped: bool, request: str | None) -> Any:
         live, playback = self._sdk.websocket, self.playback

@@ -147,9 +147,7 @@ def test_everything_is_reached_by_keyboard(page: Page, reports: dict[str, Path])
         (link) => document.getElementById(link.hash.slice(1)))""")
 
 
-def test_without_webgl_the_path_is_still_there(
-    tmp_path: Path, reports: dict[str, Path]
-) -> None:
+def test_without_webgl_the_path_is_still_there(tmp_path: Path, reports: dict[str, Path]) -> None:
     """A browser that cannot draw in space shows the path from one side."""
     with browser(tmp_path / "profile", "--disable-3d-apis") as page:
         page.open(reports["vehicle"])

@@ -231,9 +231,7 @@ def test_where_a_report_goes() -> None:
     assert beside(Path(".mcap")) == Path(".mcap.html")
 
 
-def test_without_plotly_the_extra_is_named(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The message says what to install; nothing is written."""
     path, real = wild(tmp_path / "wild.mcap"), builtins.__import__
 
