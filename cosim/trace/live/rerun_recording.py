@@ -162,27 +162,29 @@ def _layout(rrb: Any, content: Content, pose: dict[str, Reals]) -> Any:
     left.append(rrb.Tabs(*words))
     columns = [rrb.Vertical(*left, row_shares=[3, 2] if pose else None)]
     if content.charts:
-        columns.append(rrb.Tabs(*(tab for s in content.sections for tab in _tabs(rrb, s))))
+        columns.append(
+            rrb.Tabs(*(tab for s in content.sections for tab in _tabs(rrb, s, content.span)))
+        )
     return rrb.Blueprint(
         rrb.Horizontal(*columns, column_shares=[2, 3][: len(columns)]),
-        rrb.TimePanel(timeline=TIMELINE),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         auto_layout=False,
         auto_views=False,
         collapse_panels=True,
     )
 
 
-def _tabs(rrb: Any, section: Section) -> list[Any]:
+def _tabs(rrb: Any, section: Section, span: tuple[float, float]) -> list[Any]:
     tabs = []
     for first in range(0, len(section.charts), _AT_ONCE):
         some = section.charts[first : first + _AT_ONCE]
         more = f" {first // _AT_ONCE + 1}" if len(section.charts) > _AT_ONCE else ""
-        views = [_view(rrb, chart) for chart in some]
+        views = [_view(rrb, chart, span) for chart in some]
         tabs.append(rrb.Grid(*views, grid_columns=min(len(views), 2), name=section.title + more))
     return tabs
 
 
-def _view(rrb: Any, chart: Chart) -> Any:
+def _view(rrb: Any, chart: Chart, span: tuple[float, float]) -> Any:
     paths = [entity(chart, curve) for curve in chart.curves if curve.t.size]
     paths += [f"/limits/{chart.key}/{i}" for i in range(len(chart.bounds))]
     name = f"{chart.title} [{chart.unit}]" if chart.unit else chart.title
@@ -190,7 +192,13 @@ def _view(rrb: Any, chart: Chart) -> Any:
         origin="/",
         contents=paths,
         name=name,
-        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        axis_x=rrb.TimeAxis(
+            link="LinkToGlobal",
+            view_range=rrb.TimeRange(
+                start=rrb.TimeRangeBoundary.absolute(seconds=span[0]),
+                end=rrb.TimeRangeBoundary.absolute(seconds=span[1]),
+            ),
+        ),
     )
 
 

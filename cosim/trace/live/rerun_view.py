@@ -20,6 +20,8 @@ from cosim.trace.report.vehicle import vehicle_of
 
 _RERUN = (sys.executable, "-m", "rerun")
 _LOOPBACK = "127.0.0.1"
+_NOWHERE = f"http://{_LOOPBACK}:9"
+_PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY")
 _OFF = '"analytics_enabled": false'
 
 
@@ -72,7 +74,8 @@ def view_in_rerun(path: Path, save: Path | None = None) -> Viewed:
 def quiet_environment(settings: Path) -> Mapping[str, str]:
     """An environment in which the viewer sends no usage figures; it is asked whether that is so.
 
-    The viewer has no switch for it but its settings, so it gets settings of its own.
+    The viewer has no switch for it but its settings, so it gets settings of its own; and for
+    whatever else it might look up, a proxy that leads nowhere.
 
     Raises
     ------
@@ -82,6 +85,8 @@ def quiet_environment(settings: Path) -> Mapping[str, str]:
     places = ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME")
     environment = dict(os.environ) | dict.fromkeys(places, str(settings))
     environment.pop("FORCE_RERUN_ANALYTICS", None)
+    for name in _PROXIES:  # it would look for newer versions of itself, too
+        environment |= {name: _NOWHERE, name.lower(): _NOWHERE}
     _ask(environment, "disable")
     told = _ask(environment, "config")
     if _OFF not in told:

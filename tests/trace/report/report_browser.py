@@ -1,4 +1,4 @@
-"""A headless Chromium, driven over its DevTools protocol, that notes whatever a page complains of."""
+"""A headless Chromium over its DevTools protocol, noting whatever a page complains of."""
 
 from __future__ import annotations
 
@@ -110,7 +110,8 @@ def browser(profile: Path, *options: str) -> Iterator[Page]:
     """A page in a browser of its own."""
     assert CHROMIUM is not None
     command = [CHROMIUM, *_OPTIONS, *options, f"--user-data-dir={profile}", "about:blank"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, **silent) as process:  # noqa: S603 - the browser found above
         try:
             with connect(_page_address(profile, process), max_size=None) as socket:
                 yield Page(socket)

@@ -23,7 +23,9 @@ VALUES = arrays(
 
 @given(VALUES, st.integers(1, 20), st.booleans())
 def test_every_extreme_of_every_stretch_survives(
-    values: NDArray[np.float64], stretches: int, held: bool
+    values: NDArray[np.float64],
+    stretches: int,
+    held: bool,  # noqa: FBT001 - hypothesis draws it
 ) -> None:
     """Least, greatest, first and last of each stretch; the gaps where they were."""
     t = np.cumsum(np.random.default_rng(values.size).exponential(size=values.size))
