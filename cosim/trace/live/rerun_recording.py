@@ -152,7 +152,7 @@ def _log_pose(rr: Any, recording: Any, content: Content, pose: dict[str, Reals])
 
 
 def _layout(rrb: Any, content: Content, pose: dict[str, Reals]) -> Any:
-    """Path and log on the left, charts on the right, on one time axis."""
+    """Path and log on the left, charts of the whole run on the right."""
     left = []
     if pose:
         left.append(rrb.Spatial3DView(origin="/world", name="Path (x north, y east, z down)"))
@@ -193,7 +193,6 @@ def _view(rrb: Any, chart: Chart, span: tuple[float, float]) -> Any:
         contents=paths,
         name=name,
         axis_x=rrb.TimeAxis(
-            link="LinkToGlobal",
             view_range=rrb.TimeRange(
                 start=rrb.TimeRangeBoundary.absolute(seconds=span[0]),
                 end=rrb.TimeRangeBoundary.absolute(seconds=span[1]),
