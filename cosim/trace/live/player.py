@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.trace.live.playback import LARGEST_RATE, Playback, Status
-from cosim.trace.reader import Channel, Trace
+from cosim.trace.reader import Trace
 
 _TICK_S = 0.02
 _AFTER_JUMP_S = 0.05
@@ -221,7 +221,7 @@ class _Listener:
         return self._player.control(request)
 
 
-def _advertised(foxglove: Any, channel: Channel, context: Any) -> Any:
+def _advertised(foxglove: Any, channel: Any, context: Any) -> Any:
     """A channel with the schema, encoding and metadata that it has in the file."""
     schema = channel.schema
     return foxglove.Channel(

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError, LossError
+from cosim.trace import Table, Trace
 from cosim.trace.layout import FRAME_TOPIC, LOG_TOPIC, POSE_TOPIC, Signal
-from cosim.trace.reader import Table, Trace
 
 Reals = NDArray[np.float64]
 

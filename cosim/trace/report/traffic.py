@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace.reader import Table
+from cosim.trace import Table
 from cosim.trace.report.chart import Chart, Curve
 from cosim.trace.report.series import Reals, Recording
 
