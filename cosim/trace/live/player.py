@@ -17,6 +17,8 @@ from cosim.trace.reader import Trace
 _TICK_S = 0.02
 _AFTER_JUMP_S = 0.05
 """So long nothing is sent after a jump: the client hears of the jump first."""
+_LATEST = 2**63 - 1
+"""A file may claim times beyond; what comes that late is sent at the end."""
 _BACKLOG = 1 << 17
 _LOOPBACK = "127.0.0.1"
 
@@ -65,7 +67,7 @@ class Player:
                 "nothing to play", where=str(path), expected="a trace with messages", got="none"
             )
         number = {id(channel): i for i, channel in enumerate(self._channels)}
-        times = np.array([log for _, _, log, _, _ in messages], np.uint64).astype(np.int64)
+        times = np.array([min(log, _LATEST) for _, _, log, _, _ in messages], np.int64)
         order = np.argsort(times, kind="stable")
         self._messages = [messages[i] for i in order]
         self._number = np.array([number[id(m[0])] for m in self._messages], np.int64)

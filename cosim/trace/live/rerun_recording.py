@@ -23,7 +23,7 @@ _COLOURS = (
     (86, 180, 233),
     (128, 128, 128),
 )
-_NAMED = {"reference": (150, 150, 150), "lost": (213, 94, 0), "limit": (213, 94, 0)}
+_NAMED = {"reference": (150, 150, 150), "limit": (213, 94, 0)}
 _LEVELS = {
     "debug": "DEBUG",
     "info": "INFO",

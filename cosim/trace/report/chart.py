@@ -1,7 +1,7 @@
 """A chart as plotly.js draws it: plain data, without colours, which the page's theme gives.
 
 `meta.role` of a curve is the number of its colour in the palette, or the name of what it is
-("reference", "limit", "lost", "start", "end"); `report.js` turns it into ink.
+("reference", "limit"); `report.js` turns it into ink.
 """
 
 from __future__ import annotations

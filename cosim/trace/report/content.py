@@ -196,7 +196,7 @@ def _provenance(info: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "written by", str(info["library"] or "unknown")
     run, result = info["run"], info["result"] or {}
     for key in sorted(run, key=lambda key: (key.startswith(HOST_PREFIX), key)):
-        if not key.startswith(("fmu.", "title")):
+        if not key.startswith(("fmu.", "title", "certificate.")):
             yield key.removeprefix(HOST_PREFIX), str(run[key])
     for key in sorted(result):
         if key.startswith(HOST_PREFIX) or key in {"steps", "simulated_s"}:

@@ -7,12 +7,12 @@
     light: {
       series: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#333333"],
       ink: "#16222c", soft: "#566673", grid: "#e3e9ee", card: "#ffffff",
-      reference: "#16222c", limit: "#b34700", lost: "#d55e00", start: "#009e73", end: "#d55e00",
+      reference: "#16222c", limit: "#b34700", start: "#009e73", end: "#d55e00",
     },
     dark: {
       series: ["#56b4e9", "#e69f00", "#33c79b", "#e29ac2", "#f0e442", "#d5713a", "#dddddd"],
       ink: "#e6edf2", soft: "#9fb0bd", grid: "#2a3742", card: "#17212a",
-      reference: "#e6edf2", limit: "#ff9a4d", lost: "#ff9a4d", start: "#33c79b", end: "#ff9a4d",
+      reference: "#e6edf2", limit: "#ff9a4d", start: "#33c79b", end: "#ff9a4d",
     },
   };
   const dark = window.matchMedia("(prefers-color-scheme: dark)");

@@ -83,9 +83,11 @@ def chart_of(recording: Recording, metrics: Mapping[str, Any], step_ns: int) -> 
     for number, (name, (delivered, _)) in enumerate(links.items(), 1):
         t, age = sawtooth(recording, delivered, end)
         chart.curves.append(Curve(name, t, age, role=number, unit="s"))
-    for name, (_, dropped) in links.items():
+    most = max((float(np.nanmax(c.values, initial=0.0)) for c in chart.curves), default=0.0)
+    for number, (name, (_, dropped)) in enumerate(links.items(), 1):
         if dropped is not None and len(dropped):
-            chart.curves.append(_marks(recording, name, dropped))
+            foot = -0.06 * most * number
+            chart.curves.append(_marks(recording, name, dropped, number, foot))
     designed = metrics.get("designed_age_s")
     if isinstance(designed, int | float) and designed > 0 and loop is not None:
         chart.bounds = [("largest age of a measurement designed for", float(designed))]
@@ -151,8 +153,8 @@ def _sources(table: Table) -> set[str]:
     return {name.partition(".")[0] for name in table.columns}
 
 
-def _marks(recording: Recording, link: str, dropped: Table) -> Curve:
-    """One mark at the foot of the chart per message that was not used."""
+def _marks(recording: Recording, link: str, dropped: Table, number: int, foot: float) -> Curve:
+    """One mark at the foot of the chart per message that was not used, a row for each link."""
     reasons = dropped.columns.get("reason")
     t = recording.seconds(dropped.log_time_ns)
     sent = recording.seconds(dropped.publish_time_ns)
@@ -161,7 +163,7 @@ def _marks(recording: Recording, link: str, dropped: Table) -> Curve:
         f"{'dropped' if reasons is None else reasons[i]}"
         for i in range(len(dropped))
     ]
-    return Curve(f"{link}: not used", t, np.zeros(t.size), role="lost", text=text)
+    return Curve(f"{link}: not used", t, np.full(t.size, foot), role=number, text=text)
 
 
 def _delays(delivered: Table | None) -> Reals:

@@ -100,7 +100,8 @@ def assertions_of(info: Mapping[str, Any]) -> list[Check]:
             listed = json.loads(listed)
         except (ValueError, RecursionError):
             return []
-    return [_assertion(entry) for entry in listed or () if isinstance(entry, dict)]
+    entries = listed if isinstance(listed, list) else []
+    return [_assertion(entry) for entry in entries if isinstance(entry, dict)]
 
 
 def _assertion(entry: Mapping[str, Any]) -> Check:

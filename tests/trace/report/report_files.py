@@ -10,7 +10,7 @@ from pathlib import Path
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import Writer
 
-from cosim.trace import Signal, TraceWriter
+from cosim.trace import Attachment, Signal, TraceWriter
 from cosim.trace.layout import file_descriptor
 
 POSE = [Signal(n, i, "m") for i, n in enumerate(("eta.x", "eta.y", "eta.z"))]
@@ -39,6 +39,34 @@ def wild(path: Path) -> Path:
                 "metrics": json.dumps({"gain": 1e300, "assertions": assertions}),
             }
         )
+
+
+def small(
+    path: Path,
+    *,
+    run: dict[str, str] | None = None,
+    result: dict[str, str] | None = None,
+    scenario: bytes = b"",
+) -> Path:
+    """A pose, a command, a link with a loss; what it says of itself is given."""
+    attached = [
+        Attachment("scenario.toml", "application/toml", scenario),
+        Attachment("plant.modelDescription.xml", "text/xml", scenario),
+        Attachment("design.json", "application/json", scenario),
+    ]
+    with TraceWriter(path, run=run or {"scenario": "small"}, attachments=attached) as writer:
+        pose = [*POSE, Signal("eta.psi", 3, "rad")]
+        eta = writer.add_topic("/plant/output", pose, schema_name="cosim.plant.Output")
+        up = writer.add_topic("/link/up", [Signal("plant.eta.x")], schema_name="cosim.link.up")
+        lost = writer.add_dropped_topic("up")
+        for k in range(40):
+            writer.write(eta, k * 10**8, [0.1 * k, 0.0, 1.0, 0.1])
+            if k % 7:
+                writer.write(up, k * 10**8, [0.1 * k], publish_time_ns=max(k - 2, 0) * 10**8)
+            else:
+                writer.write(lost, k * 10**8, ["lost"])
+        writer.log(4 * 10**9, "warning", "plant", "late")
+        return writer.finish(result or {"status": "finished", "metrics": "{}"})
 
 
 def foreign(path: Path) -> Path:

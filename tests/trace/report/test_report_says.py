@@ -14,7 +14,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from cli.shell import cosim, flight, trace_of
-from report_files import TITLE, foreign, wild
+from report_files import TITLE, foreign, small, wild
 
 from cosim.errors import InputError
 from cosim.trace import Trace
@@ -111,6 +111,9 @@ def test_provenance_is_complete(naive: str) -> None:
         if key.endswith("sha256") or key in {"seed", "software", "host.numpy", "host.platform"}:
             assert value in said, key
     assert "plant initial.eta.x 3 0.0 m scenario" in said
+    claim = json.loads(trace.run["certificate.claim"])
+    assert f"Proved: {claim['property']}, with γ = {claim['gamma']} exactly" in said
+    assert f"d = {claim['delays'][1]['d']} s: age {claim['delays'][1]['age']}" in said
     gain = json.loads(trace.attachments["design.json"])["K"]
     assert f"controller K[1,1] {gain[0][0]:.12g}" in said
 
@@ -221,6 +224,42 @@ def test_figures_may_be_of_any_kind() -> None:
     for result in (None, {}, {"metrics": "text"}, {"metrics": {"assumptions": [1]}}):
         assert assumptions_of({"result": result}) == []
         assert isinstance(metrics_of(result), dict)
+
+
+def test_any_damage_gives_a_report_or_a_refusal(tmp_path: Path) -> None:
+    """Cut anywhere, a byte changed anywhere: what can be read is shown."""
+    whole = small(tmp_path / "small.mcap").read_bytes()
+    path, shown = tmp_path / "damaged.mcap", 0
+    changes = [bytes([*whole[:k], whole[k] ^ 0x55, *whole[k + 1 :]]) for k in range(0, 6000, 301)]
+    for data in [*(whole[:k] for k in range(0, len(whole), len(whole) // 25)), *changes]:
+        path.write_bytes(data)
+        try:
+            html = page(content_of(path))
+        except InputError:
+            continue
+        shown += 1
+        assert "</html>" in html
+    assert shown > 20
+
+
+@pytest.mark.parametrize("value", ["x", 1, [1], {"a": [{}]}, None, True, 1e308, ""])
+def test_a_result_may_hold_anything(value: Any, tmp_path: Path) -> None:
+    """Whatever stands where figures, assertions, links or a claim should: a page comes out."""
+    keys = ("gain", "gamma", "assumptions", "assertions", "envelope_use", "worst_case")
+    text = json.dumps(value)
+    metrics = json.dumps(dict.fromkeys((*keys, "message_age_s", "designed_age_s"), value))
+    path = small(
+        tmp_path / "odd.mcap",
+        run={
+            "step_ns": text,
+            "seed": text,
+            "certificate.sha256": text,
+            "certificate.claim": json.dumps({"gamma": value, "delays": value}),
+        },
+        result={"status": text, "metrics": metrics, "assertions": text, "link.up.sent": text},
+        scenario=json.dumps({"components": value}).encode(),
+    )
+    assert "</html>" in page(content_of(path))
 
 
 def test_where_a_report_goes() -> None:
