@@ -226,6 +226,13 @@ def test_figures_may_be_of_any_kind() -> None:
         assert isinstance(metrics_of(result), dict)
 
 
+@pytest.fixture
+def light(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages without their library, which takes longest and is always the same."""
+    monkeypatch.setattr("cosim.trace.report.page.plotly_js", lambda: "")
+
+
+@pytest.mark.usefixtures("light")
 def test_any_damage_gives_a_report_or_a_refusal(tmp_path: Path) -> None:
     """Cut anywhere, a byte changed anywhere: what can be read is shown."""
     whole = small(tmp_path / "small.mcap").read_bytes()
@@ -242,6 +249,7 @@ def test_any_damage_gives_a_report_or_a_refusal(tmp_path: Path) -> None:
     assert shown > 20
 
 
+@pytest.mark.usefixtures("light")
 @pytest.mark.parametrize("value", ["x", 1, [1], {"a": [{}]}, None, True, 1e308, ""])
 def test_a_result_may_hold_anything(value: Any, tmp_path: Path) -> None:
     """Whatever stands where figures, assertions, links or a claim should: a page comes out."""
