@@ -23,7 +23,9 @@ from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
+from cosim.verbs.trace_live import play, view
 from cosim.verbs.trace_mend import recover, verify
+from cosim.verbs.trace_report import report
 
 app = typer.Typer(
     name="cosim",
@@ -37,6 +39,8 @@ app = typer.Typer(
 for verb in (demo, scenarios, design, analyse, paper, run):
     app.command()(verb)
 app.add_typer(trace_app, name="trace")
+for shown in (report, play, view):
+    trace_app.command()(shown)
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
 fmu_app.command()(build)

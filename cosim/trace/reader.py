@@ -162,6 +162,11 @@ class Trace:
         """Whether the run finished: whether there is a `cosim.result`."""
         return self.result is not None
 
+    @property
+    def channels(self) -> Mapping[int, Channel]:
+        """Every channel that the file declares, by its number in the file."""
+        return self._channels
+
     def read(self, topic: str) -> Table:
         """All rows of one topic.
 
