@@ -17,8 +17,9 @@ from cosim.trace.layout import (
     output_topic,
     result_of_link,
 )
-from cosim.trace.reader import Table, TopicInfo, Trace
+from cosim.trace.reader import TopicInfo, Trace
 from cosim.trace.rows import Poses, Rows
+from cosim.trace.table import Series, Table
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "Attachment",
     "Poses",
     "Rows",
+    "Series",
     "Signal",
     "Table",
     "TopicInfo",

@@ -18,15 +18,27 @@ import hashlib
 import struct
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from cosim.trace.declared import Channel
 from cosim.trace.layout import HOST_PREFIX
-from cosim.trace.reader import Channel, Trace
+from cosim.trace.messages import Messages
+from cosim.trace.reader import Trace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from os import PathLike
 
 _VERSION = b"auv-cosim content 1"
-_TIMES = struct.Struct("<QQIQ")
+_HEAD = np.dtype(
+    [
+        ("channel", "V32"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+        ("sequence", "<u4"),
+        ("size", "<u8"),
+    ]
+)
 
 
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
@@ -43,18 +55,35 @@ def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -
 
 def content_hash_of(trace: Trace) -> str:
     """Content hash of a trace already open."""
+    trace.check()
     messages = hashlib.sha256()
-    known: dict[int, bytes] = {}
-    for channel, sequence, log, publish, payload in trace.messages():
-        head = known.get(id(channel))
-        if head is None:
-            head = known[id(channel)] = _channel(channel)
-        messages.update(head + _TIMES.pack(log, publish, sequence, len(payload)))
-        messages.update(payload)
+    heads = {number: _channel(channel) for number, channel in trace.channels.items()}
+    for block in trace.blocks():
+        messages.update(_block(block, heads))
     metadata = hashlib.sha256()
     for name, entries in trace.metadata:
         metadata.update(_joined([name.encode(), *_entries(entries)]))
     return hashlib.sha256(_VERSION + messages.digest() + metadata.digest()).hexdigest()
+
+
+def _block(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
+    """Channel, times and payload of each message, one behind the other, laid out at once."""
+    sizes = block.sizes + _HEAD.itemsize
+    ends = np.cumsum(sizes)
+    out = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
+    starts = ends - sizes
+    for which, payloads in block.by_size():
+        part = block.heads[which]
+        head = np.zeros(which.size, _HEAD)
+        for channel in np.unique(part["channel"]).tolist():
+            head["channel"][part["channel"] == channel] = heads[channel]
+        head["log"], head["publish"] = part["log"], part["publish"]
+        head["sequence"], head["size"] = part["sequence"], payloads.shape[1]
+        lines = np.hstack([head.view(np.uint8).reshape(which.size, _HEAD.itemsize), payloads])
+        size = np.dtype(f"V{lines.shape[1]}")
+        places = np.ndarray((out.size - size.itemsize + 1,), size, out, strides=(1,))
+        places[starts[which]] = lines.view(size)[:, 0]
+    return out.data
 
 
 def _channel(channel: Channel) -> bytes:
