@@ -10,7 +10,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
 from cosim.trace.layout import message_class, signal_of
-from cosim.trace.wire import Template, template
+from cosim.trace.template import Template, template
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
