@@ -1,6 +1,7 @@
 """Traces: MCAP files of runs; write, read, describe, hash."""
 
 from cosim.trace.content import content_hash
+from cosim.trace.diff import Diff, diff
 from cosim.trace.info import describe
 from cosim.trace.info_view import render
 from cosim.trace.layout import (
@@ -20,6 +21,7 @@ from cosim.trace.layout import (
 from cosim.trace.reader import TopicInfo, Trace
 from cosim.trace.rows import Poses, Rows
 from cosim.trace.table import Series, Table
+from cosim.trace.tolerance import Tolerance, Tolerances
 from cosim.trace.writer import Attachment, TraceWriter
 
 __all__ = [
@@ -29,17 +31,21 @@ __all__ = [
     "DROPPED_SIGNALS",
     "SCENARIO_ATTACHMENT",
     "Attachment",
+    "Diff",
     "Poses",
     "Rows",
     "Series",
     "Signal",
     "Table",
+    "Tolerance",
+    "Tolerances",
     "TopicInfo",
     "Trace",
     "TraceWriter",
     "certificate_entries",
     "content_hash",
     "describe",
+    "diff",
     "dropped_topic",
     "input_topic",
     "link_topic",

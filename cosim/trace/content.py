@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.trace.declared import Channel
-from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC
 from cosim.trace.messages import Messages
 from cosim.trace.reader import Trace
 
@@ -64,6 +64,33 @@ def content_hash_of(trace: Trace) -> str:
     for name, entries in trace.metadata:
         metadata.update(_joined([name.encode(), *_entries(entries)]))
     return hashlib.sha256(_VERSION + messages.digest() + metadata.digest()).hexdigest()
+
+
+def begins_with(whole: Trace, part: Trace) -> bool:
+    """Whether every topic of a trace begins with the messages that another has, bit for bit.
+
+    But for /log, where a run that was cut short says so.
+    """
+    counts = {t: info.count for t, info in part.topics.items() if info.count and t != LOG_TOPIC}
+    if any(t not in whole.topics or whole.topics[t].count < n for t, n in counts.items()):
+        return False
+    return _beginnings(whole, counts) == _beginnings(part, counts)
+
+
+def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
+    """Digest of the first messages of each topic."""
+    heads = {number: _channel(channel) for number, channel in trace.channels.items()}
+    digests = {topic: hashlib.sha256() for topic in counts}
+    left = dict(counts)
+    for block in trace.blocks():
+        for number in np.unique(block.heads["channel"]).tolist():
+            topic = trace.channels[number].topic
+            if not left.get(topic):
+                continue
+            mine = np.flatnonzero(block.heads["channel"] == number)[: left[topic]]
+            digests[topic].update(_block(block.part(mine), heads))
+            left[topic] -= mine.size
+    return {topic: digest.digest() for topic, digest in digests.items()}
 
 
 def _block(block: Messages, heads: Mapping[int, bytes]) -> memoryview:

@@ -98,7 +98,9 @@ def _joined(
         for own in ([name] if name is not None else table.columns)
     ]
     base = _base(align, tables, [tables[topic] for topic, _ in wanted])
-    full = {place: name for name, (topic, s) in trace.signals.items() for place in ((topic, s.name),)}
+    full = {
+        place: name for name, (topic, s) in trace.signals.items() for place in ((topic, s.name),)
+    }
     columns, units = {}, {}
     for table, own in chosen:
         values, there = table[own], table.present[own]
@@ -128,9 +130,7 @@ def _base(align: Align, tables: dict[str, Table], chosen: Sequence[Table]) -> ND
                 "not a period", where="align", expected="at least a nanosecond", got=f"{align:g} s"
             )
         if every.size and (every[-1] - every[0]) // period > _MOST_POINTS:
-            raise InputError(
-                "too many instants", where="align", expected=f"at most {_MOST_POINTS}"
-            )
+            raise InputError("too many instants", where="align", expected=f"at most {_MOST_POINTS}")
         return np.arange(every[0], every[-1] + 1, period) if every.size else every
     given = np.asarray(align, np.float64)
     if given.ndim != 1 or not np.isfinite(given).all() or (np.diff(given) < 0).any():

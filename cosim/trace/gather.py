@@ -42,9 +42,7 @@ class Gathered:
     def __init__(self, where: str, topic: str, channels: Mapping[int, Channel]) -> None:
         self.channels = channels
         self._where, self._topic = where, topic
-        self._sources = {
-            number: _Source(channel, where) for number, channel in channels.items()
-        }
+        self._sources = {number: _Source(channel, where) for number, channel in channels.items()}
         self._numbers = np.fromiter(channels, np.uint16, len(channels))
         self._heads: list[NDArray[Any]] = []
         self._rows = 0
@@ -132,7 +130,9 @@ class _Source:
         try:
             self._decoder = decoder_of(channel)
         except ValueError as error:
-            raise InputError("the topic's schema is unusable", where=where, got=str(error)) from error
+            raise InputError(
+                "the topic's schema is unusable", where=where, got=str(error)
+            ) from error
 
     @property
     def width(self) -> int:

@@ -71,7 +71,7 @@ def times_of(path: Path, contents: Contents) -> dict[int, tuple[int, int]]:
             stream.seek(stretch.position + stretch.size)
             entries = [entries_of(i) for i in _indexes(memoryview(stream.read(stretch.index_size)))]
             known = [entry for entry in entries if entry is not None]
-            if {channel for channel, _ in known} == stretch.channels:
+            if frozenset(channel for channel, _ in known) == stretch.channels:
                 for channel, pairs in known:
                     if len(pairs):
                         note(channel, int(pairs[:, 0].min()), int(pairs[:, 0].max()))

@@ -155,7 +155,7 @@ class Trace:
 
         `component.variable` for what components send and receive, `TOPIC:name` for the rest.
         """
-        found = {}
+        found: dict[str, tuple[str, Signal]] = {}
         for topic, info in self.topics.items():
             component = layout.component_of(topic)
             for signal in info.signals:
@@ -178,9 +178,7 @@ class Trace:
             return topic, own
         raise InputError.unknown("signal", name, self.signals, where=str(self.path))
 
-    def signal(
-        self, name: str, *, start: float | None = None, end: float | None = None
-    ) -> Series:
+    def signal(self, name: str, *, start: float | None = None, end: float | None = None) -> Series:
         """One signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
 
         start, end : as in `read`.
@@ -292,9 +290,9 @@ class Trace:
             for stretch in self._contents.stretches:
                 if stretch.end_ns < first or stretch.start_ns > last:
                     continue
-                if wanted is not None and stretch.channels is not None:
-                    if not stretch.channels & wanted:
-                        continue
+                there = stretch.channels
+                if wanted is not None and there is not None and not there & wanted:
+                    continue
                 try:
                     yield opened(stream, stretch, declared)
                 except DamageError as error:
@@ -331,13 +329,10 @@ def _window(start: float | None, end: float | None) -> tuple[int, int]:
         elif math.isfinite(seconds):
             bounds.append(min(max(round(seconds * 1e9), -1), 2**64 - 1))
         else:
-            raise InputError(
-                "not a time", where=name, expected="finite seconds", got=repr(seconds)
-            )
+            raise InputError("not a time", where=name, expected="finite seconds", got=repr(seconds))
     low, high = bounds
     if start is not None and end is not None and end < start:
         raise InputError(
             "the window ends before it starts", expected="start <= end", got=f"{start:g}, {end:g}"
         )
     return max(low, 0), high
-

@@ -106,7 +106,7 @@ class Series:
     def __len__(self) -> int:
         return int(self.delivered_ns.size)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: Any = None) -> NDArray[Any]:
         """The values: NumPy's functions take the series itself."""
         if copy is False:
             return np.asarray(self.values, dtype)

@@ -20,6 +20,8 @@ Bytes = NDArray[np.uint8]
 Path = tuple[FieldDescriptor, ...]
 
 _VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5
+_WIDTHS = {_FIXED64: 8, _FIXED32: 4}
+_LONGEST = 10  # bytes of a base-128 number of 64 bits
 _FIXED: Mapping[int, str] = {
     FieldDescriptor.TYPE_DOUBLE: "<f8",
     FieldDescriptor.TYPE_FLOAT: "<f4",
@@ -141,53 +143,56 @@ class _Reader:
             raise _NotAlikeError
 
     def _field(self, found: FieldDescriptor, wire: int, path: Path, at: int, end: int) -> int:
-        here = (*path, found)
+        """One field, from behind its tag; where the next begins."""
         choice = found.containing_oneof
         if choice is not None:
-            if (path, choice.full_name) in self._choices:
+            if (path, choice.full_name) in self._choices:  # the last one counts
                 raise _NotAlikeError
             self._choices.add((path, choice.full_name))
-        inside = not found.is_repeated and here in self._inner
+        here = (*path, found)
         leaf = None if found.is_repeated else self._numbers.get(here)
         if wire == _LENGTH:
-            at, size = self._length(at, end)
-            if size > end - at:
-                raise _NotAlikeError
-            if inside:
-                self.message(found.message_type, here, at, at + size)
-            elif leaf is not None:
-                self._slot(leaf, found, _TEXTS, at, size)
-            return at + size
-        if wire == _VARINT:
-            begin = at
-            while self._data[at] & 0x80:
-                self._made._more.append(at)  # noqa: SLF001 - made here
-                at += 1
-            self._made._last.append(at)  # noqa: SLF001
-            at += 1
-            if leaf is not None:
-                self._slot(leaf, found, None, begin, at - begin)
-        elif wire in (_FIXED64, _FIXED32):
-            width = 8 if wire == _FIXED64 else 4
-            if leaf is not None:
-                fitting = tuple(k for k, form in _FIXED.items() if int(form[-1]) == width)
-                self._slot(leaf, found, fitting, at, width)
-            at += width
-        else:
+            return self._delimited(found, here, leaf, at, end)
+        if not found.is_repeated and here in self._inner:
             raise _NotAlikeError
-        if inside or at > end:
+        after = self._varint(at) if wire == _VARINT else at + _WIDTHS.get(wire, end)
+        if after > end:
             raise _NotAlikeError
-        return at
+        if leaf is not None:
+            self._slot(leaf, found, wire, at, after - at)
+        return after
 
-    def _slot(
-        self, leaf: int, found: FieldDescriptor, kinds: Sequence[int] | None, at: int, width: int
-    ) -> None:
-        """A value, if the wire has it as its type says, and once."""
-        wanted = found.type not in (*_FIXED, *_TEXTS) if kinds is None else found.type in kinds
-        closed = found.enum_type is not None and found.enum_type.is_closed
-        if not wanted or closed or width > 10 and kinds is None:
+    def _delimited(
+        self, found: FieldDescriptor, here: Path, leaf: int | None, at: int, end: int
+    ) -> int:
+        at, size = self._length(at, end)
+        if size > end - at:
             raise _NotAlikeError
-        if any(slot.leaf == leaf for slot in self._made.slots):
+        if leaf is not None:
+            self._slot(leaf, found, _LENGTH, at, size)
+        elif not found.is_repeated and here in self._inner and found.message_type is not None:
+            self.message(found.message_type, here, at, at + size)
+        return at + size
+
+    def _varint(self, at: int) -> int:
+        while self._data[at] & 0x80:
+            self._made._more.append(at)  # noqa: SLF001 - made here
+            at += 1
+        self._made._last.append(at)  # noqa: SLF001
+        return at + 1
+
+    def _slot(self, leaf: int, found: FieldDescriptor, wire: int, at: int, width: int) -> None:
+        """A value, if the wire has it as its type says, and once."""
+        form = _FIXED.get(found.type)
+        if found.type in _TEXTS:
+            expected = _LENGTH
+        elif form is None:
+            expected = _VARINT
+        else:
+            expected = _FIXED64 if form.endswith("8") else _FIXED32
+        closed = found.enum_type is not None and found.enum_type.is_closed
+        again = any(slot.leaf == leaf for slot in self._made.slots)
+        if wire != expected or closed or again or (wire == _VARINT and width > _LONGEST):
             raise _NotAlikeError
         self._made.slots.append(_Slot(leaf, at, width))
 
@@ -211,7 +216,7 @@ def _numbers(rows: Bytes, kind: int) -> NDArray[Any]:
     for i in range(rows.shape[1]):
         value |= (rows[:, i] & np.uint8(0x7F)).astype(np.uint64) << np.uint64(7 * i)
     if kind == FieldDescriptor.TYPE_BOOL:
-        return value != 0
+        return np.not_equal(value, 0)
     if kind in _SIGNED:
         if kind == FieldDescriptor.TYPE_SINT32:
             value &= np.uint64(0xFFFFFFFF)

@@ -68,9 +68,7 @@ def age(
         before = np.arange(corners.size) < arrived.size
         order = np.lexsort((~before, corners))
         instants, early = corners[order], before[order]
-        rows = np.where(
-            early, np.searchsorted(np.sort(arrived), instants, side="left") - 1, 0
-        )
+        rows = np.where(early, np.searchsorted(np.sort(arrived), instants, side="left") - 1, 0)
         rows = np.where(early, rows, rows_in_force(arrived, instants))
     else:
         instants = np.rint(np.asarray(at, np.float64) * 1e9).astype(np.int64)
