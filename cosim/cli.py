@@ -20,6 +20,7 @@ from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
 from cosim.verbs.trace_diff import diff
+from cosim.verbs.trace_inject import inject
 
 app = typer.Typer(
     name="cosim",
@@ -38,6 +39,7 @@ app.add_typer(fmu_app, name="fmu")
 fmu_app.command()(build)
 fmu_app.command()(controller)
 trace_app.command()(diff)
+trace_app.command()(inject)
 
 # typer may bring its own copy of click: this is the usage error of the one it uses
 _UsageError: Any = typer.BadParameter.__base__

@@ -7,8 +7,6 @@ compared with the old one by content hash, and where they part, signal by signal
 
 from __future__ import annotations
 
-import hashlib
-import json
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,14 +15,14 @@ from typing import Any
 from cosim.errors import InputError
 from cosim.hinf import Design, design_from_json
 from cosim.hinf.system_json import system_to_json
+from cosim.replay.attached import design_in, scenario_in
 from cosim.replay.provide import provide
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import Prepared, Progress, fly, prepare
 from cosim.scenario.gain import Problem, is_file, problem_of
 from cosim.scenario.outcome import Outcome
-from cosim.scenario.read import parse
 from cosim.scenario.schema import DesignPart
-from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace, content_hash, diff
+from cosim.trace import DESIGN_ATTACHMENT, Trace, content_hash, diff
 from cosim.trace.content import begins_with
 from cosim.trace.diff_json import differences
 
@@ -95,11 +93,7 @@ def rerun(
 
 
 def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | None) -> Prepared:
-    text = _attachment(trace, path, SCENARIO_ATTACHMENT, "scenario.sha256")
-    name = trace.run.get("scenario", path.stem)
-    loaded = parse(
-        text.decode(), name=name, where=f"{path}: {SCENARIO_ATTACHMENT}", folder=hangar.folder
-    )
+    loaded = scenario_in(trace, hangar.folder)
     hashes = {
         part.fmu: trace.run.get(f"fmu.{component}.sha256", "")
         for component, part in loaded.scenario.components.items()
@@ -108,8 +102,7 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
     provide(hangar)
     saved = None
     if loaded.scenario.design is not None:
-        data = json.loads(_attachment(trace, path, DESIGN_ATTACHMENT, "design.sha256"))
-        found = design_from_json(data, where=f"{path}: {DESIGN_ATTACHMENT}")
+        found = design_from_json(design_in(trace), where=f"{path}: {DESIGN_ATTACHMENT}")
         saved = (_problem(loaded.scenario.design, found, path), found)
     prepared = prepare(loaded, hangar, saved=saved, progress=progress)
     for component, fmu in prepared.fmus.items():
@@ -144,24 +137,3 @@ def _problem(part: DesignPart, found: Design, path: Path) -> Problem:
             got=f"a design of {found.system.name!r} with other numbers",
         )
     return problem
-
-
-def _attachment(trace: Trace, path: Path, name: str, digest: str) -> bytes:
-    """An attachment, which must be the one whose hash the trace names under `digest`."""
-    data = trace.attachments.get(name)
-    if data is None:
-        raise InputError(
-            "this trace cannot be run again",
-            where=str(path),
-            expected=f"an attachment {name}, as cosim run writes it",
-            got=", ".join(trace.attachments) or "no attachments",
-        )
-    recorded, found = trace.run.get(digest), hashlib.sha256(data).hexdigest()
-    if recorded != found:
-        raise InputError(
-            f"{name} in this trace is not the one it was run with",
-            where=str(path),
-            expected=f"SHA-256 {recorded}",
-            got=found,
-        )
-    return bytes(data)

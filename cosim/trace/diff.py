@@ -129,7 +129,7 @@ def diff(
     both = [t for t in one.topics if t in two.topics and t in chosen]
     readable = [t for t in both if _readable(one, t) and _readable(two, t) and t != LOG_TOPIC]
     tables = one.read_all(readable), two.read_all(readable)
-    ends = _end_ns(one), _end_ns(two)
+    ends = _end_ns(one, chosen), _end_ns(two, chosen)
     signals: list[SignalDiff] = []
     only: tuple[list[str], list[str]] = ([], [])
     for topic in one.topics:
@@ -229,8 +229,8 @@ def _finite(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float | Non
     return most if np.isfinite(most) else None
 
 
-def _end_ns(trace: Trace) -> int:
-    return max((high for _, high in trace.spans.values()), default=0)
+def _end_ns(trace: Trace, chosen: set[str]) -> int:
+    return max((high for topic, (_, high) in trace.spans.items() if topic in chosen), default=0)
 
 
 def _bytes(trace: Trace, topic: str) -> bytes:
