@@ -20,6 +20,7 @@ from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
 from cosim.verbs.trace_diff import diff
+from cosim.verbs.trace_export import export
 from cosim.verbs.trace_inject import inject
 
 app = typer.Typer(
@@ -38,6 +39,7 @@ app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
 fmu_app.command()(build)
 fmu_app.command()(controller)
+trace_app.command()(export)
 trace_app.command()(diff)
 trace_app.command()(inject)
 
