@@ -53,8 +53,7 @@ def to_pandas(
         instants of its rows. A number: that period [s], from the first row to the last. An
         array: these instants [s]. At each, a column has the value in force, the last one
         delivered up to then (sample and hold, as the run itself held it, whatever the signal's
-        own `hold` says); before the first one it is missing (NaN, None in columns of text and
-        of truth).
+        own `hold` says); before the first one it is missing, as pandas marks it.
     start, end : as `Trace.read`; what was delivered before `start` is not in force after it.
 
     Raises

@@ -19,6 +19,7 @@ from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
 _MAX_NS = 2**63 - 1
+_ROOM = 2**28  # bytes for which nobody need ask
 
 
 def decoder_of(channel: Channel) -> RowDecoder:
@@ -211,7 +212,7 @@ def _merge(
 def _check_room(rows: int, sources: Mapping[int, _Source], where: str) -> None:
     """Refuse what would take more memory than the machine has."""
     needed = rows * 9 * (4 + sum(source.width for source in sources.values()))
-    if needed < 2**28:
+    if needed < _ROOM:
         return
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > 0.8 * there:

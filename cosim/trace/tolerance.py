@@ -81,9 +81,10 @@ def apart(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
     with np.errstate(all="ignore"):
         x, y = a.astype(np.float64), b.astype(np.float64)
         alike = (x == y) | (np.isnan(x) & np.isnan(y))
-        if a.dtype.kind == b.dtype.kind == "i":
-            alike = a == b  # doubles do not tell large integers apart
         distance = np.abs(x - y)
+        if a.dtype.kind == b.dtype.kind == "i":  # doubles do not tell large integers apart
+            alike = a == b
+            distance = np.where(alike | (distance > 0), distance, np.abs(a - b))
         distance[np.isnan(distance)] = np.inf
         relative = distance / np.maximum(np.abs(x), np.abs(y))
         relative[np.isnan(relative)] = np.inf
