@@ -66,7 +66,7 @@ class Order:
     wanted: Wanted = field(default_factory=Wanted)
     way: Way = "delivered"
     link: Link | str | None = None
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
     step_ns: int | None = None
     compare: str | None = None
     tolerances: Tolerances = field(default_factory=Tolerances)
@@ -95,7 +95,7 @@ class Injected:
     sources: Mapping[str, Source]
     unfed: Sequence[str]
     unused: Sequence[str]
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, Any]
     not_set: Sequence[str]
     points: int
     end_s: float
@@ -137,7 +137,7 @@ def inject(
     direct, linked = _routed(trace, sources, order, scenario)
     link = _link(order.link, scenario, trace) if order.way == "sent" else None
     parameters, not_set = _parameters(trace, fmu, order, role, scenario)
-    starts = {name: parameters.get(name, fmu.ports[name].start or 0.0) for name in sources}
+    starts = {n: float(parameters.get(n, fmu.ports[n].start or 0.0)) for n in sources}
     feed = fed(trace, direct, linked, link, starts, order.step_ns)
     name = order.compare or role or _identifier(fmu)
     system = _system(name, fmu, parameters, feed)
@@ -230,18 +230,18 @@ def _parameters(
     order: Order,
     role: str | None,
     scenario: LoadedScenario | None,
-) -> tuple[dict[str, float], list[str]]:
+) -> tuple[dict[str, Any], list[str]]:
     """Parameters to set, and those of the recorded component that this FMU does not have.
 
     The recorded ones are taken for the FMU that flew, and where its part is named; another
     controller comes with its own.
     """
-    found: dict[str, float] = {}
+    found: dict[str, Any] = {}
     flew = role is not None and trace.run.get(f"fmu.{role}.sha256") == fmu.sha256
     if role is not None and scenario is not None and (flew or order.wanted.role is not None):
         component = scenario.scenario.components.get(role)
         if component is not None:
-            found = {name: float(value) for name, value in component.parameters.items()}
+            found = dict(component.parameters)
         design = scenario.scenario.design
         if design is not None and design.controller == role:
             found |= _gain(design_in(trace)["K"], fmu)
@@ -262,7 +262,7 @@ def _settable(fmu: FmuDescription, name: str) -> bool:
     return port is not None and port.causality in ("parameter", "structuralParameter", "input")
 
 
-def _system(name: str, fmu: FmuDescription, parameters: Mapping[str, float], feed: Fed) -> System:
+def _system(name: str, fmu: FmuDescription, parameters: Mapping[str, Any], feed: Fed) -> System:
     steps = np.unique(np.diff(feed.points_ns))
     if steps.size > 1 and not fmu.variable_step:
         raise InputError(
@@ -294,7 +294,7 @@ def _provenance(
     order: Order,
     link: Link | None,
     sources: Mapping[str, Source],
-    parameters: Mapping[str, float],
+    parameters: Mapping[str, Any],
     feed: Fed,
 ) -> dict[str, str]:
     """Entries of `cosim.run`."""

@@ -117,7 +117,12 @@ def mapped(
 
 
 def _inputs(fmu: FmuDescription) -> list[str]:
-    return [p.name for p in fmu.ports.values() if p.causality == "input" and p.kind is not None]
+    """Inputs that can follow a recorded signal: numbers and truth values."""
+    return [
+        p.name
+        for p in fmu.ports.values()
+        if p.causality == "input" and p.kind in ("float", "int", "bool") and not p.shape
+    ]
 
 
 def _source(trace: Trace, name: str) -> Source:

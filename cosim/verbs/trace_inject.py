@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import enum
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from cosim.errors import CheckFailedError, ComponentError, InputError
+from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import Order, Wanted
 from cosim.replay import inject as feed_into
@@ -108,7 +110,6 @@ def inject(
         wanted=Wanted(_pairs("--map", signals), _pairs("--map-group", groups), as_component),
         way=way.value,
         link=_link(link, sample_time, delay, jitter, loss, seed),
-        parameters=_numbers(parameters),
         step_ns=None if step is None else _step(step),
         compare=compare,
         tolerances=Tolerances(Tolerance(absolute, relative)),
@@ -121,6 +122,7 @@ def inject(
     check_room(target)
     with progress() as tell:
         fmu = place.find(into)
+        order = replace(order, parameters=_values(fmu, parameters))
         target.parent.mkdir(parents=True, exist_ok=True)
         found = feed_into(file, fmu, target, order, progress=tell)
     answer(as_json, lambda: inject_json(found), lambda: inject_view(found))
@@ -140,11 +142,14 @@ def _pairs(option: str, texts: list[str] | None) -> list[tuple[str, str]]:
     return pairs
 
 
-def _numbers(texts: list[str] | None) -> dict[str, float]:
-    found = {}
+def _values(fmu: FmuDescription, texts: list[str] | None) -> dict[str, Any]:
+    """Values as their variables have them."""
+    found: dict[str, Any] = {}
     for name, text in _pairs("--set", texts):
+        kind = fmu.port(name, where=f"--set, {fmu.path.name}").kind
+        number = {"true": "1", "false": "0"}.get(text, text) if kind == "bool" else text
         try:
-            found[name] = {"true": 1.0, "false": 0.0}.get(text) or float(text)
+            found[name] = text if kind == "string" else float(number)
         except ValueError as error:
             raise InputError(
                 "not a number", where=f"--set {name}", expected="a number, true or false", got=text
