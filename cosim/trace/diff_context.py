@@ -59,6 +59,8 @@ def context_of(a: Trace, b: Trace) -> Context:
             changes += _json_changes(name, one, two)
         else:
             texts[name] = _lines(one, two)
+    # numbers of a proof say least, and are many
+    changes.sort(key=lambda change: change.key.startswith(("variables", "system")))
     return Context(texts, tuple(changes[:_MOST_ENTRIES]), max(0, len(changes) - _MOST_ENTRIES))
 
 
