@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from cosim.trace.layout import Signal
     from cosim.trace.messages import Messages
 
+__all__ = ["Series", "Table", "TopicInfo", "Trace"]
+
 
 class TopicInfo:
     """What a topic holds.
