@@ -8,27 +8,23 @@ the same layout, which says where its inputs are from.
 
 from __future__ import annotations
 
-import importlib.metadata
-import json
-import platform
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.master import Component, Endpoint, System, Timetable, TraceRecorder, simulate
-from cosim.replay.attached import design_in, scenario_in
+from cosim.replay.attached import scenario_in
 from cosim.replay.feed import Fed, Link, fed
-from cosim.replay.mapping import Source, Wanted, as_delivered, as_sent, mapped, role_of, unfed
+from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unfed
+from cosim.replay.order import Order, provenance, start_values
 from cosim.replay.watch import Progress, Watcher
 from cosim.scenario.assemble import link_of
-from cosim.scenario.gain import gain_parameters
 from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.read import LoadedScenario
 from cosim.trace import (
@@ -36,7 +32,6 @@ from cosim.trace import (
     Attachment,
     Diff,
     Table,
-    Tolerances,
     Trace,
     TraceWriter,
     content_hash,
@@ -44,32 +39,7 @@ from cosim.trace import (
     output_topic,
 )
 
-Way = Literal["delivered", "sent"]
 _DIVERGENCE = 1e300
-
-
-@dataclass(frozen=True)
-class Order:
-    """What is asked for.
-
-    Attributes
-    ----------
-    wanted : which signals go where, and whose part the FMU plays.
-    way : "delivered": what receivers had, when they had it. "sent": what senders sent, at once
-        or over `link`; what nobody sent (references) stays as it was received.
-    link : a new link, or the name of a recorded one, to send over again.
-    parameters : of the FMU, on top of those that the recorded component flew with.
-    step_ns : step of the communication points; None: the instants of the recorded rows.
-    compare : the recorded component whose outputs the new ones are compared with.
-    """
-
-    wanted: Wanted = field(default_factory=Wanted)
-    way: Way = "delivered"
-    link: Link | str | None = None
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    step_ns: int | None = None
-    compare: str | None = None
-    tolerances: Tolerances = field(default_factory=Tolerances)
 
 
 @dataclass(frozen=True)
@@ -136,7 +106,7 @@ def inject(
     sources = mapped(trace, fmu, order.wanted, role)
     direct, linked = _routed(trace, sources, order, scenario)
     link = _link(order.link, scenario, trace) if order.way == "sent" else None
-    parameters, not_set = _parameters(trace, fmu, order, role, scenario)
+    parameters, not_set = start_values(trace, fmu, order, role, scenario)
     starts = {n: float(parameters.get(n, fmu.ports[n].start or 0.0)) for n in sources}
     feed = fed(trace, direct, linked, link, starts, order.step_ns)
     name = order.compare or role or _identifier(fmu)
@@ -147,7 +117,7 @@ def inject(
             where="--compare",
             got=f"first row at {feed.shift_ns / 1e9:g} s",
         )
-    entries = _provenance(trace, fmu, name, order, link, {**direct, **linked}, parameters, feed)
+    entries = provenance(trace, fmu, name, order, link, {**direct, **linked}, parameters, feed)
     xml = Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml)
     with TraceWriter(output, run=entries, attachments=[xml]) as writer:
         with Interruptible() as wish:
@@ -224,44 +194,6 @@ def _link(link: Link | str | None, scenario: LoadedScenario | None, trace: Trace
     return link_of(link, parts[link], scenario.scenario.run.seed)
 
 
-def _parameters(
-    trace: Trace,
-    fmu: FmuDescription,
-    order: Order,
-    role: str | None,
-    scenario: LoadedScenario | None,
-) -> tuple[dict[str, Any], list[str]]:
-    """Parameters to set, and those of the recorded component that this FMU does not have.
-
-    The recorded ones are taken for the FMU that flew, and where its part is named; another
-    controller comes with its own.
-    """
-    found: dict[str, Any] = {}
-    flew = role is not None and trace.run.get(f"fmu.{role}.sha256") == fmu.sha256
-    if role is not None and scenario is not None and (flew or order.wanted.role is not None):
-        component = scenario.scenario.components.get(role)
-        if component is not None:
-            found = dict(component.parameters)
-        design = scenario.scenario.design
-        if design is not None and design.controller == role:
-            found |= _gain(design_in(trace)["K"], fmu)
-    there = {name: value for name, value in found.items() if _settable(fmu, name)}
-    return {**there, **order.parameters}, [name for name in found if name not in there]
-
-
-def _gain(K: Any, fmu: FmuDescription) -> dict[str, float]:
-    try:
-        return gain_parameters(K, fmu)
-    except InputError:  # a controller of another kind has another gain
-        rows = np.asarray(K, dtype=float)
-        return {f"K[{i + 1},{j + 1}]": float(v) for (i, j), v in np.ndenumerate(rows)}
-
-
-def _settable(fmu: FmuDescription, name: str) -> bool:
-    port = fmu.ports.get(name)
-    return port is not None and port.causality in ("parameter", "structuralParameter", "input")
-
-
 def _system(name: str, fmu: FmuDescription, parameters: Mapping[str, Any], feed: Fed) -> System:
     steps = np.unique(np.diff(feed.points_ns))
     if steps.size > 1 and not fmu.variable_step:
@@ -285,41 +217,3 @@ def _system(name: str, fmu: FmuDescription, parameters: Mapping[str, Any], feed:
 def _identifier(fmu: FmuDescription) -> str:
     text = re.sub(r"\W", "_", str(fmu.model.modelName), flags=re.ASCII)
     return text if text[:1].isalpha() else f"c{text}"
-
-
-def _provenance(
-    trace: Trace,
-    fmu: FmuDescription,
-    name: str,
-    order: Order,
-    link: Link | None,
-    sources: Mapping[str, Source],
-    parameters: Mapping[str, Any],
-    feed: Fed,
-) -> dict[str, str]:
-    """Entries of `cosim.run`."""
-    entries = {
-        "software": f"auv-cosim {importlib.metadata.version('auv-cosim')}",
-        "title": f"{name}, fed what was {order.way} in {trace.path.name}",
-        "injected.from": trace.path.name,
-        "injected.content_hash": content_hash(trace.path),
-        "injected.as": order.way,
-        "injected.shift_ns": str(feed.shift_ns),
-        "end_ns": str(int(feed.points_ns[-1])),
-        "time_base": "simulated nanoseconds from the first recorded row",
-        f"fmu.{name}": fmu.path.name,
-        f"fmu.{name}.sha256": fmu.sha256,
-        "parameters": json.dumps(dict(parameters), sort_keys=True),
-        "host.python": platform.python_version(),
-        "host.platform": platform.platform(),
-        "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
-    }
-    if order.step_ns is not None:
-        entries["step_ns"] = str(order.step_ns)
-    if link is not None:
-        entries["injected.link"] = json.dumps(asdict(link), sort_keys=True)
-    for target, source in sources.items():
-        entries[f"injected.map.{target}"] = f"{source.topic}:{source.column}"
-    if "scenario" in trace.run:
-        entries["injected.scenario"] = trace.run["scenario"]
-    return entries

@@ -7,16 +7,13 @@ and hold, `cosim.trace.frames`).
 
 from __future__ import annotations
 
-import csv
-import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.trace.content import content_hash_of
@@ -24,35 +21,11 @@ from cosim.trace.diff import signal_name
 from cosim.trace.hold import held, rows_in_force
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
+from cosim.trace.table_files import Column, Sheet, pyarrow, write_csv, write_parquet
 
 Format = Literal["csv", "parquet"]
 Tell = Callable[[str, float], None]
-_ROWS = 20_000
 _EXACT = 2**53
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of a table to be written: values, and where there are any."""
-
-    name: str
-    unit: str | None
-    description: str | None
-    values: NDArray[Any]
-    present: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class Sheet:
-    """A table to be written; `topic` None: the wide one."""
-
-    topic: str | None
-    columns: list[Column]
-
-    @property
-    def rows(self) -> int:
-        """How many."""
-        return int(self.columns[0].values.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +70,7 @@ def export(
     say = tell or (lambda _what, _share: None)
     trace = Trace(path)
     chosen = _chosen(trace, topics, signals)
-    arrow = _pyarrow() if to == "parquet" else None
+    arrow = pyarrow() if to == "parquet" else None
     single = wide or len(chosen) == 1
     if target is None:
         stem = trace.path.name.partition(".")[0]
@@ -119,9 +92,9 @@ def export(
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             if arrow is None:
-                _write_csv(file, sheet)
+                write_csv(file, sheet)
             else:
-                _write_parquet(arrow, file, sheet, trace, content_hash)
+                write_parquet(arrow, file, sheet, trace, content_hash)
         except OSError as error:
             raise InputError(
                 "the table cannot be written", where=str(file), got=str(error)
@@ -232,63 +205,3 @@ def _wide(tables: dict[str, Table], chosen: dict[str, list[str] | None]) -> Shee
                 Column(signal_name(topic, name), signal.unit, signal.description, values, known)
             )
     return Sheet(None, columns)
-
-
-def _write_csv(path: Path, sheet: Sheet) -> None:
-    """RFC 4180: a header, numbers so that they read back to the same bits, empty where absent."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([column.name for column in sheet.columns])
-        for begin in range(0, sheet.rows, _ROWS):
-            texts = [_texts(column, begin, begin + _ROWS) for column in sheet.columns]
-            writer.writerows(zip(*texts, strict=True))
-
-
-def _texts(column: Column, begin: int, end: int) -> Iterator[Any]:
-    values, present = column.values[begin:end], column.present[begin:end]
-    # str of a Python float is the shortest text that reads back to the same double
-    texts = values.tolist()
-    if column.values.dtype.kind == "b":
-        texts = ["true" if value else "false" for value in texts]
-    if present.all():
-        return iter(texts)
-    return iter([t if there else "" for t, there in zip(texts, present.tolist(), strict=True)])
-
-
-def _pyarrow() -> Any:
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - optional: the extra `tables`
-        import pyarrow.parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "Parquet needs pyarrow",
-            got=str(error),
-            hint="install the extra: pip install 'auv-cosim[tables]'; or --to csv",
-        ) from error
-    return pa
-
-
-def _write_parquet(pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash: str) -> None:
-    """Units and descriptions with each field; where it is from with the schema."""
-    arrays, fields = [], []
-    for column in sheet.columns:
-        mask = None if column.present.all() else ~column.present
-        kind = {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}.get(
-            column.values.dtype.kind, pa.string()
-        )
-        values = column.values if kind != pa.string() else [str(v) for v in column.values]
-        arrays.append(pa.array(values, type=kind, mask=mask))
-        notes = {"unit": column.unit, "description": column.description}
-        fields.append(
-            pa.field(column.name, kind, metadata={k: v for k, v in notes.items() if v is not None})
-        )
-    origin = {
-        "cosim.trace": trace.path.name,
-        "cosim.content_hash": content_hash,
-        "cosim.run": json.dumps(trace.run, sort_keys=True),
-        "cosim.units": json.dumps({c.name: c.unit for c in sheet.columns if c.unit is not None}),
-    }
-    if sheet.topic is not None:
-        origin["cosim.topic"] = sheet.topic
-    schema = pa.schema(fields, metadata=origin)
-    pa.parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd")

@@ -62,11 +62,12 @@ def to_pandas(
     LossError : as `Trace.read`.
     """
     if isinstance(what, str) and what in trace.topics:
-        return _rows(trace.read(what, start=start, end=end))
+        return rows_frame(trace.read(what, start=start, end=end))
     return _joined(trace, [what] if isinstance(what, str) else list(what), align, start, end)
 
 
-def _rows(table: Table) -> Any:
+def rows_frame(table: Table) -> Any:
+    """The rows of one topic as they are; `InputError` without pandas."""
     pd = pandas()
     columns: dict[str, Any] = {}
     if (table.log_time_ns != table.publish_time_ns).any():

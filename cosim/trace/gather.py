@@ -14,7 +14,7 @@ from cosim.trace.declared import Channel
 from cosim.trace.decode import RowDecoder
 from cosim.trace.json_rows import json_columns
 from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages
+from cosim.trace.messages import Messages, on_channels
 from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
@@ -44,7 +44,6 @@ class Gathered:
         self.channels = channels
         self._where, self._topic = where, topic
         self._sources = {number: _Source(channel, where) for number, channel in channels.items()}
-        self._numbers = np.fromiter(channels, np.uint16, len(channels))
         self._heads: list[NDArray[Any]] = []
         self._rows = 0
 
@@ -56,7 +55,7 @@ class Gathered:
         LossError : a row that does not fit its schema.
         InputError : too many rows for the memory there is.
         """
-        mine = np.isin(messages.heads["channel"], self._numbers)
+        mine = on_channels(messages, self.channels)
         if inside is not None:
             mine &= inside
         if not mine.any():
@@ -67,9 +66,10 @@ class Gathered:
         _check_room(self._rows + len(messages), self._sources, self._where)
         for number, source in self._sources.items():
             own = np.flatnonzero(messages.heads["channel"] == number)
-            if own.size:
-                part = messages if own.size == len(messages) else messages.part(own)
-                source.add(part, self._rows + own)
+            if own.size == len(messages):
+                source.add(messages, self._rows + own)
+            elif own.size:
+                source.add(messages.part(own), self._rows + own)
         self._rows += len(messages)
 
     def table(self) -> Table:
@@ -212,7 +212,7 @@ def _merge(
 def _check_room(rows: int, sources: Mapping[int, _Source], where: str) -> None:
     """Refuse what would take more memory than the machine has."""
     needed = rows * 9 * (4 + sum(source.width for source in sources.values()))
-    if needed < _ROOM:
+    if needed < _ROOM or not hasattr(os, "sysconf"):  # Windows does not say
         return
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > 0.8 * there:

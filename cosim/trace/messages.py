@@ -8,7 +8,7 @@ record at a time. Either way nothing in the chunk is passed over.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,6 +84,14 @@ class Messages:
             return np.zeros((places.size, 0), np.uint8)
         found = gathered(self.data, places + HEAD.itemsize, np.dtype(f"V{size}"))
         return found.view(np.uint8).reshape(places.size, size)
+
+
+def on_channels(messages: Messages, channels: Iterable[int]) -> NDArray[np.bool_]:
+    """Which messages are on one of these channels, by id."""
+    wanted = np.zeros(2**16, np.bool_)
+    wanted[list(channels)] = True
+    found: NDArray[np.bool_] = wanted[messages.heads["channel"]]
+    return found
 
 
 def gathered(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[Any]:

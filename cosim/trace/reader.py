@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.errors import InputError, LossError
 from cosim.trace import frames, layout, traffic
-from cosim.trace.contents import by_scan, from_summary
 from cosim.trace.declared import Channel
 from cosim.trace.gather import Gathered, decoder_of
 from cosim.trace.opening import attachment_data, opened, seen_to_the_end, times_of
 from cosim.trace.records import DamageError, open_trace
+from cosim.trace.scan import by_scan
+from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
 
 if TYPE_CHECKING:
@@ -234,13 +235,20 @@ class Trace:
 
     def to_pandas(
         self,
-        what: str | Sequence[str],
+        what: str | Sequence[str] | None = None,
         *,
         align: Align = "union",
         start: float | None = None,
         end: float | None = None,
     ) -> Any:
-        """A pandas DataFrame over time; see `cosim.trace.frames.to_pandas`."""
+        """A pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
+
+        what : a topic, or topics and signals; by default what every component sent and received.
+        """
+        if what is None:
+            what = [t for t in self.topics if layout.component_of(t)] or [
+                topic for topic, info in self.topics.items() if info.signals
+            ]
         return frames.to_pandas(self, what, align=align, start=start, end=end)
 
     def age(

@@ -57,6 +57,12 @@ class Table:
         """Instants of sending [s]."""
         return self.publish_time_ns / 1e9
 
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
+        from cosim.trace.frames import rows_frame  # noqa: PLC0415 - it knows tables
+
+        return rows_frame(self)
+
     def part(self, which: NDArray[Any]) -> Table:
         """The rows that a mask or indices name."""
         return Table(

@@ -51,6 +51,10 @@ def test_a_topic_is_a_frame_over_time(tmp_path: Path) -> None:
     assert frame.attrs["units"] == {"eta.x": "m", "eta.y": "m"}
     assert trace.to_pandas("/link/up")["sent_s"].tolist() == [0.0, 1.0, 2.0]
     assert list(trace.to_pandas("/plant/output", start=3.0).index) == [3.0, 4.0]
+    assert trace.read("/plant/output").to_pandas().equals(frame)
+    assert list(trace.to_pandas().columns) == [
+        "plant.eta.x", "plant.eta.y", "pilot.mode", "pilot.word", "pilot.on",
+    ]  # fmt: skip
 
 
 def test_signals_are_joined_as_they_were_held(tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from written import ETA, write
 
 from cosim.errors import CosimError, InputError, LossError
 from cosim.trace import Rows, Trace, TraceWriter, content_hash, opening
-from cosim.trace.contents import by_scan, from_summary
+from cosim.trace.scan import by_scan
+from cosim.trace.summary import from_summary
 
 
 def two_topics(path: Path) -> Path:
