@@ -7,7 +7,6 @@ chunk, those chunks alone that hold the topics and the time asked for.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -16,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 from cosim.errors import InputError, LossError
 from cosim.trace import frames, layout, traffic
 from cosim.trace.declared import Channel
-from cosim.trace.gather import Gathered, decoder_of
+from cosim.trace.gather import Gathered
 from cosim.trace.opening import attachment_data, opened, seen_to_the_end, times_of
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.scan import by_scan
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
+from cosim.trace.topic_info import TopicInfo, window_ns
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,44 +32,6 @@ if TYPE_CHECKING:
     from cosim.trace.messages import Messages
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
-
-
-class TopicInfo:
-    """What a topic holds.
-
-    Attributes
-    ----------
-    schema, encoding : name of the schema, and how its messages are written.
-    metadata : of its channel.
-    signals : of a protobuf topic; empty for others.
-    count : how many messages.
-    """
-
-    def __init__(self, trace: Trace, channel: Channel, count: int) -> None:
-        self._trace = trace
-        self.topic = channel.topic
-        self.schema = channel.schema.name
-        self.encoding = channel.encoding
-        self.metadata = dict(channel.metadata)
-        self.count = count
-        self.signals: tuple[Signal, ...] = ()
-        if channel.encoding == channel.schema.encoding == "protobuf":
-            try:
-                self.signals = decoder_of(channel).signals
-            except ValueError:
-                self.signals = ()  # `read` says what is wrong with the schema
-
-    @property
-    def start_ns(self) -> int | None:
-        """Least log time [ns]; None without messages."""
-        span = self._trace.spans.get(self.topic)
-        return None if span is None else span[0]
-
-    @property
-    def end_ns(self) -> int | None:
-        """Greatest log time [ns]; None without messages."""
-        span = self._trace.spans.get(self.topic)
-        return None if span is None else span[1]
 
 
 class Trace:
@@ -120,7 +82,7 @@ class Trace:
             if channel.topic in self.topics:  # foreign files have several channels on a topic
                 self.topics[channel.topic].count += count
             else:
-                self.topics[channel.topic] = TopicInfo(self, channel, count)
+                self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
 
     @property
     def finished(self) -> bool:
@@ -219,7 +181,7 @@ class Trace:
         """Tables of several topics (all protobuf ones if None), in one pass over the file."""
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
-        first, last = _window(start, end)
+        first, last = window_ns(start, end)
         gathered = {topic: self._gathered(topic) for topic in topics}
         wanted = {number for each in gathered.values() for number in each.channels}
         for messages in self._stretches(wanted, first, last):
@@ -328,21 +290,3 @@ class Trace:
             got=damage,
             hint="`cosim trace info` reads it as far as it goes",
         )
-
-
-def _window(start: float | None, end: float | None) -> tuple[int, int]:
-    """A time window in nanoseconds, both ends included."""
-    bounds = []
-    for name, seconds, default in (("start", start, 0), ("end", end, 2**64 - 1)):
-        if seconds is None:
-            bounds.append(default)
-        elif math.isfinite(seconds):
-            bounds.append(min(max(round(seconds * 1e9), -1), 2**64 - 1))
-        else:
-            raise InputError("not a time", where=name, expected="finite seconds", got=repr(seconds))
-    low, high = bounds
-    if start is not None and end is not None and end < start:
-        raise InputError(
-            "the window ends before it starts", expected="start <= end", got=f"{start:g}, {end:g}"
-        )
-    return max(low, 0), high
