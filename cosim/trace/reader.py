@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.errors import InputError, LossError
 from cosim.trace import frames, layout, traffic
+from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
 from cosim.trace.gather import Gathered
 from cosim.trace.opening import attachment_data, opened, seen_to_the_end, times_of
 from cosim.trace.records import DamageError, open_trace
-from cosim.trace.scan import by_scan
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
 from cosim.trace.topic_info import TopicInfo, window_ns

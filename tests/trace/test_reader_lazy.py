@@ -16,7 +16,7 @@ from written import ETA, write
 
 from cosim.errors import CosimError, InputError, LossError
 from cosim.trace import Rows, Trace, TraceWriter, content_hash, opening
-from cosim.trace.scan import by_scan
+from cosim.trace.contents_scan import by_scan
 from cosim.trace.summary import from_summary
 
 
