@@ -15,7 +15,7 @@ from cosim.trace.diff_json import diff_json, verdict
 def inject_json(found: Injected) -> dict[str, Any]:
     """Everything, for `--json`."""
     return {
-        "trace": str(found.trace),
+        "output": str(found.trace),
         "content_hash": found.content_hash,
         "fmu": str(found.fmu.path),
         "fmu_sha256": found.fmu.sha256,
@@ -31,6 +31,7 @@ def inject_json(found: Injected) -> dict[str, Any]:
         "shift_s": found.shift_s,
         "status": found.status,
         "reason": found.reason,
+        "identical": found.identical,
         "compare": None if found.compared is None else _compared(found),
     }
 
@@ -40,7 +41,7 @@ def _compared(found: Injected) -> dict[str, Any] | None:
         return None
     keys: tuple[str, ...] = ("equal", "first", "signals", "only")
     whole = diff_json(found.compared)
-    return {"identical": found.identical} | {key: whole[key] for key in keys}
+    return {key: whole[key] for key in keys}
 
 
 def inject_view(found: Injected) -> RenderableType:

@@ -29,7 +29,7 @@ def diff(
         list[str] | None,
         typer.Option(
             "--signal",
-            metavar="NAME=ABS\\[,REL]",
+            metavar="NAME=ABS[,REL]",
             help="Tolerances of one signal, or of a group (plant.eta); may be repeated.",
         ),
     ] = None,
