@@ -23,6 +23,9 @@ from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.trace import trace_app
+from cosim.verbs.trace_diff import diff
+from cosim.verbs.trace_export import export
+from cosim.verbs.trace_inject import inject
 from cosim.verbs.trace_live import play, view
 from cosim.verbs.trace_mend import recover, verify
 from cosim.verbs.trace_report import report
@@ -47,6 +50,9 @@ fmu_app.command()(build)
 fmu_app.command()(controller)
 trace_app.command()(recover)
 trace_app.command()(verify)
+trace_app.command()(export)
+trace_app.command()(diff)
+trace_app.command()(inject)
 
 # typer may bring its own copy of click: this is the usage error of the one it uses
 _UsageError: Any = typer.BadParameter.__base__

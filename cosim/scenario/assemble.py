@@ -95,7 +95,7 @@ def assemble(
     ------
     InputError : a connection that matches nothing, names that do not exist.
     """
-    links = {name: _link(name, part, scenario.run.seed) for name, part in scenario.links.items()}
+    links = {name: link_of(name, part, scenario.run.seed) for name, part in scenario.links.items()}
     timetable = make_timetable(
         links,
         nanoseconds(scenario.run.step),
@@ -168,7 +168,8 @@ def _own(part: ComponentPart) -> dict[str, float]:
     return {name: float(value) for name, value in part.parameters.items()}
 
 
-def _link(name: str, part: LinkPart, seed: int) -> Link:
+def link_of(name: str, part: LinkPart, seed: int) -> Link:
+    """A link of a scenario in nanoseconds; `seed`: of the run, for one without its own."""
     if not isinstance(part, PacketPart):
         return TransportLink(name, nanoseconds(part.delay))
     jitter = Jitter()

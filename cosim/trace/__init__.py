@@ -1,6 +1,7 @@
 """Traces: MCAP files of runs; write, read, describe, hash."""
 
 from cosim.trace.content import content_hash
+from cosim.trace.diff import Diff, diff
 from cosim.trace.info import describe
 from cosim.trace.info_view import render
 from cosim.trace.layout import (
@@ -17,9 +18,11 @@ from cosim.trace.layout import (
     output_topic,
     result_of_link,
 )
-from cosim.trace.reader import Table, TopicInfo, Trace
+from cosim.trace.reader import TopicInfo, Trace
 from cosim.trace.recover import Recovery, recover
 from cosim.trace.rows import Poses, Rows
+from cosim.trace.table import Series, Table
+from cosim.trace.tolerance import Tolerance, Tolerances
 from cosim.trace.verdicts import Check
 from cosim.trace.verify import Verification, verify
 from cosim.trace.writer import Attachment, TraceWriter
@@ -32,11 +35,15 @@ __all__ = [
     "SCENARIO_ATTACHMENT",
     "Attachment",
     "Check",
+    "Diff",
     "Poses",
     "Recovery",
     "Rows",
+    "Series",
     "Signal",
     "Table",
+    "Tolerance",
+    "Tolerances",
     "TopicInfo",
     "Trace",
     "TraceWriter",
@@ -44,6 +51,7 @@ __all__ = [
     "certificate_entries",
     "content_hash",
     "describe",
+    "diff",
     "dropped_topic",
     "input_topic",
     "link_topic",

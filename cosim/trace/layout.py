@@ -121,6 +121,12 @@ def dropped_topic(link: str) -> str:
     return f"/link/{link}/dropped"
 
 
+def component_of(topic: str) -> str | None:
+    """Component whose output or input a topic is; None for other topics."""
+    found = re.fullmatch(r"/([^/]+)/(?:output|input)", topic)
+    return found[1] if found else None
+
+
 def field_names(names: Sequence[str]) -> list[str]:
     """Protobuf field names of FMI names: `eta.x` to `eta_x`, `K[1,3]` to `K_1_3`.
 

@@ -226,8 +226,9 @@ def test_foreign_file(tmp_path: Path, compression: CompressionType, *, chunking:
     assert (thing["topic"], thing["schema"], thing["count"]) == ("/thing", "Thing", 10)
     assert (thing["start_ns"], thing["end_ns"], thing["rate_hz"]) == (10**9, 10**10, 1.0)
     assert (other["topic"], other["count"], other["rate_hz"]) == ("/raw", 1, None)
+    assert len(Trace(path).read("/thing")) == 10
     with pytest.raises(InputError, match="protobuf"):
-        Trace(path).read("/thing")
+        Trace(path).read("/raw")
 
 
 def test_describe_and_render(tmp_path: Path) -> None:
