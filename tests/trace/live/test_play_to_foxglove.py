@@ -204,10 +204,11 @@ def test_a_loop_starts_again_where_it_was_told() -> None:
         seen.subscribe("/plant/output")
         first, _ = seen.until("message", lambda m: m[1] == 10 * S)
         assert [at for _, at, _ in first] == [round((8 + k / 100) * S) for k in range(201)]
-        _, state = seen.until("state", lambda s: s["jumped"])
+        before, state = seen.until("state", lambda s: s["jumped"])  # may be told after the first
         assert 8 * S <= state["at"] < 10 * S
         again, _ = seen.until("message", lambda m: m[1] == 9 * S)
-        assert [at for _, at, _ in again] == [round((8 + k / 100) * S) for k in range(101)]
+        times = [at for _, at, _ in (*before, *again)]
+        assert times == [round((8 + k / 100) * S) for k in range(101)]
 
 
 def test_the_verb_plays_until_it_is_told_to_stop(tmp_path: Path) -> None:
