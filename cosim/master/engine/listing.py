@@ -12,16 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from cosim.master.engine.program import Adjust, Call, Complete, Move, Operation, Program, Step
+from cosim.master.engine.program import (
+    ENDED,
+    Adjust,
+    Call,
+    Complete,
+    Move,
+    Operation,
+    Program,
+    Step,
+)
 from cosim.master.exchange import exchange_function, pointer, step_function
 from cosim.master.routes import Route
 from cosim.network import SUBSTITUTE
 
 Stretch = Callable[[int, int], tuple[int, int, int] | None]
 """Carries out points first to last - 1; (point, operation, status) of what was refused."""
-
-ENDED = -1
-"""In place of a status: the slave asks for the end of the run."""
 
 
 def stretch(

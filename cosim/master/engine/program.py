@@ -33,6 +33,9 @@ from cosim.master.wiring import Wiring
 
 Integers = NDArray[np.int64]
 
+ENDED = 101
+"""Not a status of FMI: the slave asks for the end of the run."""
+
 
 class Adjustment(NamedTuple):
     """factor * value + offset in place of a value; factor 0: offset, whatever the value."""
@@ -133,6 +136,14 @@ class Halt(NamedTuple):
     what: Literal["get", "set", "step", "range", "end"]
     station: int
     status: int
+
+
+def refusal(operation: Operation, k: int, complete: int, status: int) -> Halt:
+    """The halt at an operation that a slave refused, or ended the run with."""
+    if status == ENDED:
+        return Halt(k, complete, "end", operation.station, 0)
+    what = operation.way if isinstance(operation, Call) else "step"
+    return Halt(k, complete, what, operation.station, status)
 
 
 @dataclass(frozen=True, eq=False)
