@@ -5,8 +5,8 @@ is the error of the coupling. The truth is a matrix exponential without links, t
 with transport delays, and an event by event calculation with packets.
 
 `python -m tests.benchmarks.orders --json` prints {"orders": {CASE: {"steps", "errors",
-"slopes", "seconds_of_coupling"}}}, slopes null at round-off: `seconds_of_coupling` is the delay that the coupling itself
-adds at the longest step, apart from the links'.
+"slopes", "seconds_of_coupling"}}}; slopes are null at round-off, `seconds_of_coupling` is the delay
+that the coupling itself adds at the longest step, apart from the links'.
 """
 
 from __future__ import annotations
