@@ -23,7 +23,7 @@ from typing import Any, Self, get_args
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.errors import CosimError, InputError
 from cosim.fmu import FmuSlave
 from cosim.master.ending import ending_of
 from cosim.master.engine import (
@@ -33,6 +33,7 @@ from cosim.master.engine import (
     Halt,
     build,
     choose,
+    fill_in,
     make_program,
 )
 from cosim.master.initial import initialise
@@ -98,6 +99,7 @@ class Session:
         self._stretch = _Stretch()
         self._adjustments: dict[int, Adjustment] = {}
         self._may_go_back = False
+        self._in_turns = system.algorithm == "gauss-seidel"
         self._complete = 0
         self._ending: Ending | None = None
         self._reason: str | None = None
@@ -118,7 +120,9 @@ class Session:
             for observer in self._observers:
                 observer.begin(self._wiring.stations)
             self._rebuild()
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, CosimError):
+                self._journal.note("master", "error", error.text())
             self.close()
             raise
         return self
@@ -327,6 +331,8 @@ class Session:
         if halt is not None:
             self._halt = halt
             self._ending, self._reason = ending_of(self.system, self._wiring, halt)
+            if self._in_turns and halt.what != "range" and halt.complete > halt.k:
+                fill_in(self._program, self._wiring.stations, halt)
         elif self._ending is None and self._complete > self._course.final:
             self._ending = "finished"
         # what is said in a step from a point out of range is void, like the step
@@ -395,10 +401,10 @@ class Session:
             for number, route in enumerate(station.routes):
                 if any(int(column) in self._adjustments for column in route.targets):
                     station.move(number, self._complete)
-        program = make_program(
+        self._program = make_program(
             self.system, self._wiring, self._adjustments, may_go_back=self._may_go_back
         )
-        self._engine = build(self._choice.name, program)
+        self._engine = build(self._choice.name, self._program)
         self._journal.where = self._where
 
     def _note(self, name: str, level: str, message: str, _category: str) -> None:

@@ -93,7 +93,7 @@ class _Writer:
             case Complete():
                 return ["place[1] = 1"]
             case Move():
-                self.names[f"move{number}"] = _mover(self._program, operation.route)
+                self.names[f"move{number}"] = mover(self._program, operation.route)
                 return [f"move{number}(k)"]
             case Adjust():
                 row = self._next(operation.station) if operation.ahead else "k"
@@ -175,7 +175,7 @@ def _flag(address: int) -> Any:
     return (ctypes.c_ubyte * 1).from_address(address)
 
 
-def _mover(program: Program, route: Route) -> Callable[[int], None]:
+def mover(program: Program, route: Route) -> Callable[[int], None]:
     """Put what is in use at point k into the receiver's part of row k."""
     rows, link = program.rows, route.link
 

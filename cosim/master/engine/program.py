@@ -43,6 +43,11 @@ class Adjustment(NamedTuple):
     factor: float
     offset: float
 
+    def put_on(self, rows: Rows, k: int, column: int) -> None:
+        """Adjust one value."""
+        value = rows[k, column]
+        rows[k, column] = self.offset if self.factor == 0.0 else self.factor * value + self.offset
+
 
 @dataclass(frozen=True, eq=False)
 class Call:
@@ -112,7 +117,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Complete:
-    """From here on row k is complete."""
+    """From here on row k is complete; under Gauss-Seidel, but for inputs that wait their turn."""
 
     station: int = -1
 
@@ -237,7 +242,7 @@ class _Maker:
             opening += self._gets(i, outputs)
             closing += self._takes(i)
             point += [*self._takes(i), self._step(i), *self._gets(i, outputs, ahead=True)]
-        return opening, [], point, closing
+        return opening, [], [Complete(), *point], [Complete(), *closing]
 
     def _takes(self, number: int) -> list[Operation]:
         station = self._stations[number]
