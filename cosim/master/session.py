@@ -110,7 +110,7 @@ class Session:
     def __enter__(self) -> Self:
         try:
             for name, component in self.system.components.items():
-                note = functools.partial(self._note, name)
+                note = functools.partial(_note, self._journal, name, component.log_level)
                 slave = FmuSlave(
                     component.description, name, note, categories=component.log_categories
                 )
@@ -141,6 +141,9 @@ class Session:
             self._stack.close()
         finally:
             self._journal.close()
+            # what it has would keep the session, and the session the rows
+            place = self._journal.where()
+            self._journal.where = lambda: place
 
     @property
     def time_ns(self) -> int:
@@ -363,7 +366,8 @@ class Session:
         points, halt = self._course.points_ns, self._halt
         level = {"finished": "info", "stopped": "info"}.get(self._ending or "", "error")
         last = halt.k if self._ending == "failed" and halt else max(self._complete - 1, 0)
-        self._journal.where = lambda: (self._complete, int(points[last]))
+        place = (self._complete, int(points[last]))
+        self._journal.where = lambda: place
         self._journal.note("master", level, self._reason or "the end is reached")
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
@@ -407,11 +411,6 @@ class Session:
         self._engine = build(self._choice.name, self._program)
         self._journal.where = self._where
 
-    def _note(self, name: str, level: str, message: str, _category: str) -> None:
-        least = self.system.components[name].log_level
-        if _LEVELS.index(level) >= _LEVELS.index(least):
-            self._journal.note(name, level, message)
-
     def _where(self) -> tuple[int, int]:
         k, complete = self._engine.where()
         return k + complete, int(self._course.points_ns[k])
@@ -426,3 +425,11 @@ class Session:
             raise InputError(
                 "the run cannot go on: nothing is left to save", where="Session", got=self._reason
             )
+
+
+def _note(
+    journal: Journal, name: str, least: LogLevel, level: str, message: str, _category: str
+) -> None:
+    """Take down what a component says, unless it is asked for less."""
+    if _LEVELS.index(level) >= _LEVELS.index(least):
+        journal.note(name, level, message)

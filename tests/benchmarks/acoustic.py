@@ -38,10 +38,10 @@ PLANT = "plant"
 ENGINES: tuple[EngineName, ...] = ("compiled", "python")
 
 
-def the_system(folder: Path) -> System:
+def the_system(folder: Path, end: float = END) -> System:
     """The scenario's, at another step and end, of native FMUs."""
     loaded = load("auv-acoustic")
-    run = loaded.scenario.run.model_copy(update={"end": END, "step": STEP})
+    run = loaded.scenario.run.model_copy(update={"end": end, "step": STEP})
     shortened = loaded.scenario.model_copy(update={"run": run})
     prepared = prepare(loaded, Hangar(folder, loaded.folder, flavour="native"))
     if prepared.design is None or loaded.scenario.design is None:
