@@ -8,7 +8,7 @@ open files, threads, mapped libraries, and folders among the temporary files.
 "kib_per_run", "files", "threads", "maps", "folders"}}, "long": {ENGINE: {"points", "mib_of_rows",
 "mib_grown", "us_per_step"}}}: growth over all runs but the first hundred, memory by a straight
 line through the samples; of the long run the microseconds per step tenth by tenth.
-`--runs N` in place of 3000 runs of each kind.
+`--runs N` in place of 1000 runs of each kind.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def long_run(system: System, engine: EngineName) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print."""
-    runs = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else 3_000
+    runs = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else 1_000
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         tempfile.tempdir = str(stack.enter_context(tempfile.TemporaryDirectory()))

@@ -183,7 +183,7 @@ def ours(
 
 def ours_on_disk(fmu: Path, n: int) -> Iterator[float]:
     """Seconds per step with links and a trace, of a whole run."""
-    steps = 40_000
+    steps = 20_000
     system = system_of(fmu, n, steps=steps, links=True)
     while True:
         watch = Stopwatch()
@@ -228,7 +228,7 @@ VARIANTS: dict[str, Variant] = {
     "fmpy_per_signal": partial(by_fmpy, batched=False),
     **{name: partial(ByPeer, name) for name in PEERS},
 }
-SELDOM = {"compiled_links_mcap": 6}
+SELDOM = {"compiled_links_mcap": 2}
 """Variants whose turns are whole runs: one turn in so many."""
 
 
