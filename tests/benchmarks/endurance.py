@@ -98,6 +98,7 @@ def repeated(run: Callable[[], None], runs: int) -> dict[str, Any]:
     for number in range(runs - SETTLING):
         run()
         if number % max(1, runs // 100) == 0:
+            gc.collect()  # types that are made at run time, as for a trace, wait for it
             memory.append((number, psutil.Process().memory_info().rss))
     spent = time.perf_counter() - began
     gc.collect()
