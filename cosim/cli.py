@@ -18,6 +18,7 @@ from cosim.verbs.fmu import fmu_app
 from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
+from cosim.verbs.study import study_app
 from cosim.verbs.trace import trace_app
 
 app = typer.Typer(
@@ -34,6 +35,7 @@ for verb in (demo, scenarios, design, analyse, paper, run):
 app.add_typer(trace_app, name="trace")
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(study_app, name="study")
 fmu_app.command()(build)
 fmu_app.command()(controller)
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from cosim.errors import LossError
 from cosim.study.batch import FAILED, Job, Row, adopt, fly_batch, record_batch
+from cosim.study.boundary import yardsticks
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan, rehearse
@@ -104,7 +105,7 @@ def conduct(
             with crew() as opened:
                 _fly_rest(plan, folder, opened, done, tell)
         _complete(plan, done)
-        table = make_table(manifest_of(plan), done)
+        table = make_table({**manifest_of(plan), "stability": yardsticks(plan)}, done)
         write_table(table, folder.results)
         chosen = _chosen(plan.job.study, done)
         kept: dict[int, str | None] = dict.fromkeys(chosen)

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
 from cosim.errors import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
@@ -96,11 +94,12 @@ class Flyer:
         ------
         InputError, NotAchievableError, ComponentError : it cannot be flown.
         """
-        return fly_unrecorded(self._prepared(self._loaded(run)), companion=self._companion)
+        prepared = self._prepared(self._loaded(run, ""))
+        return fly_unrecorded(prepared, companion=self._companion)
 
     def record(self, run: int, trace: Path) -> Outcome:
         """Fly one run into a trace, which carries its scenario and can be flown again."""
-        return fly(self._prepared(self._loaded(run)), trace)
+        return fly(self._prepared(self._loaded(run, self._text(run))), trace)
 
     def designs_made(self) -> dict[str, str]:
         """The designs that were made so far, for others to fly with, as JSON by their demands."""
@@ -112,15 +111,28 @@ class Flyer:
 
     def problem_and_design(self, run: int) -> tuple[Problem | None, Design | None]:
         """What a run's gain is about, and the gain."""
-        prepared = self._prepared(self._loaded(run))
+        prepared = self._prepared(self._loaded(run, ""))
         return prepared.problem, prepared.design
 
-    def _loaded(self, run: int) -> LoadedScenario:
-        values = self.points[run]
-        scenario = self.variations.scenario(values)
-        data = scenario.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
+    def _loaded(self, run: int, text: str) -> LoadedScenario:
+        """The scenario of a run; only a trace carries its text."""
+        scenario = self.variations.scenario(self.points[run])
         name = f"{self.base.name}, run {run} of a study"
-        return LoadedScenario(name, scenario, tomli_w.dumps(data), self.base.folder)
+        return LoadedScenario(name, scenario, text, self.base.folder)
+
+    def _text(self, run: int) -> str:
+        """The scenario of a run as TOML."""
+        try:
+            import tomli_w  # noqa: PLC0415 - optional: the extra `study`
+        except ImportError as error:
+            raise InputError(
+                "traces of a study's runs need tomli-w",
+                got=str(error),
+                hint="pip install 'auv-cosim[study]'",
+            ) from error
+        scenario = self.variations.scenario(self.points[run])
+        data = scenario.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
+        return tomli_w.dumps(data)
 
     def _prepared(self, loaded: LoadedScenario) -> Prepared:
         for component in loaded.scenario.components.values():

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, qmc
+from scipy.special import ndtri
 
 from cosim.errors import InputError
 from cosim.study.schema import (
@@ -25,8 +25,6 @@ from cosim.study.schema import (
     SampledAxis,
     Study,
 )
-
-_MOST_DIMENSIONS = qmc.Sobol.MAXDIM
 
 
 class Points:
@@ -91,7 +89,8 @@ def _values(axis: GridAxis) -> list[Any]:
         return [list(row) for row in axis.rows]
     first, last, count = axis.linspace or axis.logspace or (0.0, 0.0, 0)
     spaced = np.linspace if axis.linspace else np.geomspace
-    return [float(x) for x in spaced(first, last, int(count))]
+    # 0.1, not 0.09999999999999999: what a table of them is grouped and read by
+    return [float(f"{x:.12g}") for x in spaced(first, last, int(count))]
 
 
 def _draw(axes: list[SampledAxis], study: Study) -> list[Any]:
@@ -103,20 +102,9 @@ def _draw(axes: list[SampledAxis], study: Study) -> list[Any]:
 def _shares(axes: list[SampledAxis], study: Study) -> list[NDArray[np.float64]]:
     """Per axis `samples` numbers in [0, 1)."""
     sobol = [a for a in axes if a.kind == "sobol"]
-    if len(sobol) > _MOST_DIMENSIONS:
-        raise InputError(
-            "too many sobol axes",
-            where="vary",
-            expected=f"at most {_MOST_DIMENSIONS}",
-            got=str(len(sobol)),
-        )
     columns: Iterator[NDArray[np.float64]] = iter(())
     if sobol:
-        sequence = qmc.Sobol(len(sobol), scramble=True, rng=np.random.default_rng(study.seed))
-        with warnings.catch_warnings():
-            # a count that is no power of two loses balance, not validity: the user's choice
-            warnings.filterwarnings("ignore", "The balance properties", UserWarning)
-            columns = iter(sequence.random(study.samples).T)
+        columns = iter(_sobol(len(sobol), study).T)
     result: list[NDArray[np.float64]] = []
     for place, axis in enumerate(axes):
         if axis.kind == "sobol":
@@ -126,6 +114,25 @@ def _shares(axes: list[SampledAxis], study: Study) -> list[NDArray[np.float64]]:
             rng = np.random.default_rng([study.seed, place])
             result.append(rng.random(study.samples))
     return result
+
+
+def _sobol(dimensions: int, study: Study) -> NDArray[np.float64]:
+    """Points of a scrambled Sobol sequence, (samples, dimensions)."""
+    from scipy.stats import qmc  # noqa: PLC0415 - loading it takes half a second
+
+    if dimensions > qmc.Sobol.MAXDIM:
+        raise InputError(
+            "too many sobol axes",
+            where="vary",
+            expected=f"at most {qmc.Sobol.MAXDIM}",
+            got=str(dimensions),
+        )
+    sequence = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(study.seed))
+    with warnings.catch_warnings():
+        # a count that is no power of two loses balance, not validity: the user's choice
+        warnings.filterwarnings("ignore", "The balance properties", UserWarning)
+        drawn: NDArray[np.float64] = sequence.random(study.samples)
+    return drawn
 
 
 def _distributed(axis: SampledAxis, u: NDArray[np.float64]) -> Any:
@@ -139,7 +146,7 @@ def _distributed(axis: SampledAxis, u: NDArray[np.float64]) -> Any:
     if axis.normal is not None:
         mean, sigma = axis.normal
         tiny = 2.0**-53  # 0 stands for the first of 2**53 steps, not for minus infinity
-        return mean + sigma * norm.ppf(np.maximum(u, tiny))
+        return mean + sigma * ndtri(np.maximum(u, tiny))
     if axis.integers is not None:
         first, last = axis.integers
         return first + np.floor(u * (last - first + 1)).astype(np.int64)

@@ -75,7 +75,7 @@ class OnDask:
         import distributed  # noqa: PLC0415 - optional: the extra `study`
 
         in_hand: dict[str, tuple[Any, Batch]] = {}
-        done: Any = distributed.as_completed()  # type: ignore[no-untyped-call]
+        done: Any = distributed.as_completed()
         number = itertools.count()
         mark = os.urandom(4).hex()
 
