@@ -17,6 +17,7 @@ BLUE, RED, GREEN, GREY = "#0b6e99", "#d1495b", "#5f7a3d", "#666666"
 _COLOURS = (BLUE, RED, GREEN, "#8a5a9e", "#b8860b", "#4f6d7a")
 _STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.25, "axes.axisbelow": True}
 _DPI = 130
+_MOST_TICKS = 12
 
 
 def draw(table: Any, manifest: dict[str, Any], target: Path, metric: str, over: list[str]) -> Path:
@@ -163,4 +164,7 @@ def _map(axis: Any, frame: Any, x: str, y: str) -> Any:
         return axis.scatter(frame[x], frame[y], c=frame["_value"], s=14, cmap="viridis")
     at_x, at_y, values = grid_of(frame, x, y, "_value")
     axis.grid(visible=False)
+    for centres, set_ticks in ((at_x, axis.set_xticks), (at_y, axis.set_yticks)):
+        if centres.size <= _MOST_TICKS:
+            set_ticks(centres)
     return axis.pcolormesh(edges(at_x), edges(at_y), values, cmap="viridis")

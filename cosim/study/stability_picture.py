@@ -13,7 +13,7 @@ from cosim.study.pictures import BLUE, GREEN, GREY, RED, edges, grid_of, numbers
 from cosim.study.schema import StabilityPart, Study
 from cosim.trace.picture import pyplot
 
-_LOST = "#ec7a63"
+_LOST, _DARK = "#ec7a63", "#7a0f1a"
 _STYLE = {"font.size": 9, "axes.axisbelow": True, "hatch.linewidth": 0.7}
 
 
@@ -123,11 +123,13 @@ def _over_delay_and_loss(
             axis.text(x[column], row, text, ha="center", va="center", fontsize=7)
     if (stable == 0.0).any():
         axis.fill([], [], color=_LOST, label="not stable, or in that share of the runs")
-    _outline(axis, bx, by, stable >= 1.0, RED, "measured boundary: all runs stable to here", 2.4)
+    _outline(axis, bx, by, stable >= 1.0, _DARK, "measured boundary: all runs stable to here", 2.4)
     if part.certified:
         _, _, share = grid_of(frame, part.delay, loss, "_kept")
-        kept = np.ma.masked_less(share, 1.0)
-        axis.pcolor(bx, by, kept, hatch="///", alpha=0.0, edgecolor=GREEN, lw=0)
+        for row, kept in enumerate(share >= 1.0):
+            spans = [(bx[j], bx[j + 1] - bx[j]) for j in np.flatnonzero(kept)]
+            plain = {"facecolor": "none", "edgecolor": GREEN, "hatch": "//", "lw": 0}
+            axis.broken_barh(spans, (by[row], 1.0), **plain)
         label = "certified: every message age within design"
         _outline(axis, bx, by, share >= 1.0, GREEN, label, 2.6)
     _lines(axis, found)
