@@ -23,6 +23,7 @@ from cosim.scenario.gain import Problem, problem_of
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import Scenario
+from cosim.study.consistency import Place, nowhere
 from cosim.study.measure import needs_companion
 from cosim.study.points import Points
 from cosim.study.schema import Study
@@ -69,6 +70,7 @@ class Flyer:
     ----------
     hashes : SHA-256 by FMU reference, as the one who started the study found them.
     designs : what `designs_made` of another flyer of the same study gave.
+    place : where a key of the study stands, for messages.
     """
 
     def __init__(
@@ -77,10 +79,12 @@ class Flyer:
         base: Base,
         hashes: Mapping[str, str] | None = None,
         designs: Mapping[str, str] | None = None,
+        *,
+        place: Place = nowhere,
     ) -> None:
         self.study, self.base = study, base
-        self.points = Points(study)
-        self.variations = Variations(study, base.scenario)
+        self.points = Points(study, place("vary", 0))
+        self.variations = Variations(study, base.scenario, place)
         self.shelf = Shelf(root=base.fmus, folder=base.folder, flavour=base.flavour)
         self._hashes = hashes or {}
         self._companion = needs_companion(study.metrics)

@@ -12,6 +12,7 @@ from typing import Any
 
 from cosim.errors import CosimError, InputError
 from cosim.study.batch import Job, Row, taken
+from cosim.study.consistency import Place, check_consistent, nowhere
 from cosim.study.dotted import split
 from cosim.study.flight import Base, Flyer
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
@@ -41,22 +42,23 @@ class Plan:
         return self.flyer.points.count
 
 
-def make_plan(study: Study, base: Base, where: str = "study") -> Plan:
+def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
     """Check the paths of a study and find its FMUs.
 
-    where : file and the like, for messages.
+    place : where a key stands, for messages.
 
     Raises
     ------
     InputError : a path that leads nowhere, an FMU that is not there, names of metrics and axes
         that do not exist.
     """
-    _check_names(study, where)
-    flyer = Flyer(study, base)
+    check_consistent(study, place)
+    flyer = Flyer(study, base, place=place)
     hashes = {fmu: flyer.shelf.find(fmu).sha256 for fmu in _fmus(study, base)}
     fmus = {name: flyer.shelf.find(part.fmu) for name, part in base.scenario.components.items()}
     for i, axis in enumerate(study.vary):
-        flyer.variations.check_axis(axis, fmus, f"{where}: vary[{i}]")
+        flyer.variations.check_axis(axis, fmus, place("vary", i))
+    _check_values(flyer, place)
     content = {
         "study": study.model_dump(mode="json", exclude=set(_BESIDE)),
         "scenario": base.scenario.model_dump(mode="json", by_alias=True),
@@ -94,24 +96,34 @@ def rehearse(plan: Plan) -> Row | None:
     raise first
 
 
-def _check_names(study: Study, where: str) -> None:
-    if study.worst is not None:
-        _one_of("metric", study.worst[1].removeprefix("-"), study.metrics, f"{where}: traces")
-    part = study.stability
-    if part is None:
-        return
-    axes = {axis.column: axis for axis in study.vary}
-    for key in ("delay", "loss"):
-        if getattr(part, key) is not None:
-            _one_of("axis", getattr(part, key), axes, f"{where}: stability.{key}")
-    for key in ("stable", "gain", "certified"):
-        if getattr(part, key) is not None:
-            _one_of("metric", getattr(part, key), study.metrics, f"{where}: stability.{key}")
+def _check_values(flyer: Flyer, place: Place) -> None:
+    """See that some run is a scenario: what no run can be is the study's fault, not a run's."""
+    first: InputError | None = None
+    for run in dict.fromkeys((0, flyer.points.count - 1, flyer.points.count // 2)):
+        try:
+            flyer.variations.scenario(flyer.points[run])
+        except InputError as error:
+            first = first or error
+        else:
+            return
+    if first is not None:
+        raise InputError(
+            first.what,
+            where=_cause(flyer.study, str(first.where), place),
+            expected=first.expected,
+            got=first.got,
+        )
 
 
-def _one_of(kind: str, name: str, known: Any, where: str) -> None:
-    if name not in known:
-        raise InputError.unknown(kind, name, known, where=where)
+def _cause(study: Study, key: str, place: Place) -> str:
+    """Where a study sets what is wrong with a key of the scenario."""
+    for path in study.set:
+        if key.startswith(".".join(map(str, split(path)))):
+            return f"{place('set', path)}: {key}"
+    for i, axis in enumerate(study.vary):
+        if any(key.startswith(".".join(map(str, split(path)))) for path in axis.places):
+            return f"{place('vary', i)}: {key}"
+    return f"{place('vary', 0)}: {key}"
 
 
 def _fmus(study: Study, base: Base) -> list[str]:

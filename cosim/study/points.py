@@ -28,7 +28,7 @@ from cosim.study.schema import (
 
 
 class Points:
-    """The values of all axes in every run.
+    """The values of all axes in every run; `where` stands in messages.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Points:
     InputError : more runs, or more Sobol axes, than can be had.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, where: str = "vary") -> None:
         self.axes: tuple[Axis, ...] = tuple(study.vary)
         sampled = [a for a in study.vary if isinstance(a, SampledAxis)]
         self._drawn = dict(zip(map(id, sampled), _draw(sampled, study), strict=True))
@@ -64,7 +64,7 @@ class Points:
         if self.count > MOST_RUNS:
             raise InputError(
                 "too many runs",
-                where="vary",
+                where=where,
                 expected=f"at most {MOST_RUNS}",
                 got=f"{self.count}: the product of the axes",
             )

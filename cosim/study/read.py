@@ -9,6 +9,7 @@ from pathlib import Path
 from cosim.errors import InputError
 from cosim.hinf.files import parse_toml
 from cosim.scenario.read import LoadedScenario, builtin_names, load, read_text, validated
+from cosim.study.consistency import Place, check_consistent, in_file
 from cosim.study.schema import Study
 
 
@@ -25,6 +26,11 @@ class LoadedStudy:
     text: str
     where: str
     base: LoadedScenario
+
+    @property
+    def place(self) -> Place:
+        """Where a key stands in the file."""
+        return in_file(self.text, self.where)
 
 
 def builtin_studies() -> list[str]:
@@ -53,6 +59,7 @@ def load_study(name_or_path: str) -> LoadedStudy:
             raise InputError.unknown("study", name_or_path, names)
     text = read_text(path)
     study = validated(Study, text, parse_toml(text, where), where)
+    check_consistent(study, in_file(text, where))
     named = study.scenario
     if named not in builtin_names() and named.endswith(".toml"):
         named = str(path.resolve().parent / named)

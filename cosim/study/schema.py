@@ -265,23 +265,12 @@ class Study(_Part):
             raise ValueError("none, all, failed, or worst:N by METRIC (by -METRIC: the smallest)")
         return value
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        for path in self.set:
+    @field_validator("set")
+    @classmethod
+    def _paths(cls, value: dict[str, Any]) -> dict[str, Any]:
+        for path in value:
             _sound(path)
-        columns = [*RESERVED, *(axis.column for axis in self.vary), *self.metrics]
-        twice = sorted({c for c in columns if columns.count(c) > 1})
-        if twice:
-            raise ValueError(f"columns of the table must differ; {', '.join(twice)} is there twice")
-        places = [place for axis in self.vary for place in axis.places]
-        twice = sorted({p for p in places if places.count(p) > 1})
-        if twice:
-            raise ValueError(f"two axes move the same: {', '.join(twice)}")
-        if self.samples > 1 and not any(isinstance(a, SampledAxis) for a in self.vary):
-            raise ValueError(
-                f"samples = {self.samples}, but no axis is drawn: kind = 'random' or 'sobol'"
-            )
-        return self
+        return value
 
     @property
     def worst(self) -> tuple[int, str] | None:

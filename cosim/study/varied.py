@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario.schema import Scenario
+from cosim.study.consistency import Place, nowhere
 from cosim.study.dotted import put, split
 from cosim.study.expression import Expression
 from cosim.study.schema import Axis, GridAxis, Study
@@ -50,18 +51,19 @@ class Variations:
     Parameters
     ----------
     base : the scenario that is varied, without the study's `set`.
+    where : a key of the study stands, for messages.
 
     Raises
     ------
     InputError : a path of `set` that leads nowhere, or a value that does not fit there.
     """
 
-    def __init__(self, study: Study, base: Scenario) -> None:
+    def __init__(self, study: Study, base: Scenario, where: Place = nowhere) -> None:
         self._movers = [Mover.of(axis) for axis in study.vary]
         data = base.model_dump(by_alias=True, exclude_unset=True)
         self._known = base.model_dump(by_alias=True)
         for place, value in study.set.items():
-            check_place(self._known, place, f"set.{place}")
+            check_place(self._known, place, where("set", place))
             put(data, place, copy.deepcopy(value))
         # what only comes with an axis is not there yet: judged with the first run's values
         self._data = data

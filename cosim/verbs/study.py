@@ -201,7 +201,7 @@ def _plan(loaded: LoadedStudy, fmus: Path, flavour: Flavour) -> Plan:
                 fmus.absolute(),
                 flavour.value,
             ),
-            loaded.where,
+            loaded.place,
         )
     except InputError as error:
         if flavour is Flavour.native and "compiler" in error.what:

@@ -32,7 +32,9 @@ def test_a_grid_is_the_product_the_first_axis_slowest() -> None:
         {"kind": "grid", "linspace": [0.0, 1.0, 3]},
         {"kind": "replicates", "count": 2, "first": 5},
     )
-    assert [found[i] for i in range(found.count)] == list(product([10, 20], [0.0, 0.5, 1.0], [5, 6]))
+    assert [found[i] for i in range(found.count)] == list(
+        product([10, 20], [0.0, 0.5, 1.0], [5, 6])
+    )
 
 
 def test_spaced_values_are_the_decimals_one_would_write() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from study.deadly import FAILING, U, plan, truth
 
 from cosim.errors import InputError, LossError
 from cosim.study import batch
@@ -15,7 +16,6 @@ from cosim.study.folder import JOURNAL, RESULTS, Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.table import read_table
 from cosim.trace import Trace
-from study.deadly import FAILING, U, plan, truth
 
 
 def table(path: Path) -> dict[str, list[Any]]:
@@ -268,5 +268,3 @@ def test_what_cannot_be_shown_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("no table")
     with pytest.raises(InputError, match="not the results of a study"):
         read_table(tmp_path / "x.parquet")
-
-

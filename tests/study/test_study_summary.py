@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import pytest
+from study.deadly import plan
 
 from cosim.errors import InputError
 from cosim.study.batch import Row
 from cosim.study.manifest import manifest_of
 from cosim.study.summary import mean_of, share, summarise
 from cosim.study.table import make_table
-from study.deadly import plan
 
 
 @pytest.mark.parametrize(
     ("count", "of", "low", "high"),
-    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
-)  # fmt: skip
+    [
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
 def test_shares_have_wilsons_interval(count: int, of: int, low: float, high: float) -> None:
     """Newcombe, Statistics in Medicine 17 (1998), table I, method 3."""
     found = share(count, of)
