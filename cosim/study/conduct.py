@@ -28,6 +28,7 @@ Progress = Callable[[str, float], None]
 BATCH_S = 2.0
 """What a batch should take: long against what handing it out costs, short against a coffee."""
 MOST_AT_ONCE = 1000
+_PIECES = 8  # of a batch under which a worker died
 
 _KILLED = "the process that flew this run died, each time that it was tried"
 
@@ -133,15 +134,26 @@ class _Queue:
     def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
         self._runs, self._left, self._workers = runs, count, workers
         self._each = seconds
+        self._again: list[Batch] = []
 
     def take(self) -> Batch | None:
         """The next batch."""
+        if self._again:
+            return self._again.pop()
         size = int(BATCH_S / max(self._each, 1e-6))
         # towards the end everybody shall end at about the same time
         size = max(1, min(size, MOST_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
         batch = list(itertools.islice(self._runs, size))
         self._left -= len(batch)
         return batch or None
+
+    def give_back(self, batch: Batch) -> Batch:
+        """Hand a batch out again in pieces, since a worker died under it; or give its only run."""
+        if len(batch) == 1:
+            return batch
+        size = math.ceil(len(batch) / _PIECES)
+        self._again += [batch[i : i + size] for i in range(0, len(batch), size)]
+        return []
 
     def took(self, rows: list[Row]) -> None:
         """Take note of how long runs take."""
@@ -165,11 +177,11 @@ def _fly_rest(plan: Plan, folder: Folder, crew: Crew, done: list[Row], tell: Pro
 
     for batch, result in crew.work(fly_batch, job, queue.take):
         if isinstance(result, Died):
-            suspects += batch
+            suspects += queue.give_back(batch)
             continue
         queue.took(result)
         keep(result)
-    # a worker died under these: one at a time, so that it shows which of them it was
+    # a worker died under each of these: one at a time, so that no other is to blame
     for run in suspects:
         for _, result in crew.work(fly_batch, job, _once(run)):
             if isinstance(result, Died):

@@ -16,6 +16,7 @@ from cosim.study.consistency import Place, check_consistent, nowhere
 from cosim.study.dotted import split
 from cosim.study.flight import Base, Flyer
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
+from cosim.study.varied import check_parameter
 
 _BESIDE = ("title", "description", "traces", "stability")
 """Keys of a study that no result depends on."""
@@ -55,9 +56,18 @@ def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
     check_consistent(study, place)
     flyer = Flyer(study, base, place=place)
     hashes = {fmu: flyer.shelf.find(fmu).sha256 for fmu in _fmus(study, base)}
-    fmus = {name: flyer.shelf.find(part.fmu) for name, part in base.scenario.components.items()}
+    moved = {*study.set, *(place for axis in study.vary for place in axis.places)}
+    fmus = {
+        name: flyer.shelf.find(part.fmu)
+        for name, part in base.scenario.components.items()
+        if not moved & {f"components.{name}", f"components.{name}.fmu"}
+    }
+    for path in study.set:
+        check_parameter(path, fmus, place("set", path))
     for i, axis in enumerate(study.vary):
         flyer.variations.check_axis(axis, fmus, place("vary", i))
+        for path in axis.places:
+            _check_not_designed(path, base, place("vary", i))
     _check_values(flyer, place)
     content = {
         "study": study.model_dump(mode="json", exclude=set(_BESIDE)),
@@ -94,6 +104,20 @@ def rehearse(plan: Plan) -> Row | None:
         return Row(run, outcome.status, outcome.reason, time.perf_counter() - began, values)
     assert first is not None  # noqa: S101 - the loop ran
     raise first
+
+
+def _check_not_designed(path: str, base: Base, where: str) -> None:
+    """A gain that the design sets would be moved in vain."""
+    part = base.scenario.design
+    match split(path):
+        case ("components", component, "parameters", str(name)):
+            if part is not None and component == part.controller and name.startswith("K["):
+                raise InputError(
+                    f"{path} is what the design of the scenario sets",
+                    where=where,
+                    expected="design.gain, or a scenario without [design]",
+                    got=name,
+                )
 
 
 def _check_values(flyer: Flyer, place: Place) -> None:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,16 +11,15 @@ import typer
 from cosim.errors import InputError
 from cosim.study.boundary import boundary
 from cosim.study.conduct import conduct
-from cosim.study.flight import Base
 from cosim.study.folder import read_rows
 from cosim.study.pictures import draw
-from cosim.study.plan import Plan, make_plan
+from cosim.study.plan import Plan
 from cosim.study.read import LoadedStudy, builtin_studies, load_study
+from cosim.study.running import crew_of, plan_of
 from cosim.study.schema import Study
 from cosim.study.stability_picture import draw_stability
 from cosim.study.summary import summarise
 from cosim.study.table import read_table
-from cosim.study.workers import Crew, cluster, here, local
 from cosim.verbs.arguments import names
 from cosim.verbs.common import FMUS, FmusOption, JsonOption, answer, progress
 from cosim.verbs.fly import Flavour
@@ -118,7 +113,7 @@ def run(
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
-    crew = _crew(workers, scheduler)
+    crew = crew_of(workers, scheduler)
     folder = out or STUDIES / loaded.name
     plan = _plan(loaded, fmus, flavour)
     try:
@@ -189,24 +184,7 @@ def show(
 
 
 def _plan(loaded: LoadedStudy, fmus: Path, flavour: Flavour) -> Plan:
-    base = loaded.base
-    try:
-        return make_plan(
-            loaded.study,
-            Base(
-                base.name,
-                base.scenario,
-                base.text,
-                base.folder.absolute(),
-                fmus.absolute(),
-                flavour.value,
-            ),
-            loaded.place,
-        )
-    except InputError as error:
-        if flavour is Flavour.native and "compiler" in error.what:
-            error.hint = f"{error.hint}; or --flavour python, which is slower"
-        raise
+    return plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour.value)
 
 
 def _values(plan: Plan, number: int) -> dict[str, Any]:
@@ -224,18 +202,3 @@ def _with_traces(study: Study, traces: str) -> Study:
             expected="none, all, failed, or 'worst:N by METRIC'",
             got=repr(traces),
         ) from error
-
-
-def _crew(workers: str, scheduler: str | None) -> Callable[[], AbstractContextManager[Crew]]:
-    if scheduler is not None:
-        return partial(cluster, scheduler)
-    if workers == "all":
-        number = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 0
-        number = number or os.cpu_count() or 1
-    elif workers.isdecimal() and 1 <= int(workers) <= 4096:
-        number = int(workers)
-    else:
-        raise InputError(
-            "not a number of workers", where="--workers", expected="1, 2, ... or all", got=workers
-        )
-    return here if number == 1 else partial(local, number)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cosim.errors import InputError
+from cosim.scenario.read import load
 from cosim.study.flight import Base
 from cosim.study.plan import Plan, make_plan
 from cosim.study.read import builtin_studies, load_study
@@ -133,3 +134,18 @@ def test_a_study_that_does_not_exist_names_those_that_do() -> None:
         load_study("delay-marign")
     with pytest.raises(InputError, match="cannot be read"):
         load_study("nowhere.toml")
+
+
+def test_a_gain_that_the_design_sets_is_not_moved_in_vain(native_fmus: Path) -> None:
+    """K of the controller flies as it was designed: the study says where to vary it."""
+    study = Study(
+        title="t",
+        scenario="paper-example",
+        vary=[{"kind": "grid", "path": "components.controller.parameters.K[1,1]", "values": [1.0]}],
+        metrics={"x": "final.plant.x[1]"},
+    )
+    loaded = load("paper-example")
+    of = Base(loaded.name, loaded.scenario, "", loaded.folder, native_fmus.parent, "native")
+    with pytest.raises(InputError, match="is what the design of the scenario sets") as refused:
+        make_plan(study, of)
+    assert "design.gain" in refused.value.text()

@@ -16,7 +16,7 @@ from cosim.errors import InputError
 from cosim.study.conduct import conduct
 from cosim.study.folder import RESULTS
 from cosim.study.table import read_table
-from cosim.study.workers import cluster, local
+from cosim.study.workers import Died, cluster, local
 
 # sockets of processes that were killed are closed by the collector, which warns
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")  # fmt: skip # noqa: E501
@@ -83,3 +83,27 @@ def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Pa
     assert "died" in found["reason"][2]
     others = [i for i in range(15) if i != 2]
     assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
+
+
+def test_of_a_batch_that_kills_all_but_one_run_are_kept(tmp_path: Path) -> None:
+    """Halved down to the one that kills; a crew that dies on it, in this process."""
+    flown: list[int] = []
+
+    class Fragile:
+        size = 2
+
+        def work(self, do: Any, job: Any, take: Any) -> Iterator[Any]:
+            while (runs := take()) is not None:
+                if 7 in runs:
+                    yield runs, Died(2)
+                else:
+                    flown.extend(runs)
+                    yield runs, do(job, runs)
+
+    done = conduct(
+        plan([0.1 * i for i in range(100)]), tmp_path, lambda: contextlib.nullcontext(Fragile())
+    )
+    assert done.statuses == {"finished": 99, "failed": 1}
+    assert sorted([0, *flown]) == [i for i in range(100) if i != 7]
+    found = read_table(tmp_path)[0].to_pydict()
+    assert found["status"][7] == "failed"
