@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cosim.errors import InputError
+from cosim.errors import InputError, StoppedError
 from cosim.study.boundary import boundary
 from cosim.study.conduct import conduct
 from cosim.study.folder import read_rows
@@ -121,12 +121,12 @@ def run(
             done = conduct(plan, folder, crew, fresh=fresh, progress=tell)
     except KeyboardInterrupt:
         there = len(read_rows(folder)) if folder.is_dir() else 0
-        typer.echo(
-            f"interrupted: {there} of {plan.count} runs are done and kept in {folder}; "
-            "the same command goes on",
-            err=True,
-        )
-        raise typer.Exit(130) from None
+        raise StoppedError(
+            "interrupted",
+            where=str(folder),
+            got=f"{there} of {plan.count} runs are done, and kept",
+            hint="the same command goes on",
+        ) from None
     answer(as_json, done.to_json, lambda: finished_view(done))
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cli.shell import cosim
 from study.deadly import folder
+
+from cosim.study import batch
+from cosim.study.flight import Flyer
 
 STUDY = """
 title = "x follows u"
@@ -113,3 +117,26 @@ def test_what_does_not_belong_together_is_said(tmp_path: Path) -> None:
         result = cosim("study", "show", "studies/follows", *arguments, "--json", cwd=tmp_path)
         assert result.code == 2
         assert words in result.error["what"]
+
+
+def test_an_interruption_says_what_is_kept_and_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 130; the same command flies the rest."""
+    study(tmp_path)
+    original = batch.taken
+
+    def interrupted(flyer: Flyer, run: int) -> Any:
+        if run == 4:
+            raise KeyboardInterrupt
+        return original(flyer, run)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(batch, "taken", interrupted)
+        stopped = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path)
+    assert stopped.code == 130
+    assert stopped.error["got"] == "4 of 6 runs are done, and kept"
+    assert stopped.error["hint"] == "the same command goes on"
+    part = cosim("study", "show", "studies/follows", cwd=tmp_path)
+    assert "4 runs of 6: the study is not finished" in part.out
+    assert cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json["flown"] == 2
