@@ -139,6 +139,8 @@ def local(workers: int) -> Iterator[Crew]:
     settings = {
         "distributed.scheduler.allowed-failures": _ATTEMPTS - 1,
         "distributed.worker.preload": ["cosim.study.quiet"],
+        # it keeps an hour of samples of every thread's stack: memory that only grows
+        "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.limit": "1h",
     }
     with (
