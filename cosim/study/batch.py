@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from threadpoolctl import threadpool_limits
-
 from cosim.errors import ComponentError, CosimError, InputError
+from cosim.hinf.threads import one_thread
 from cosim.scenario.outcome import Outcome
 from cosim.study.flight import Base, Flyer
 from cosim.study.measure import Value, measure
@@ -69,16 +68,18 @@ _flyers: OrderedDict[str, Flyer] = OrderedDict()
 _alone = threading.Lock()
 
 
+@one_thread
 def fly_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Fly these runs; no error of a run leaves this function."""
-    with _alone, threadpool_limits(1):
+    with _alone:
         flyer = _flyer(job)
         return [_row(job, flyer, run) for run in runs]
 
 
+@one_thread
 def record_batch(job: Job, runs: Sequence[int]) -> list[str | None]:
     """Fly these runs again, each into its trace; why there is none where there is none."""
-    with _alone, threadpool_limits(1):
+    with _alone:
         flyer = _flyer(job)
         return [_recorded(job, flyer, run) for run in runs]
 

@@ -137,7 +137,7 @@ def main() -> None:
             "workers": WORKERS,
             "cores": os.cpu_count(),
             "load_before": round(os.getloadavg()[0], 2),
-            "efficiency": efficiency(max(runs // 20, 20), crew, fmus, folder),
+            "efficiency": efficiency(max(runs // 5, 20), crew, fmus, folder),
             "study": memory_over_runs(plan_of(runs, 1, fmus), crew, folder / "long"),
         }
     if "--json" in sys.argv:
