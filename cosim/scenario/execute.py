@@ -119,7 +119,7 @@ def fly(
     with TraceWriter(trace, run=entries, attachments=attachments) as writer:
         run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
         companion = _companion(prepared, system, run, parameters, tell)
-        outcome, schedules = _outcome(prepared, system, run, companion, trace, began)
+        outcome, schedules = _outcome(prepared, run, companion, trace, began)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
@@ -148,7 +148,7 @@ def fly_unrecorded(
     system, parameters = _flown_system(prepared)
     run = _simulate(system, "flight", tell, engine)
     beside = _companion(prepared, system, run, parameters, tell) if companion else None
-    return _outcome(prepared, system, run, beside, None, began)[0], run
+    return _outcome(prepared, run, beside, None, began)[0], run
 
 
 def check_room(trace: Path) -> None:
@@ -201,7 +201,6 @@ def _companion(
 
 def _outcome(
     prepared: Prepared,
-    system: System,
     run: Run,
     companion: Run | None,
     trace: Path | None,
