@@ -85,8 +85,9 @@ class Flyer:
         self.study, self.base = study, base
         self.points = Points(study, place("vary", 0))
         self.variations = Variations(study, base.scenario, place)
-        self.shelf = Shelf(root=base.fmus, folder=base.folder, flavour=base.flavour)
         self._hashes = hashes or {}
+        # by their hash they are found at once, where by name they are first seen to be up to date
+        self.shelf = Shelf(base.fmus, base.folder, self._hashes, base.flavour)
         self._companion = needs_companion(study.metrics)
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
