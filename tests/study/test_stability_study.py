@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli.shell import cosim
 
 from cosim.hinf import characteristic_roots, close, system_by_name
 from cosim.models.delay_system import Delay, DelaySystem
@@ -16,6 +17,7 @@ from cosim.study.flight import Base
 from cosim.study.pictures import draw
 from cosim.study.plan import make_plan
 from cosim.study.read import load_study
+from cosim.study.running import run_study
 from cosim.study.stability_picture import draw_stability
 from cosim.study.table import read_table
 
@@ -93,6 +95,22 @@ def test_the_vehicles_boundary_over_packets_is_its_exact_delay_margin_within_the
     assert draw_stability(table, manifest, tmp_path / "m.png").read_bytes()[:4] == PNG
     for over in (["delay", "loss"], ["delay", "per", "loss"]):
         assert draw(table, manifest, tmp_path / "g.png", "gain", over).stat().st_size > 1000
+
+
+def test_the_trace_of_a_studys_run_is_flown_again_bit_for_bit(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """It carries its own varied scenario, and the system that its design is about."""
+    loaded = load_study("delay-margin")
+    axis = loaded.study.vary[0].model_copy(update={"linspace": [0.1, 0.3, 2]})
+    study = loaded.study.model_copy(update={"vary": [axis], "traces": "worst:1 by growth"})
+    run_study(study, tmp_path, scenario=loaded.base, fmus=native_fmus.parent)
+    trace = str(tmp_path / "traces" / "run-1.mcap")
+    again = cosim(
+        "trace", "rerun", trace, "--fmus", str(native_fmus.parent), "--json", cwd=tmp_path
+    )
+    assert again.code == 0
+    assert again.json["identical"] is True
 
 
 def test_a_later_measured_boundary_would_not_agree(native_fmus: Path, tmp_path: Path) -> None:
