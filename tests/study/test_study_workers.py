@@ -18,9 +18,6 @@ from cosim.study.folder import RESULTS
 from cosim.study.table import read_table
 from cosim.study.workers import Died, cluster, local
 
-# sockets of processes that were killed are closed by the collector, which warns
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")  # fmt: skip # noqa: E501
-
 
 def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None:
     """And the scheduler of the same cluster, asked by its address, as well."""
