@@ -105,17 +105,11 @@ def fly(
     ------
     InputError, ComponentError, LossError : what was recorded before is on disk.
     """
+    if trace is None:
+        return fly_unrecorded(prepared, progress=progress, engine=engine)[0]
     tell = progress or _silent
     began = time.perf_counter()
-    scenario = prepared.loaded.scenario
-    parameters = {}
-    if scenario.design is not None and prepared.design is not None:
-        controller = prepared.fmus[scenario.design.controller]
-        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
-    system = assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
-    if trace is None:
-        run = _simulate(system, "flight", tell, engine)
-        return _outcome(prepared, system, run, parameters, None, began, tell)[0]
+    system, parameters = _flown_system(prepared)
     check_room(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -126,12 +120,37 @@ def fly(
     entries, attachments = identity_of(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer:
         run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
-        outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
+        companion = _companion(prepared, system, run, parameters, tell)
+        outcome, schedules = _outcome(prepared, run, companion, trace, began)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
         writer.finish({**result_entries(outcome), **links})
     return replace(outcome, content_hash=content_hash(trace))
+
+
+def fly_unrecorded(
+    prepared: Prepared,
+    *,
+    companion: bool = True,
+    progress: Progress | None = None,
+    engine: EngineName = "auto",
+) -> tuple[Outcome, Run]:
+    """Run the scenario without a trace, for who looks at its rows.
+
+    companion : whether to run it from rest as well; without, no gain is measured, and what is
+        said of envelope and limits is about this run alone.
+
+    Raises
+    ------
+    InputError, ComponentError : see `fly`.
+    """
+    tell = progress or _silent
+    began = time.perf_counter()
+    system, parameters = _flown_system(prepared)
+    run = _simulate(system, "flight", tell, engine)
+    beside = _companion(prepared, system, run, parameters, tell) if companion else None
+    return _outcome(prepared, run, beside, None, began)[0], run
 
 
 def check_room(trace: Path) -> None:
@@ -151,24 +170,45 @@ def check_room(trace: Path) -> None:
         )
 
 
+_Parameters = Mapping[str, Mapping[str, float]]
+
+
+def _flown_system(prepared: Prepared) -> tuple[System, _Parameters]:
+    """What flies, and the parameters that its design sets."""
+    scenario = prepared.loaded.scenario
+    parameters = {}
+    if scenario.design is not None and prepared.design is not None:
+        controller = prepared.fmus[scenario.design.controller]
+        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
+    system = assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
+    return system, parameters
+
+
+def _companion(
+    prepared: Prepared, system: System, run: Run, parameters: _Parameters, tell: Progress
+) -> Run | None:
+    """The same from rest; None where nothing is designed, or there is nothing to compare."""
+    if prepared.design is None or run.ending == "failed":
+        return None
+    at_rest = assemble(
+        prepared.loaded.scenario,
+        prepared.fmus,
+        parameters=parameters,
+        push=prepared.push,
+        at_rest=True,
+    )
+    # a run that starts from rest is its own companion
+    return run if same_start(system, at_rest) else _simulate(at_rest, "companion", tell, "auto")
+
+
 def _outcome(
     prepared: Prepared,
-    system: System,
     run: Run,
-    parameters: Mapping[str, Mapping[str, float]],
+    companion: Run | None,
     trace: Path | None,
     began: float,
-    tell: Progress,
 ) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
     scenario = prepared.loaded.scenario
-    companion = None
-    if prepared.design is not None and run.ending != "failed":
-        at_rest = assemble(
-            scenario, prepared.fmus, parameters=parameters, push=prepared.push, at_rest=True
-        )
-        # a run that starts from rest is its own companion
-        same = same_start(system, at_rest)
-        companion = run if same else _simulate(at_rest, "companion", tell, "auto")
     schedules = run.schedules
     flight = Flight(
         scenario, prepared.problem, prepared.design, run, companion, schedules, prepared.push

@@ -6,14 +6,16 @@ import difflib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from cosim.errors import InputError
 from cosim.hinf.files import parse_toml
 from cosim.scenario.locate import line_of
 from cosim.scenario.schema import NAME_PATTERN, REFERENCE_PATTERN, Scenario
+
+Model = TypeVar("Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -73,12 +75,19 @@ def read_text(path: Path) -> str:
 
 def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
     """Validate the TOML text of a scenario; `where` stands in the messages."""
-    return LoadedScenario(name, _validated(text, parse_toml(text, where), where), text, folder)
+    scenario = validated(Scenario, text, parse_toml(text, where), where)
+    return LoadedScenario(name, scenario, text, folder)
 
 
-def _validated(text: str, data: dict[str, Any], where: str) -> Scenario:
+def validated(model: type[Model], text: str, data: dict[str, Any], where: str) -> Model:
+    """The `data` of a TOML `text` as an object of `model`.
+
+    Raises
+    ------
+    InputError : it breaks the model; says file, line, key, and the nearest keys there are.
+    """
     try:
-        return Scenario.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
         first = _most_telling(error)
         path = _path(first, data)
@@ -90,7 +99,7 @@ def _validated(text: str, data: dict[str, Any], where: str) -> Scenario:
             where=f"{where}:{line}" if line else where,
             expected=_expected(first),
             got=None if first["type"] == "missing" else repr(first["input"])[:200],
-            hint=_hint(first, path) or (f"{others} more after this one" if others else None),
+            hint=_hint(model, first, path) or (f"{others} more after this one" if others else None),
         ) from error
 
 
@@ -138,7 +147,7 @@ def _expected(detail: Any) -> str | None:
         case "string_pattern_mismatch":
             return _PATTERNS[detail["ctx"]["pattern"]]
         case "union_tag_not_found":
-            return "a key 'kind' that says which kind of link this is"
+            return "a key 'kind' that says which kind this is"
         case "union_tag_invalid":
             return f"kind = {detail['ctx']['expected_tags'].replace(',', ' or')}"
     message: str = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
@@ -151,11 +160,12 @@ _PATTERNS = {
 }
 
 
-def _hint(detail: Any, path: list[Any]) -> str | None:
+def _hint(model: type[BaseModel], detail: Any, path: list[Any]) -> str | None:
     if detail["type"] != "extra_forbidden":
         return None
-    known = set(Scenario.model_json_schema()["properties"])
-    for part in Scenario.model_json_schema()["$defs"].values():
+    schema = model.model_json_schema()
+    known = set(schema["properties"])
+    for part in schema.get("$defs", {}).values():
         known |= set(part.get("properties", {}))
     near = difflib.get_close_matches(str(path[-1]), sorted(known), n=2)
     return f"did you mean {' or '.join(near)}?" if near else None
