@@ -14,7 +14,7 @@ from tempfile import mkdtemp
 from typing import Any
 
 import fmpy
-from benchmarks.tiny_fmu import tiny_fmu
+from benchmarks._tiny import tiny_fmu
 
 from cosim.scenario.read import parse
 from cosim.study.flight import Base
