@@ -20,9 +20,9 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.hinf import Design, design_from_json
 from cosim.hinf.system_json import system_to_json
-from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import Prepared, Progress, fly, prepare
 from cosim.scenario.gain import Problem, is_file, problem_of
+from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import parse
 from cosim.scenario.schema import DesignPart

@@ -1,91 +1,28 @@
-"""Fly a scenario: gain, FMUs, run, companion run, figures, trace."""
+"""Fly a scenario: run, companion run, figures, trace."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from cosim.errors import InputError
-from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase
-from cosim.master import (
-    EngineName,
-    Observer,
-    Run,
-    System,
-    TraceRecorder,
-    simulate,
-)
+from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
-from cosim.scenario.assemble import Hangar, assemble, find_fmus, same_start
-from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
+from cosim.scenario.assemble import assemble, same_start
+from cosim.scenario.conduct import conduct
+from cosim.scenario.gain import gain_parameters
 from cosim.scenario.identity import identity_of
-from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.outcome import Outcome, result_entries
-from cosim.scenario.read import LoadedScenario
-from cosim.scenario.signals import blank_push, worst_case_of
+from cosim.scenario.prepare import Prepared, Progress, prepare, silent
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done."""
+__all__ = ["Prepared", "Progress", "check_room", "fly", "fly_unrecorded", "prepare"]
 
-
-@dataclass(frozen=True)
-class Prepared:
-    """A scenario with everything found that it needs, before anything runs."""
-
-    loaded: LoadedScenario
-    fmus: Mapping[str, FmuDescription]
-    problem: Problem | None
-    design: Design | None
-    push: WorstCase | None = None
-
-
-def prepare(
-    loaded: LoadedScenario,
-    hangar: Hangar,
-    *,
-    saved: tuple[Problem, Design] | None = None,
-    progress: Progress | None = None,
-) -> Prepared:
-    """Find or build the FMUs and make the gain, unless a `saved` one is given.
-
-    Raises
-    ------
-    InputError, NotAchievableError : see `assemble`, `gain` and `signals`.
-    """
-    tell = progress or _silent
-    tell("FMUs", 0.0)
-    fmus = find_fmus(loaded.scenario, hangar)
-    part, disturbance = loaded.scenario.design, loaded.scenario.disturbance
-    if part is None:
-        if disturbance is not None:
-            raise InputError(
-                "a worst case is that of a design, and this scenario has none",
-                where="disturbance",
-                expected="[design]",
-                hint="a wave field as a component needs no design",
-            )
-        return Prepared(loaded, fmus, None, None)
-    for role, name in (("controller", part.controller), ("plant", part.plant)):
-        if name not in fmus:
-            raise InputError.unknown("component", name, fmus, where=f"design.{role}")
-    # fit everything together before the design, which takes longest: what cannot run says so
-    problem = problem_of(part, loaded.folder) if saved is None else saved[0]
-    blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
-    still = None if disturbance is None else blank_push(problem.system)
-    assemble(loaded.scenario, fmus, parameters={part.controller: blank}, push=still)
-    tell("design", 0.0)
-    found = solve(problem, part.gain, part.order) if saved is None else saved[1]
-    push = None if disturbance is None else worst_case_of(disturbance, found)
-    return Prepared(loaded, fmus, problem, found, push)
+_Parameters = Mapping[str, Mapping[str, float]]
 
 
 def fly(
@@ -94,26 +31,22 @@ def fly(
     *,
     progress: Progress | None = None,
     engine: EngineName = "auto",
+    pace: Pace | None = None,
 ) -> Outcome:
     """Run the scenario and its companion from rest; write the trace.
 
-    `engine` is a matter of speed alone: "python", "compiled", or "auto".
+    `engine` is a matter of speed alone: "python", "compiled", or "auto". `pace` holds the run
+    back to the clock on the wall (the companion is not held back).
 
     Raises
     ------
     InputError, ComponentError, LossError : what was recorded before is on disk.
     """
-    tell = progress or _silent
-    began = time.perf_counter()
-    scenario = prepared.loaded.scenario
-    parameters = {}
-    if scenario.design is not None and prepared.design is not None:
-        controller = prepared.fmus[scenario.design.controller]
-        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
-    system = assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
     if trace is None:
-        run = _simulate(system, "flight", tell, engine)
-        return _outcome(prepared, system, run, parameters, None, began, tell)[0]
+        return fly_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
+    tell = progress or silent
+    began = time.perf_counter()
+    system, parameters = _flown_system(prepared)
     check_room(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -123,13 +56,39 @@ def fly(
         ) from error
     entries, attachments = identity_of(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments) as writer:
-        run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
-        outcome, schedules = _outcome(prepared, system, run, parameters, trace, began, tell)
+        run = conduct(system, "flight", tell, engine, TraceRecorder(writer, system), pace=pace)
+        companion = _companion(prepared, system, run, parameters, tell)
+        outcome, schedules = _outcome(prepared, system, run, companion, trace, began, pace)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
         writer.finish({**result_entries(outcome), **links})
     return replace(outcome, content_hash=content_hash(trace))
+
+
+def fly_unrecorded(
+    prepared: Prepared,
+    *,
+    companion: bool = True,
+    progress: Progress | None = None,
+    engine: EngineName = "auto",
+    pace: Pace | None = None,
+) -> tuple[Outcome, Run]:
+    """Run the scenario without a trace, for who looks at its rows.
+
+    companion : whether to run it from rest as well; without, no gain is measured, and what is
+        said of envelope and limits is about this run alone.
+
+    Raises
+    ------
+    InputError, ComponentError : see `fly`.
+    """
+    tell = progress or silent
+    began = time.perf_counter()
+    system, parameters = _flown_system(prepared)
+    run = conduct(system, "flight", tell, engine, pace=pace)
+    beside = _companion(prepared, system, run, parameters, tell) if companion else None
+    return _outcome(prepared, system, run, beside, None, began, pace)[0], run
 
 
 def check_room(trace: Path) -> None:
@@ -149,27 +108,61 @@ def check_room(trace: Path) -> None:
         )
 
 
+def _flown_system(prepared: Prepared) -> tuple[System, _Parameters]:
+    """What flies, and the parameters that its design sets."""
+    loaded = prepared.loaded
+    scenario = loaded.scenario
+    parameters = {}
+    if scenario.design is not None and prepared.design is not None:
+        controller = prepared.fmus[scenario.design.controller]
+        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
+    system = assemble(
+        scenario,
+        prepared.fmus,
+        parameters=parameters,
+        push=prepared.push,
+        origin=loaded.origin,
+    )
+    return system, parameters
+
+
+def _companion(
+    prepared: Prepared, system: System, run: Run, parameters: _Parameters, tell: Progress
+) -> Run | None:
+    """The same from rest; None where nothing is designed, or there is nothing to compare."""
+    if prepared.design is None or run.ending == "failed":
+        return None
+    at_rest = assemble(
+        prepared.loaded.scenario,
+        prepared.fmus,
+        parameters=parameters,
+        push=prepared.push,
+        at_rest=True,
+    )
+    # a run that starts from rest is its own companion
+    return run if same_start(system, at_rest) else conduct(at_rest, "companion", tell, "auto")
+
+
 def _outcome(
     prepared: Prepared,
     system: System,
     run: Run,
-    parameters: Mapping[str, Mapping[str, float]],
+    companion: Run | None,
     trace: Path | None,
     began: float,
-    tell: Progress,
+    pace: Pace | None,
 ) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
     scenario = prepared.loaded.scenario
-    companion = None
-    if prepared.design is not None and run.ending != "failed":
-        at_rest = assemble(
-            scenario, prepared.fmus, parameters=parameters, push=prepared.push, at_rest=True
-        )
-        # a run that starts from rest is its own companion
-        same = same_start(system, at_rest)
-        companion = run if same else _simulate(at_rest, "companion", tell, "auto")
     schedules = run.schedules
     flight = Flight(
-        scenario, prepared.problem, prepared.design, run, companion, schedules, prepared.push
+        scenario,
+        prepared.problem,
+        prepared.design,
+        run,
+        companion,
+        schedules,
+        prepared.push,
+        system,
     )
     outcome = Outcome(
         scenario=prepared.loaded.name,
@@ -185,39 +178,6 @@ def _outcome(
         metrics=metrics_of(flight),
         links={name: s.statistics() for name, s in schedules.items()},
         engine=run.engine,
+        pace=pace,
     )
     return outcome, schedules
-
-
-def _simulate(
-    system: System, what: str, tell: Progress, engine: EngineName, *observers: Observer
-) -> Run:
-    """A run that says how far it is and can be interrupted between two steps."""
-    with Interruptible() as wish:
-        watcher = _Watcher(system, lambda share: tell(what, share), wish)
-        return simulate(system, [*observers, watcher], engine=engine)
-
-
-def _silent(_what: str, _share: float) -> None:
-    """No progress asked for."""
-
-
-class _Watcher(Observer):
-    """Reports how far a run has come, and ends it on request."""
-
-    def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
-        self._wish = wish
-        self._points = system.timetable.points_ns.size
-        self._tell = tell
-
-    def begin(self, stations: Sequence[Any]) -> None:
-        del stations
-        self._tell(0.0)
-
-    def span(self, first: int, last: int) -> None:
-        del first
-        self._wish.obey()
-        self._tell(last / self._points)
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Log lines go to the trace; nothing to do here."""

@@ -48,6 +48,8 @@ def identity_of(prepared: Prepared, system: System) -> tuple[dict[str, str], Seq
         "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
         "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
     }
+    if loaded.source_sha256 is not None:
+        entries["host.scenario.source.sha256"] = loaded.source_sha256
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
         entries[f"host.{package}"] = importlib.metadata.version(package)
     if prepared.push is not None:

@@ -8,10 +8,20 @@ from typing import Annotated
 
 import typer
 
+from cosim.master import Pace
 from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.read import builtin_names, load
-from cosim.verbs.common import FMUS, TRACES, FmusOption, JsonOption, answer, hangar, progress
+from cosim.verbs.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    SetOption,
+    answer,
+    hangar,
+    progress,
+)
 from cosim.verbs.run_view import demo_view, outcome_view, scenarios_view
 
 
@@ -28,6 +38,15 @@ class Flavour(enum.Enum):
 
     python = "python"
     native = "native"
+
+
+class LogLevel(enum.Enum):
+    """What --log-level takes."""
+
+    debug = "debug"
+    info = "info"
+    warning = "warning"
+    error = "error"
 
 
 def demo(
@@ -62,19 +81,36 @@ def run(
             "are the same, bit for bit, where both call the same C library."
         ),
     ] = Flavour.python,
+    changed: SetOption = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="Hold the run back to real time times this factor: 1 is real time."),
+    ] = None,
+    log_level: Annotated[
+        LogLevel | None,
+        typer.Option(help="Record messages of components from this level on (as [log] level)."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fly a scenario and write its trace.
 
-    A run that diverges or ends in a limit cycle is done and says so (exit code 0); a
-    component that fails ends it with exit code 4, and what was recorded stays.
+    A run that diverges, ends in a limit cycle or is stopped is done and says so (exit code 0);
+    a component that fails ends it with exit code 4, and what was recorded stays.
+
+    Examples: cosim run auv-acoustic;
+    cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60;
+    cosim run auv-acoustic --pace 10
     """
-    loaded = load(name)
+    settings = list(changed or ())
+    if log_level is not None:
+        settings.append(f'log.level="{log_level.value}"')
+    loaded = load(name, settings)
     trace = out or TRACES / f"{loaded.name}.mcap"
     check_room(trace)
     with progress() as tell:
         prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
-        outcome = fly(prepared, trace, progress=tell, engine=engine.value)
+        kept = None if pace is None else Pace(pace)
+        outcome = fly(prepared, trace, progress=tell, engine=engine.value, pace=kept)
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)

@@ -17,6 +17,7 @@ from cosim.verbs.terminal import NONE, facts_table, number
 _STATUS = {
     "finished": "green",
     "limit_cycle": "yellow",
+    "stopped": "cyan",
     "diverged": "red",
     "failed": "red",
 }
@@ -39,7 +40,12 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     for label, value, how in _figures(outcome):
         if value != NONE:
             facts.add_row(label, value, how)
-    parts += [facts, *_links(outcome.links), _assumptions(outcome.metrics["assumptions"])]
+    parts += [
+        facts,
+        *_pace(outcome),
+        *_links(outcome.links),
+        _assumptions(outcome.metrics["assumptions"]),
+    ]
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))
     return Group(*parts)
@@ -119,8 +125,19 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
         ("age designed for", number(m["designed_age_s"], 4, "s"), "certified up to it"),
         ("oldest measurement used", number(m["message_age_s"], 4, "s"), "measured"),
+        ("delay added by the coupling", number(m["coupling_delay_s"], 4, "s"), "beside the links'"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _pace(outcome: Outcome) -> list[RenderableType]:
+    """How well the clock on the wall was kept."""
+    kept = outcome.pace
+    if kept is None:
+        return []
+    late = f"{kept.late} of {kept.points} points overran the next one"
+    worst = f"latest by {kept.largest_s:.3g} s, {kept.mean_s:.3g} s on average"
+    return [Text(f"{kept.factor:g} x real time: {late}; {worst}")]
 
 
 def _gain_measured(metrics: Mapping[str, Any]) -> str:

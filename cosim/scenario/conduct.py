@@ -1,0 +1,56 @@
+"""One run of a system: it says how far it is, keeps to a pace, and can be interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from cosim.master import EngineName, Observer, Pace, Run, Session, System
+from cosim.scenario.interrupt import Interruptible
+from cosim.scenario.prepare import Progress
+
+
+def conduct(
+    system: System,
+    what: str,
+    tell: Progress,
+    engine: EngineName,
+    *observers: Observer,
+    pace: Pace | None = None,
+) -> Run:
+    """Run a system from its start to its end.
+
+    Parameters
+    ----------
+    what, tell : what the progress is called, and who is told.
+
+    Raises
+    ------
+    InputError, ComponentError : see `Session`.
+    """
+    with Interruptible() as wish:
+        watcher = _Watcher(system, lambda share: tell(what, share), wish)
+        with Session(system, [*observers, watcher], engine=engine) as session:
+            session.run_until(pace=pace)
+            return session.result()
+
+
+class _Watcher(Observer):
+    """Reports how far a run has come, and ends it on request."""
+
+    def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
+        self._wish = wish
+        self._points = system.timetable.points_ns.size
+        self._tell = tell
+
+    def begin(self, stations: Sequence[Any]) -> None:
+        del stations
+        self._tell(0.0)
+
+    def span(self, first: int, last: int) -> None:
+        del first
+        self._wish.obey()
+        self._tell(last / self._points)
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Log lines go to the trace; nothing to do here."""
