@@ -24,7 +24,7 @@ from typing import Any, Self, get_args
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.fmu import FmuSlave
+from cosim.fmu import FmuSlave, State
 from cosim.master.ending import ending_of
 from cosim.master.engine import (
     Adjustment,
@@ -43,6 +43,7 @@ from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.stations import Station
 from cosim.master.system import LogLevel, System
 from cosim.master.wiring import wire
+from cosim.network import LinkState
 
 _STRETCH_S = 0.05
 _LONGEST = 1 << 16
@@ -98,6 +99,7 @@ class Session:
         self._stretch = _Stretch()
         self._adjustments: dict[int, Adjustment] = {}
         self._may_go_back = False
+        self._starts: dict[str, State] = {}
         self._complete = 0
         self._ending: Ending | None = None
         self._reason: str | None = None
@@ -234,6 +236,45 @@ class Session:
     def release(self, component: str, variable: str) -> None:
         """From now on, an output or connected input as it comes."""
         self._adjust(component, variable, None)
+
+    def keep_start(self, components: Sequence[str]) -> None:
+        """Save how these components started, for `reset`; before the first step.
+
+        Raises
+        ------
+        InputError : a component whose FMU cannot save its state.
+        """
+        for name in components:
+            self._starts[name] = self._station(name).slave.snapshot()
+        if components and not self._may_go_back:
+            self._may_go_back = True
+            self._rebuild()
+
+    def reset(self, component: str) -> None:
+        """Put a component's FMU back to how it started; only it, and from here on."""
+        if component not in self._starts:
+            raise InputError(
+                "the start of this component has not been kept",
+                where=f"component {component!r}",
+                hint="keep_start() before the first step",
+            )
+        self._station(component).slave.restore(self._starts[component])
+
+    def note(self, level: str, name: str, message: str) -> None:
+        """Say something to the observers, at the point where the slaves stand."""
+        before = self._journal.where
+        self._journal.where = lambda: (self._complete, self.time_ns)
+        self._journal.note(name, level, message)
+        self._journal.where = before
+
+    def link_state(self, link: str) -> LinkState:
+        """State of a packet link at the last complete row, arrays of shape (1,)."""
+        return self._course.state(link, self._complete - 1, self._complete)
+
+    @property
+    def row_time_ns(self) -> int:
+        """Instant of the last complete row [ns]."""
+        return int(self._course.points_ns[max(self._complete - 1, 0)])
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """The whole run as it stands: every slave's state, the rows, what is overridden.

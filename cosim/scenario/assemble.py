@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription, Port
@@ -23,12 +22,13 @@ from cosim.master import (
     make_timetable,
 )
 from cosim.master.system import LogLevel
+from cosim.scenario.channels import delay_source, link_of, nanoseconds
 from cosim.scenario.hangar import Hangar
-from cosim.scenario.links import link_of, nanoseconds
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.parameters import numbers_of
 from cosim.scenario.schema import ComponentLogPart, Scenario
+from cosim.scenario.script import changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, pushed, reference_inputs
 
 __all__ = ["Hangar", "Parts", "assemble", "find_fmus", "parts_of", "same_start", "system_of"]
@@ -140,10 +140,11 @@ def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str]
 
 
 def _links(scenario: Scenario, findings: Findings) -> dict[str, Link]:
-    links = {}
+    links: dict[str, Link] = {}
+    changes = changes_of(scenario, findings)
     for name, part in scenario.links.items():
         with findings.at("links", name):
-            links[name] = link_of(name, part, scenario.run.seed)
+            links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()))
     return links
 
 
@@ -152,18 +153,21 @@ def _timetable(scenario: Scenario, links: Mapping[str, Link], findings: Findings
     step, end = nanoseconds(run.step), nanoseconds(run.end)
     every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
     with findings.at("run"):
-        return make_timetable(links, step, end, run.events, every)
+        return make_timetable(links, step, end, run.events, every, instants_ns(scenario))
     # what can still be looked at is looked at over two points
     return Timetable(np.array([0, 1_000_000_000], np.int64), {}, 1_000_000_000)
 
 
 def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Findings) -> Wires:
     wires: Wires = []
-    for i, part in enumerate(scenario.connections):
-        path: Path = ("connections", i)
+    for path, part in scenario.wires():
         with findings.at(*path):
             ends = endpoint(part.source), endpoint(part.target)
-            found = matched(fmus, *ends, part.link, part.policy, scenario.components)
+            found = (
+                [Connection(*ends, part.link, part.policy)]
+                if ends[0].component in scenario.links and ends[0].component not in fmus
+                else matched(fmus, *ends, part.link, part.policy, scenario.components)
+            )
             wires += [(connection, path) for connection in found]
         if part.link is not None and part.link not in scenario.links:
             with findings.at(*path, "link"):
@@ -218,6 +222,11 @@ def system_of(scenario: Scenario, parts: Parts, findings: Findings) -> System:
             run.divergence,
             run.algorithm,
             run.order,
+            {
+                name: source
+                for name, part in scenario.links.items()
+                if (source := delay_source(part)) is not None
+            },
         )
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error

@@ -146,7 +146,7 @@ class _Binder:
         self._lenient = isinstance(scope, AnyName)
         self.names: list[str] = []
 
-    def visit(self, node: ast.expr) -> Node:
+    def visit(self, node: ast.expr) -> Node:  # noqa: PLR0911 - one per form
         match node:
             case ast.Name() if node.id in self._expression.quantities:
                 found = self._expression.quantities[node.id]

@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
+from cosim.scenario.drive import Driver, Rows
 from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.prepare import Progress
+from cosim.scenario.scope import RunScope
+from cosim.scenario.script import Event
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A run, whether events changed more in it than the traffic of links, and how often each."""
+
+    run: Run
+    touched: bool = False
+    happened: tuple[int, ...] = ()
 
 
 def conduct(
@@ -16,9 +29,10 @@ def conduct(
     tell: Progress,
     engine: EngineName,
     *observers: Observer,
+    events: Sequence[Event] = (),
     pace: Pace | None = None,
-) -> Run:
-    """Run a system from its start to its end.
+) -> Flown:
+    """Run a system from its start to its end, or to where an event stops it.
 
     Parameters
     ----------
@@ -30,9 +44,13 @@ def conduct(
     """
     with Interruptible() as wish:
         watcher = _Watcher(system, lambda share: tell(what, share), wish)
-        with Session(system, [*observers, watcher], engine=engine) as session:
-            session.run_until(pace=pace)
-            return session.result()
+        rows = Rows(RunScope(system))
+        with Session(system, [*observers, watcher, rows], engine=engine) as session:
+            driver = Driver(system, events, rows)
+            run = driver.drive(session, pace)
+        if driver.stopped is not None and run.ending in ("stopped", "finished"):
+            run = replace(run, ending="stopped", reason=driver.stopped)
+        return Flown(run, driver.touched, tuple(driver.happened))
 
 
 class _Watcher(Observer):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +12,14 @@ from cosim.errors import InputError
 from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
 from cosim.scenario.assemble import assemble, same_start
-from cosim.scenario.conduct import conduct
+from cosim.scenario.assertions import verdicts_of
+from cosim.scenario.conduct import Flown, conduct
 from cosim.scenario.gain import gain_parameters
 from cosim.scenario.identity import identity_of
+from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.prepare import Prepared, Progress, prepare, silent
+from cosim.scenario.script import Event, script_of
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
@@ -46,7 +49,7 @@ def fly(
         return fly_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
     tell = progress or silent
     began = time.perf_counter()
-    system, parameters = _flown_system(prepared)
+    system, parameters, events = _flown_system(prepared)
     check_room(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -56,9 +59,10 @@ def fly(
         ) from error
     entries, attachments = identity_of(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments) as writer:
-        run = conduct(system, "flight", tell, engine, TraceRecorder(writer, system), pace=pace)
-        companion = _companion(prepared, system, run, parameters, tell)
-        outcome, schedules = _outcome(prepared, system, run, companion, trace, began, pace)
+        recorder = TraceRecorder(writer, system)
+        flown = conduct(system, "flight", tell, engine, recorder, events=events, pace=pace)
+        companion = _companion(prepared, system, flown.run, parameters, tell)
+        outcome, schedules = _outcome(prepared, system, flown, companion, trace, began, pace)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
@@ -85,10 +89,10 @@ def fly_unrecorded(
     """
     tell = progress or silent
     began = time.perf_counter()
-    system, parameters = _flown_system(prepared)
-    run = conduct(system, "flight", tell, engine, pace=pace)
-    beside = _companion(prepared, system, run, parameters, tell) if companion else None
-    return _outcome(prepared, system, run, beside, None, began, pace)[0], run
+    system, parameters, events = _flown_system(prepared)
+    flown = conduct(system, "flight", tell, engine, events=events, pace=pace)
+    beside = _companion(prepared, system, flown.run, parameters, tell) if companion else None
+    return _outcome(prepared, system, flown, beside, None, began, pace)[0], flown.run
 
 
 def check_room(trace: Path) -> None:
@@ -108,8 +112,8 @@ def check_room(trace: Path) -> None:
         )
 
 
-def _flown_system(prepared: Prepared) -> tuple[System, _Parameters]:
-    """What flies, and the parameters that its design sets."""
+def _flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Event]]:
+    """What flies, the parameters that its design sets, and what happens on the way."""
     loaded = prepared.loaded
     scenario = loaded.scenario
     parameters = {}
@@ -123,7 +127,10 @@ def _flown_system(prepared: Prepared) -> tuple[System, _Parameters]:
         push=prepared.push,
         origin=loaded.origin,
     )
-    return system, parameters
+    findings = Findings(loaded.origin)
+    events = script_of(scenario, system, findings)
+    verdicts_of(scenario, system, None, findings)
+    return system, parameters, events
 
 
 def _companion(
@@ -140,19 +147,22 @@ def _companion(
         at_rest=True,
     )
     # a run that starts from rest is its own companion
-    return run if same_start(system, at_rest) else conduct(at_rest, "companion", tell, "auto")
+    if same_start(system, at_rest):
+        return run
+    events = script_of(prepared.loaded.scenario, at_rest, Findings())
+    return conduct(at_rest, "companion", tell, "auto", events=events).run
 
 
 def _outcome(
     prepared: Prepared,
     system: System,
-    run: Run,
+    flown: Flown,
     companion: Run | None,
     trace: Path | None,
     began: float,
     pace: Pace | None,
 ) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
-    scenario = prepared.loaded.scenario
+    scenario, run = prepared.loaded.scenario, flown.run
     schedules = run.schedules
     flight = Flight(
         scenario,
@@ -163,6 +173,7 @@ def _outcome(
         schedules,
         prepared.push,
         system,
+        touched=flown.touched,
     )
     outcome = Outcome(
         scenario=prepared.loaded.name,
@@ -179,5 +190,6 @@ def _outcome(
         links={name: s.statistics() for name, s in schedules.items()},
         engine=run.engine,
         pace=pace,
+        assertions=verdicts_of(scenario, system, run, Findings(prepared.loaded.origin)),
     )
     return outcome, schedules

@@ -73,6 +73,8 @@ _PLAIN = _quantity(NUMBER_ONLY)
 Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False), _SECONDS]
 Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
 Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
+Seconds = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False), _SECONDS]
+Length = Annotated[float, Field(allow_inf_nan=False), _quantity(dimension(m=1))]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.master import EngineChoice, Pace
+from cosim.scenario.assertions import Verdict
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Outcome:
     trace : the file, None if none was asked for.
     engine : which engine carried it out, and why that one.
     pace : how the clock on the wall was kept, None for a run that was not held back to it.
+    assertions : a verdict on each, in the order of the scenario.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
         them, `final` the last value of every output by `component.variable`.
@@ -40,6 +42,12 @@ class Outcome:
     links: dict[str, dict[str, Any]]
     engine: EngineChoice
     pace: Pace | None = None
+    assertions: tuple[Verdict, ...] = ()
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether no assertion came out otherwise than it was expected to."""
+        return all(verdict.as_expected for verdict in self.assertions)
 
     def to_json(self) -> dict[str, Any]:
         """Everything, for `--json`."""
@@ -58,6 +66,8 @@ class Outcome:
             "links": self.links,
             "engine": {"name": self.engine.name, "reason": self.engine.reason},
         }
+        if self.assertions:
+            data["assertions"] = [verdict.to_json() for verdict in self.assertions]
         if self.pace is not None:
             data["pace"] = pace_figures(self.pace)
         return data
@@ -85,6 +95,9 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
         "host.engine": f"{outcome.engine.name}: {outcome.engine.reason}",
         "host.wall_s": repr(round(outcome.wall_s, 3)),
     }
+    if outcome.assertions:
+        verdicts = [verdict.to_json() for verdict in outcome.assertions]
+        entries["assertions"] = json.dumps(verdicts, sort_keys=True, allow_nan=False)
     if outcome.pace is not None:
         entries["host.pace"] = json.dumps(pace_figures(outcome.pace), sort_keys=True)
     if outcome.reason is not None:

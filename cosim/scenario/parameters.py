@@ -24,7 +24,7 @@ def numbers_of(
     for variable, value in parameters.items():
         with findings.at("components", name, "parameters", variable):
             port = fmu.port(variable, where=f"component {name!r}")
-            found[variable] = _resolved(fmu, port, value)
+            found[variable] = in_own_unit(fmu, port, value)
     resized = fmu
     with findings.at("components", name, "parameters"):
         resized = fmu.resized(found)
@@ -36,11 +36,12 @@ def numbers_of(
     return {variable: found[variable] for variable in parameters if variable in found}
 
 
-def _resolved(fmu: FmuDescription, port: Port, value: Any) -> Any:
+def in_own_unit(fmu: FmuDescription, port: Port, value: Any) -> Any:
+    """A value with texts resolved that have a unit, and whole numbers as floats for a Real."""
     if port.kind == "float" and isinstance(value, str):
         return in_unit_of(fmu, port, value, port.name)
     if isinstance(value, list):
-        return [_resolved(fmu, port, item) for item in value]
+        return [in_own_unit(fmu, port, item) for item in value]
     whole = isinstance(value, int) and not isinstance(value, bool)
     return float(value) if port.kind == "float" and whole else value
 

@@ -12,9 +12,11 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from cosim.errors import InputError
+from cosim.network import DelayProfile
 from cosim.scenario.dotted import put, setting
 from cosim.scenario.extend import Source, builtin_names, open_source, read_text, source_of
-from cosim.scenario.origin import NOWHERE, Layer, Origin
+from cosim.scenario.links import ProfileFilePart, ProfilePart
+from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.refused import refusals
 from cosim.scenario.schema import Scenario
 from cosim.scenario.write import to_toml
@@ -79,15 +81,42 @@ def with_settings(source: Source, settings: Sequence[str]) -> Source:
 
 
 def _loaded(source: Source) -> LoadedScenario:
-    scenario = valid(Scenario, source.data, Origin(source.layers))
+    found = valid(Scenario, source.data, Origin(source.layers))
+    scenario = with_files(found, source.folder, Findings(Origin(source.layers)))
     own = [layer for layer in source.layers if layer.path is None]
     text = own[-1].text
-    if len(source.layers) == 1 and "extends" not in source.data:
+    if len(source.layers) == 1 and scenario is found:
         return LoadedScenario(source.name, scenario, text, source.folder, Origin(source.layers))
     digest = hashlib.sha256(text.encode()).hexdigest()
     whole = to_toml(scenario)
     return LoadedScenario(
         source.name, scenario, whole, source.folder, Origin(source.layers), digest
+    )
+
+
+def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:
+    """The scenario with the delays in it that files hold: a run is to need no other file."""
+    links = dict(scenario.links)
+    for name, part in scenario.links.items():
+        if isinstance(part.delay, ProfileFilePart):
+            with findings.at("links", name, "delay"):
+                links[name] = part.model_copy(update={"delay": _recorded(part.delay, folder)})
+    if links == scenario.links:
+        return scenario
+    return scenario.model_copy(update={"links": links})
+
+
+def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:
+    profile = DelayProfile.from_csv(
+        folder / part.file,
+        time=part.time,
+        delay=part.delay,
+        interpolation=part.interpolation,
+    )
+    return ProfilePart(
+        times=[t / 1e9 for t in profile.times_ns.tolist()],
+        delays=[d / 1e9 for d in profile.delays_ns.tolist()],
+        interpolation=profile.interpolation,
     )
 
 

@@ -8,8 +8,22 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from cosim.errors import InputError
+from cosim.scenario.events import ConditionError
+from cosim.scenario.expression import ExpressionError
 from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN
 from cosim.scenario.origin import Origin, Path, key
+
+
+def about(error: ExpressionError, path: Path, origin: Origin) -> InputError:
+    """What is wrong with a condition, with the place and the column of it."""
+    return InputError(
+        f"{key(path)}, {error.where}: {error.what}",
+        where=origin.place(path),
+        expected=error.expected,
+        got=error.got,
+        hint=error.hint,
+    )
+
 
 _SCALAR_WANTED = ("float_type", "int_type", "bool_type", "literal_error", "value_error")
 _NO_TABLE = ("model_type", "model_attributes_type", "dict_type")
@@ -48,6 +62,9 @@ _BRANCHES = ("BurstPart",)
 
 
 def _refusal(model: type[BaseModel], detail: Any, path: Path, origin: Origin) -> InputError:
+    cause = detail.get("ctx", {}).get("error")
+    if isinstance(cause, ConditionError):
+        return about(cause.error, path, origin)
     return InputError(
         _sentence(detail, key(path)),
         where=origin.place(path),

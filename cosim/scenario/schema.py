@@ -6,12 +6,14 @@ with a unit stands for a number: `step = "50 ms"`.
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from cosim.master import Algorithm, Policy
+from cosim.scenario.events import AssertionPart, EventPart
 from cosim.scenario.fields import (
     NAME_PATTERN,
     REFERENCE_PATTERN,
@@ -78,6 +80,37 @@ class ConnectionPart(Part):
     target: Reference = Field(alias="to")
     link: Name | None = None
     policy: Policy = "hold"
+
+
+_SHORT = re.compile(
+    r"\s*(?P<source>[A-Za-z][\w-]*\.\S+)\s*->\s*(?P<target>[A-Za-z][\w-]*\.\S+)"
+    r"(?:\s+:\s*(?P<link>[A-Za-z][\w-]*))?\s*",
+    re.ASCII,
+)
+
+
+def connection_of(text: str) -> ConnectionPart:
+    """The connection that `"plant.eta -> controller.eta : uplink"` is.
+
+    Raises
+    ------
+    ValueError : it is none.
+    """
+    found = _SHORT.fullmatch(text)
+    if found is None:
+        raise ValueError('as in "plant.eta -> controller.eta" or, over a link, "... : uplink"')
+    given = {"from": found["source"], "to": found["target"]}
+    if found["link"] is not None:
+        given["link"] = found["link"]
+    return ConnectionPart.model_validate(given)
+
+
+def _connect(text: str) -> str:
+    connection_of(text)
+    return text
+
+
+Connect = Annotated[str, AfterValidator(_connect)]
 
 
 def _seconds(value: Any) -> Any:
@@ -203,8 +236,16 @@ class Scenario(Part):
     run: RunPart
     components: Annotated[dict[Name, ComponentPart], Field(min_length=1)]
     connections: list[ConnectionPart] = Field(default_factory=list)
+    connect: list[Connect] = Field(default_factory=list)
     links: dict[Name, LinkPart] = Field(default_factory=dict)
     reference: PathPart | None = None
     disturbance: DisturbancePart | None = None
     design: DesignPart | None = None
+    events: list[EventPart] = Field(default_factory=list)
+    assertions: list[AssertionPart] = Field(default_factory=list)
     log: LogPart | None = None
+
+    def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
+        """The connections of both forms, each with the place where it stands."""
+        short = [(("connect", i), connection_of(text)) for i, text in enumerate(self.connect)]
+        return [(("connections", i), part) for i, part in enumerate(self.connections)] + short

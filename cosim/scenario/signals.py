@@ -54,7 +54,7 @@ def reference_inputs(path: PathPart, fmus: Mapping[str, FmuDescription]) -> Path
 
 def along_path(path: PathPart, *, at_rest: bool) -> Signals:
     """The reference; zero for a run `at_rest`."""
-    points = np.array(path.points)
+    points: NDArray[np.float64] = np.array(path.points)
     base = endpoint(path.target)
     driven: Signals = {}
     for j, axis in enumerate(path.axes):

@@ -32,7 +32,8 @@ class Flight:
     """A run with what it was made from.
 
     `companion` is the same from rest, None if not made; `push` the worst case of the design,
-    None if the scenario does not ask for it.
+    None if the scenario does not ask for it; `touched`: events changed more than the traffic
+    of links.
     """
 
     scenario: Scenario
@@ -43,6 +44,7 @@ class Flight:
     schedules: Mapping[str, PacketSchedule]
     push: WorstCase | None = None
     system: System | None = None
+    touched: bool = False
 
 
 def status_of(flight: Flight) -> str:
@@ -114,6 +116,8 @@ def _assumptions(flight: Flight, used: Saturation | None, age: float | None) -> 
         result["limits_not_reached"] = used.fraction == 0.0 and (
             companion is None or companion.fraction == 0.0
         )
+    if flight.scenario.events:
+        result["nothing_set_or_overridden"] = not flight.touched
     result["plant_as_designed"] = _plant_as_designed(flight)
     return result
 
