@@ -24,7 +24,7 @@ from typing import Any, Self, get_args
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.fmu import FmuSlave, State
+from cosim.fmu import FmuSlave
 from cosim.master.ending import ending_of
 from cosim.master.engine import (
     Adjustment,
@@ -99,7 +99,6 @@ class Session:
         self._stretch = _Stretch()
         self._adjustments: dict[int, Adjustment] = {}
         self._may_go_back = False
-        self._starts: dict[str, State] = {}
         self._complete = 0
         self._ending: Ending | None = None
         self._reason: str | None = None
@@ -237,28 +236,17 @@ class Session:
         """From now on, an output or connected input as it comes."""
         self._adjust(component, variable, None)
 
-    def keep_start(self, components: Sequence[str]) -> None:
-        """Save how these components started, for `reset`; before the first step.
+    def reset(self, component: str) -> None:
+        """Put one component back to how it started, parameters and all; its time goes on.
 
         Raises
         ------
-        InputError : a component whose FMU cannot save its state.
+        ComponentError : its FMU cannot be reset.
         """
-        for name in components:
-            self._starts[name] = self._station(name).slave.snapshot()
-        if components and not self._may_go_back:
-            self._may_go_back = True
-            self._rebuild()
-
-    def reset(self, component: str) -> None:
-        """Put a component's FMU back to how it started; only it, and from here on."""
-        if component not in self._starts:
-            raise InputError(
-                "the start of this component has not been kept",
-                where=f"component {component!r}",
-                hint="keep_start() before the first step",
-            )
-        self._station(component).slave.restore(self._starts[component])
+        station = self._station(component)
+        end = float(self.system.timetable.points_ns[-1]) / 1e9
+        station.slave.reset()
+        station.slave.initialise(station.component.parameters, self.time_s, end)
 
     def note(self, level: str, name: str, message: str) -> None:
         """Say something to the observers, at the point where the slaves stand."""

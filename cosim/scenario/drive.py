@@ -91,8 +91,6 @@ class Driver:
 
     def drive(self, session: Session, pace: Pace | None = None) -> Run:
         """Run to the end, or to where an event stops it."""
-        reset = {a.target.component for e in self._events for a in e.actions if a.kind == "reset"}
-        session.keep_start(sorted(reset))
         for event in self._events:
             if event.at_ns is not None:
                 self._plan(event.at_ns, event.number, begins=True)

@@ -65,7 +65,7 @@ class EventPart(Part):
 
     set : tunable parameters and inputs that nothing is connected to.
     override, bias, release : outputs and connected inputs.
-    reset : components whose FMU goes back to how it started, if it can save its state.
+    reset : components whose FMU goes back to how it started (FMI's reset; its time goes on).
     stop : the run ends, with this reason.
     outage : links that carry nothing. At a time: what is sent meanwhile is lost. By a condition:
         their receivers keep what they have, whatever arrives.

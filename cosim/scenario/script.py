@@ -230,13 +230,6 @@ def _offset(system: System, scope: RunScope, end: Endpoint, value: Any) -> float
 def _reset(system: System, name: str) -> Action:
     if name not in system.components:
         raise InputError.unknown("component", name, system.components)
-    fmu = system.components[name].description
-    if not fmu.can_get_and_set_state:
-        raise InputError(
-            f"{name} cannot go back to its start",
-            expected="an FMU that can save and restore its state (canGetAndSetFMUstate)",
-            got=fmu.path.name,
-        )
     return Action("reset", Endpoint(name, ""))
 
 
