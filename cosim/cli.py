@@ -18,6 +18,7 @@ from cosim.verbs.fmu import fmu_app
 from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
+from cosim.verbs.scenario import scenario_app
 from cosim.verbs.trace import trace_app
 
 app = typer.Typer(
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 for verb in (demo, scenarios, design, analyse, paper, run):
     app.command()(verb)
+app.add_typer(scenario_app, name="scenario")
 app.add_typer(trace_app, name="trace")
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")

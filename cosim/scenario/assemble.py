@@ -15,6 +15,7 @@ from cosim.hinf import WorstCase
 from cosim.master import (
     Component,
     Connection,
+    DelaySource,
     Endpoint,
     Link,
     System,
@@ -31,7 +32,17 @@ from cosim.scenario.schema import ComponentLogPart, Scenario
 from cosim.scenario.script import changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, pushed, reference_inputs
 
-__all__ = ["Hangar", "Parts", "assemble", "find_fmus", "parts_of", "same_start", "system_of"]
+__all__ = [
+    "Hangar",
+    "Parts",
+    "Wires",
+    "assemble",
+    "delay_sources",
+    "find_fmus",
+    "parts_of",
+    "same_start",
+    "system_of",
+]
 
 Wires = list[tuple[Connection, Path]]
 """Connections, each with the part of the scenario that it comes from."""
@@ -222,14 +233,16 @@ def system_of(scenario: Scenario, parts: Parts, findings: Findings) -> System:
             run.divergence,
             run.algorithm,
             run.order,
-            {
-                name: source
-                for name, part in scenario.links.items()
-                if (source := delay_source(part)) is not None
-            },
+            delay_sources(scenario),
         )
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
+
+
+def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
+    """What decides the delays of links that the run yields."""
+    found = {name: delay_source(part) for name, part in scenario.links.items()}
+    return {name: source for name, source in found.items() if source is not None}
 
 
 def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:

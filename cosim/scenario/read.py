@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,19 +48,27 @@ class LoadedScenario:
     source_sha256: str | None = None
 
 
-def load(name_or_path: str, settings: Sequence[str] = ()) -> LoadedScenario:
-    """A built-in scenario by name, or a TOML file by path; `settings` are KEY=VALUE.
+def load(
+    name_or_path: str,
+    settings: Sequence[str] = (),
+    stops: Mapping[str, Mapping[str, Any]] | None = None,
+) -> LoadedScenario:
+    """A built-in scenario by name, or a TOML file by path.
+
+    settings : KEY=VALUE each.
+    stops : events that end the run, by what they are called in messages.
 
     Raises
     ------
     InputError : no such scenario, malformed TOML, or a scenario that breaks the schema.
     """
-    return _loaded(with_settings(open_source(name_or_path), settings))
+    source = with_settings(open_source(name_or_path), settings)
+    return loaded_of(_with_stops(source, stops or {}))
 
 
 def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
     """Validate the TOML text of a scenario; `where` stands in the messages."""
-    return _loaded(source_of(text, name=name, where=where, folder=folder))
+    return loaded_of(source_of(text, name=name, where=where, folder=folder))
 
 
 def of_scenario(scenario: Scenario, name: str, folder: Path | None = None) -> LoadedScenario:
@@ -80,7 +88,24 @@ def with_settings(source: Source, settings: Sequence[str]) -> Source:
     return replace(source, data=data, layers=tuple(layers))
 
 
-def _loaded(source: Source) -> LoadedScenario:
+def _with_stops(source: Source, stops: Mapping[str, Mapping[str, Any]]) -> Source:
+    """The source with events that end the run: a trace of it can be run again."""
+    data, layers = copy.deepcopy(source.data), list(source.layers)
+    for where, event in stops.items():
+        events = data.setdefault("events", [])
+        if isinstance(events, list):
+            layers.append(Layer(where, "", ("events", len(events))))
+            events.append({**event, "stop": where})
+    return replace(source, data=data, layers=tuple(layers))
+
+
+def loaded_of(source: Source) -> LoadedScenario:
+    """A source validated, and files that it names read.
+
+    Raises
+    ------
+    InputError : it breaks the schema, or a file cannot be read.
+    """
     found = valid(Scenario, source.data, Origin(source.layers))
     scenario = with_files(found, source.folder, Findings(Origin(source.layers)))
     own = [layer for layer in source.layers if layer.path is None]

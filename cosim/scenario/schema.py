@@ -245,6 +245,12 @@ class Scenario(Part):
     assertions: list[AssertionPart] = Field(default_factory=list)
     log: LogPart | None = None
 
+    def to_toml(self) -> str:
+        """The text that is read as this scenario again."""
+        from cosim.scenario.write import to_toml  # noqa: PLC0415 - which imports this
+
+        return to_toml(self)
+
     def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
         """The connections of both forms, each with the place where it stands."""
         short = [(("connect", i), connection_of(text)) for i, text in enumerate(self.connect)]

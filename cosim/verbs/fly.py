@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from cosim.errors import CheckFailedError
 from cosim.master import Pace
 from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
@@ -82,6 +83,13 @@ def run(
         ),
     ] = Flavour.python,
     changed: SetOption = None,
+    until: Annotated[
+        str | None, typer.Option(help="Stop the run at this time: seconds, or '2 min'.")
+    ] = None,
+    stop_when: Annotated[
+        str | None,
+        typer.Option(help="Stop the run when this becomes true: 'plant.eta.z > 5 m'."),
+    ] = None,
     pace: Annotated[
         float | None,
         typer.Option(help="Hold the run back to real time times this factor: 1 is real time."),
@@ -95,16 +103,23 @@ def run(
     """Fly a scenario and write its trace.
 
     A run that diverges, ends in a limit cycle or is stopped is done and says so (exit code 0);
-    a component that fails ends it with exit code 4, and what was recorded stays.
+    an assertion that comes out otherwise than expected makes it exit code 1; a component that
+    fails ends it with exit code 4, and what was recorded stays.
 
     Examples: cosim run auv-acoustic;
     cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60;
-    cosim run auv-acoustic --pace 10
+    cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s';
+    cosim run auv-acoustic --until '1 min' --pace 10
     """
     settings = list(changed or ())
     if log_level is not None:
         settings.append(f'log.level="{log_level.value}"')
-    loaded = load(name, settings)
+    stops: dict[str, dict[str, Any]] = {}
+    if until is not None:
+        stops[f"--until {until}"] = {"at": _seconds(until)}
+    if stop_when is not None:
+        stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
+    loaded = load(name, settings, stops)
     trace = out or TRACES / f"{loaded.name}.mcap"
     check_room(trace)
     with progress() as tell:
@@ -114,3 +129,13 @@ def run(
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)
+    if not outcome.as_expected:
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def _seconds(text: str) -> float | str:
+    """A plain number of seconds as one; anything else is judged as in a scenario."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

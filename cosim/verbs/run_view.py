@@ -45,6 +45,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_pace(outcome),
         *_links(outcome.links),
         _assumptions(outcome.metrics["assumptions"]),
+        *_assertions(outcome),
     ]
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))
@@ -179,6 +180,24 @@ def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     for name, met in assumptions.items():
         table.add_row(_tick(met), name.replace("_", " "))
     return table
+
+
+def _assertions(outcome: Outcome) -> list[RenderableType]:
+    """What was to hold, and whether it did."""
+    if not outcome.assertions:
+        return []
+    table = Table(
+        box=None, pad_edge=False, title="Assertions", title_justify="left", show_header=False
+    )
+    for verdict in outcome.assertions:
+        style = "green" if verdict.as_expected else "red"
+        wanted = ", as expected" if verdict.expected == "fails" and verdict.as_expected else ""
+        at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
+        table.add_row(
+            Text(f"{verdict.result}{wanted}{at}", style=style),
+            Text(verdict.name or verdict.words),
+        )
+    return [table]
 
 
 def _status(outcome: Outcome) -> Text:
