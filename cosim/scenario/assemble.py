@@ -120,6 +120,10 @@ def parts_of(
         for name, part in scenario.components.items()
         if name in fmus
     }
+    for name in scenario.log.components if scenario.log is not None else ():
+        if name not in scenario.components:
+            with findings.at("log", "components", name):
+                raise InputError.unknown("component", name, scenario.components)
     shaped = {name: fmus[name].resized(values) for name, values in own.items()}
     wires = _wires(scenario, shaped, findings)
     driven = _driven(scenario, shaped, timetable, push, findings, at_rest=at_rest)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cosim.scenario.links import LinkPart as Link
 from itertools import pairwise
 
+from cosim.scenario.links import LinkPart as Link
 from cosim.scenario.links import PacketPart, ProfilePart, RangeDelayPart, SignalDelayPart
 from cosim.scenario.schema import Scenario
 

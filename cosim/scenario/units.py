@@ -73,10 +73,9 @@ def in_unit_of(fmu: FmuDescription, port: Port, text: str, where: str) -> float:
     try:
         found = parse_quantity(text)
         if declared is not None and declared.dimension is not None:
-            if declared.dimension.angle == 0:
-                # many exporters write rad/s as 1/s: then angles are numbers to them
-                found = found._replace(dimension=found.dimension.without_angle())
-            check_dimension(found, declared.dimension)
+            # many exporters write rad/s as 1/s: then angles are numbers to them
+            if found.dimension.without_angle() != declared.dimension:
+                check_dimension(found, declared.dimension)
             return declared.from_si(found.si)
     except QuantityError as error:
         wanted = port.unit or "the variable's unit"
