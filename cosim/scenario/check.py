@@ -36,11 +36,10 @@ def problems_of(source: Source, hangar: Hangar) -> list[CosimError]:
 
     What stands on something faulty is not looked at. The gain is not designed.
     """
+    broken = schema_problems(source)
+    if broken:
+        return [*broken]
     origin = Origin(source.layers)
-    try:
-        Scenario.model_validate(source.data)
-    except ValidationError as error:
-        return [*refusals(Scenario, error, source.data, origin)]
     try:
         loaded = loaded_of(source)
     except CosimError as error:
@@ -48,6 +47,15 @@ def problems_of(source: Source, hangar: Hangar) -> list[CosimError]:
     findings = Findings(origin, collect=True)
     _look(loaded, hangar, findings)
     return list(findings.errors)
+
+
+def schema_problems(source: Source) -> list[InputError]:
+    """Every key that breaks the schema."""
+    try:
+        Scenario.model_validate(source.data)
+    except ValidationError as error:
+        return refusals(Scenario, error, source.data, Origin(source.layers))
+    return []
 
 
 def _look(loaded: LoadedScenario, hangar: Hangar, findings: Findings) -> None:

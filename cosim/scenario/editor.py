@@ -51,12 +51,13 @@ def _optional(part: dict[str, Any]) -> dict[str, Any]:
 def _changed(value: Any) -> Any:
     if isinstance(value, dict):
         kept = {k: v for k, v in value.items() if not (k == "required" and isinstance(v, list))}
+        kept.pop("discriminator", None)
+        if "oneOf" in kept:  # without what is required, one may be as good as the other
+            kept["anyOf"] = kept.pop("oneOf")
         return {
             k: v.replace("#/$defs/", f"#/$defs/{_LOOSE}") if k == "$ref" else _changed(v)
             for k, v in kept.items()
         }
     if isinstance(value, list):
         return [_changed(item) for item in value]
-    if isinstance(value, str) and value.startswith("#/$defs/"):  # the mapping of a discriminator
-        return value.replace("#/$defs/", f"#/$defs/{_LOOSE}")
     return value
