@@ -79,7 +79,7 @@ def open_source(name_or_path: str, *, relative_to: Path | None = None) -> Source
         text = library.joinpath(f"{name_or_path}.toml").read_text("utf-8")
         return source_of(text, name=name_or_path, where=f"{name_or_path}.toml", folder=Path.cwd())
     path = Path(name_or_path) if relative_to is None else relative_to / name_or_path
-    if path.suffix != ".toml" and not path.is_file():
+    if path.suffix != ".toml" and not path.exists():
         raise InputError.unknown("scenario", name_or_path, [*names, "FILE.toml"])
     return source_of(
         read_text(path), name=path.stem, where=str(path), folder=path.resolve().parent, file=path
