@@ -28,8 +28,11 @@ lint: $(READY) ## check style, formatting and types
 	$(BIN)/mypy
 
 bench: $(READY) ## run every benchmark; each prints its table and its JSON
+	@# the masters to compare with, where they can be had
+	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		-c constraints.txt -e '.[toolchains]'
 	@set -e; for script in tests/benchmarks/[!_]*.py; do \
-		echo "== $$script"; $(BIN)/python "$$script"; \
+		echo "== $$script"; $(BIN)/python -m tests.benchmarks.$$(basename $$script .py); \
 	done
 
 fmus: $(READY) ## build every FMU into fmus/

@@ -5,7 +5,11 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -19,7 +23,14 @@ from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.scenario import scenario_app
+from cosim.verbs.study import study_app
 from cosim.verbs.trace import trace_app
+from cosim.verbs.trace_diff import diff
+from cosim.verbs.trace_export import export
+from cosim.verbs.trace_inject import inject
+from cosim.verbs.trace_live import play, view
+from cosim.verbs.trace_mend import recover, verify
+from cosim.verbs.trace_report import report
 
 app = typer.Typer(
     name="cosim",
@@ -34,15 +45,24 @@ for verb in (demo, scenarios, design, analyse, paper, run):
     app.command()(verb)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(trace_app, name="trace")
+for shown in (report, play, view):
+    trace_app.command()(shown)
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(study_app, name="study")
 fmu_app.command()(build)
 fmu_app.command()(controller)
+trace_app.command()(recover)
+trace_app.command()(verify)
+trace_app.command()(export)
+trace_app.command()(diff)
+trace_app.command()(inject)
 
 # typer may bring its own copy of click: this is the usage error of the one it uses
 _UsageError: Any = typer.BadParameter.__base__
 _INTERRUPTED = 130  # what typer makes of a KeyboardInterrupt
-_LEFT_BEHIND = "cosim trace info on the .partial file, if a run had begun"
+_TERMINATED = 128 + signal.SIGTERM
+_LEFT_BEHIND = "cosim trace recover makes a trace of the .partial file, if a run had begun"
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
@@ -68,7 +88,10 @@ def main() -> None:
     """Entry point: errors become messages and exit codes, never tracebacks."""
     as_json = "--json" in sys.argv[1:]
     try:
-        code = app(standalone_mode=False) or 0
+        with _told_to_end():
+            code = app(standalone_mode=False) or 0
+    except _Ended:
+        code = _TERMINATED
     except CosimError as error:
         _complain(error, error.exit_code, as_json=as_json)
         sys.exit(error.exit_code)
@@ -87,9 +110,35 @@ def main() -> None:
         )
         _complain(unexpected, 4, as_json=as_json)
         sys.exit(4)
-    if code == _INTERRUPTED:
-        _complain(CosimError("interrupted", hint=_LEFT_BEHIND), code, as_json=as_json)
+    if code in (_INTERRUPTED, _TERMINATED):
+        what = "interrupted" if code == _INTERRUPTED else "told to end"
+        _complain(CosimError(what, hint=_LEFT_BEHIND), code, as_json=as_json)
     sys.exit(code)
+
+
+class _Ended(SystemExit):
+    """SIGTERM: traces are closed and temporary folders removed on the way out."""
+
+
+@contextmanager
+def _told_to_end() -> Iterator[None]:
+    """SIGTERM ends the command as Ctrl-C does, not in the middle of what it is doing."""
+
+    def leave(_number: int, _frame: object) -> None:
+        raise _Ended(_TERMINATED)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    except SystemExit as end:
+        if end.code == _TERMINATED:
+            raise _Ended(_TERMINATED) from None
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _misused(error: Any, *, as_json: bool) -> int:

@@ -101,3 +101,9 @@ class NotAchievableError(CosimError):
     ) -> None:
         self.certificate = certificate
         super().__init__(what, **more)
+
+
+class StoppedError(CosimError):
+    """The user interrupted what can be gone on with; what was done is kept."""
+
+    exit_code = 130

@@ -22,6 +22,8 @@ LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
 )
 """What a packet link can be asked for by a connection, `Endpoint(link, ...)`, and its kind."""
 
+_NUMBERS = ("float", "int", "bool")
+
 
 def check_links(system: System) -> None:
     """Links under their own names, in the timetable, with what decides their delays."""
@@ -227,9 +229,9 @@ def _check_carries(link: Link, port: Port, where: str) -> None:
 def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:
     for end, values in system.driven.items():
         port = system.port(end)
-        if port.causality != "input" or port.kind != "float" or port.shape:
+        if port.causality != "input" or port.kind not in _NUMBERS or port.shape:
             raise InputError(
-                "only a Real input can follow a signal",
+                "only an input that is a number or a truth value can follow a signal",
                 where=str(end),
                 got=f"{port.causality}, {port.kind or 'String'}{' array' if port.shape else ''}",
             )

@@ -9,7 +9,7 @@ from cosim.master.run import Ending
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
-_DISCARD, _FATAL = 2, 4
+_DISCARD = 2
 
 
 def ending_of(system: System, wiring: Wiring, halt: Halt) -> tuple[Ending, str]:
@@ -31,10 +31,6 @@ def ending_of(system: System, wiring: Wiring, halt: Halt) -> tuple[Ending, str]:
             expected="a magnitude of at most 2**53",
         )
         return "failed", error.text()
-    if halt.status == _FATAL:
-        for other in wiring.stations:
-            if other.slave.description.sha256 == slave.description.sha256:
-                other.slave.abandon()
     at = "from" if halt.what == "step" else "at"
     refused = slave.refused(f"{halt.what} {at} t = {seconds:g} s", halt.status)
     overflow = "no longer finite" in (refused.got or "")

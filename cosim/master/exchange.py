@@ -71,16 +71,17 @@ class Exchange:
         self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
         self._wide = group.c_type in ("i8", "u8")
         self._more = () if slave.description.version == "2.0" else (group.size,)
+        # not bound: an object that names itself is left to the garbage collector
         self._move = {
-            ("get", False): self._get,
-            ("set", False): self._set,
-            ("get", True): self._get_texts,
-            ("set", True): self._set_texts,
+            ("get", False): Exchange._get,
+            ("set", False): Exchange._set,
+            ("get", True): Exchange._get_texts,
+            ("set", True): Exchange._set_texts,
         }[way, text]
 
     def __call__(self, row: Rows) -> int:
         """Move the values; returns the status."""
-        return self._move(row)
+        return self._move(self, row)
 
     def _call(self) -> int:
         return self._function(

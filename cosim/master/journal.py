@@ -66,8 +66,10 @@ class Journal:
         self._told = complete
 
     def close(self) -> None:
-        """What was said last, when no more rows are to come."""
+        """What was said last, when no more rows are to come; nobody looks on after that."""
         self.hand_on(self._told)
+        # slaves know the journal, and a trace knows the slaves: a ring would keep all the rows
+        self._observers = ()
 
     def _span(self, until: int) -> None:
         if until > self._told:

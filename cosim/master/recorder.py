@@ -23,6 +23,8 @@ _SENT, _POSED, _DELIVERED, _RECEIVED = 0, 1, 2, 1 << 30
 _AT_ONCE = 4096
 """Rows laid out at once: enough to be fast, few enough to stay in the cache."""
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
+_AS_DOUBLES = ("float", "int", "bool")
+"""Kinds that the trace takes as doubles."""
 
 
 class TraceRecorder(Observer):
@@ -123,7 +125,7 @@ def signal_of(port: Port, name: str | None = None) -> Signal:
 
 def _cast(station: Station, columns: Sequence[Column]) -> _Cast:
     """Rows of doubles -> rows of values of the columns' own types."""
-    if all(column.port.kind == "float" for column in columns):
+    if all(column.port.kind in _AS_DOUBLES for column in columns):
         return lambda rows: rows
     return lambda rows: station.values(rows, columns)
 

@@ -23,7 +23,7 @@ from typing import Any, Self, get_args
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.errors import CosimError, InputError
 from cosim.fmu import FmuSlave
 from cosim.master.ending import ending_of
 from cosim.master.engine import (
@@ -33,6 +33,7 @@ from cosim.master.engine import (
     Halt,
     build,
     choose,
+    fill_in,
     make_program,
 )
 from cosim.master.initial import initialise
@@ -99,6 +100,7 @@ class Session:
         self._stretch = _Stretch()
         self._adjustments: dict[int, Adjustment] = {}
         self._may_go_back = False
+        self._in_turns = system.algorithm == "gauss-seidel"
         self._complete = 0
         self._ending: Ending | None = None
         self._reason: str | None = None
@@ -109,7 +111,7 @@ class Session:
     def __enter__(self) -> Self:
         try:
             for name, component in self.system.components.items():
-                note = functools.partial(self._note, name)
+                note = functools.partial(_note, self._journal, name, component.log_level)
                 slave = FmuSlave(
                     component.description, name, note, categories=component.log_categories
                 )
@@ -119,7 +121,9 @@ class Session:
             for observer in self._observers:
                 observer.begin(self._wiring.stations)
             self._rebuild()
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, CosimError):
+                self._journal.note("master", "error", error.text())
             self.close()
             raise
         return self
@@ -138,6 +142,9 @@ class Session:
             self._stack.close()
         finally:
             self._journal.close()
+            # what it has would keep the session, and the session the rows
+            place = self._journal.where()
+            self._journal.where = lambda: place
 
     @property
     def time_ns(self) -> int:
@@ -356,6 +363,8 @@ class Session:
         if halt is not None:
             self._halt = halt
             self._ending, self._reason = ending_of(self.system, self._wiring, halt)
+            if self._in_turns and halt.what != "range" and halt.complete > halt.k:
+                fill_in(self._program, self._wiring.stations, halt)
         elif self._ending is None and self._complete > self._course.final:
             self._ending = "finished"
         # what is said in a step from a point out of range is void, like the step
@@ -386,7 +395,8 @@ class Session:
         points, halt = self._course.points_ns, self._halt
         level = {"finished": "info", "stopped": "info"}.get(self._ending or "", "error")
         last = halt.k if self._ending == "failed" and halt else max(self._complete - 1, 0)
-        self._journal.where = lambda: (self._complete, int(points[last]))
+        place = (self._complete, int(points[last]))
+        self._journal.where = lambda: place
         self._journal.note("master", level, self._reason or "the end is reached")
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
@@ -424,16 +434,11 @@ class Session:
             for number, route in enumerate(station.routes):
                 if any(int(column) in self._adjustments for column in route.targets):
                     station.move(number, self._complete)
-        program = make_program(
+        self._program = make_program(
             self.system, self._wiring, self._adjustments, may_go_back=self._may_go_back
         )
-        self._engine = build(self._choice.name, program)
+        self._engine = build(self._choice.name, self._program)
         self._journal.where = self._where
-
-    def _note(self, name: str, level: str, message: str, _category: str) -> None:
-        least = self.system.components[name].log_level
-        if _LEVELS.index(level) >= _LEVELS.index(least):
-            self._journal.note(name, level, message)
 
     def _where(self) -> tuple[int, int]:
         k, complete = self._engine.where()
@@ -449,3 +454,11 @@ class Session:
             raise InputError(
                 "the run cannot go on: nothing is left to save", where="Session", got=self._reason
             )
+
+
+def _note(
+    journal: Journal, name: str, least: LogLevel, level: str, message: str, _category: str
+) -> None:
+    """Take down what a component says, unless it is asked for less."""
+    if _LEVELS.index(level) >= _LEVELS.index(least):
+        journal.note(name, level, message)

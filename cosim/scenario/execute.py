@@ -35,11 +35,12 @@ def fly(
     progress: Progress | None = None,
     engine: EngineName = "auto",
     pace: Pace | None = None,
+    fsync: bool = False,
 ) -> Outcome:
     """Run the scenario and its companion from rest; write the trace.
 
     `engine` is a matter of speed alone: "python", "compiled", or "auto". `pace` holds the run
-    back to the clock on the wall (the companion is not held back).
+    back to the clock on the wall (the companion is not held back); `fsync` as for `TraceWriter`.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def fly(
             "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
         ) from error
     entries, attachments = identity_of(prepared, system)
-    with TraceWriter(trace, run=entries, attachments=attachments) as writer:
+    with TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer:
         recorder = TraceRecorder(writer, system)
         flown = conduct(system, "flight", tell, engine, recorder, events=events, pace=pace)
         companion = _companion(prepared, system, flown.run, parameters, tell)

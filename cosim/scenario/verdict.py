@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def _assumptions(flight: Flight, used: Saturation | None, age: float | None) -> 
     """What the guarantee rests on, by name; empty where nothing is guaranteed."""
     if flight.design is None or flight.problem is None:
         return {}
-    result = {"certificate_verified": check_certificate(flight.design.certificate).valid}
+    result = {"certificate_verified": _certificate_verified(flight.design)}
     designed = _designed_age_s(flight.problem)
     if designed is not None:
         substituted = any(s.statistics()["substitutions"] for s in flight.schedules.values())
@@ -120,6 +121,16 @@ def _assumptions(flight: Flight, used: Saturation | None, age: float | None) -> 
         result["nothing_set_or_overridden"] = not flight.touched
     result["plant_as_designed"] = _plant_as_designed(flight)
     return result
+
+
+_verified: WeakKeyDictionary[Design, bool] = WeakKeyDictionary()
+
+
+def _certificate_verified(design: Design) -> bool:
+    """Whether the proof holds; checked once per design, also where thousands of runs fly it."""
+    if design not in _verified:
+        _verified[design] = check_certificate(design.certificate).valid
+    return _verified[design]
 
 
 def _saturation(flight: Flight, *, companion: bool = False) -> Saturation | None:

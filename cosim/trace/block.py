@@ -7,6 +7,7 @@ a block puts the records of several topics into one order.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,17 +18,11 @@ from numpy.typing import NDArray
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
-_HEAD = np.dtype(
-    [
-        ("opcode", "<u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log", "<u8"),
-        ("publish", "<u8"),
-    ]
-)
-_AFTER_LENGTH = _HEAD.itemsize - 9
+HEAD = struct.Struct("<BQHIQQ")
+"""Head of a message record: opcode, length, channel, sequence, log time, publish time."""
+
+LENGTH_BEFORE = 9
+"""Opcode and length: what the length does not count."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,7 @@ class Records:
     ----------
     channel : id of the channel.
     log_ns, publish_ns, sequence : int64 (m,).
-    data : uint8 (m, size).
+    lines : uint8 (m, size), with room for the head in front of the data.
     rank : orders records of the same log time, int64 (m, keys), or one tuple for all: what has
         the smaller first key comes first, then the second decides, and so on.
     """
@@ -47,25 +42,20 @@ class Records:
     log_ns: Integers
     publish_ns: Integers
     sequence: Integers
-    data: Bytes
+    lines: Bytes
     rank: Integers
 
-    @property
-    def size(self) -> int:
-        """Bytes of a record."""
-        return int(_HEAD.itemsize + self.data.shape[1])
-
-    def lines(self) -> Bytes:
-        """The records, uint8 (m, size)."""
-        m, size = self.data.shape
-        head = np.zeros(m, _HEAD)
-        head["opcode"] = Opcode.MESSAGE
-        head["length"] = _AFTER_LENGTH + size
-        head["channel"] = self.channel
-        head["sequence"] = self.sequence
-        head["log"] = self.log_ns
-        head["publish"] = self.publish_ns
-        return np.hstack([head.view(np.uint8).reshape(m, _HEAD.itemsize), self.data])
+    def __post_init__(self) -> None:
+        m, size = self.lines.shape
+        head = HEAD.pack(Opcode.MESSAGE, size - LENGTH_BEFORE, self.channel, 0, 0, 0)
+        self.lines[:, : HEAD.size] = np.frombuffer(head, np.uint8)
+        for values, form, place in (
+            (self.sequence, "<u4", 11),
+            (self.log_ns, "<u8", 15),
+            (self.publish_ns, "<u8", 23),
+        ):
+            into: Integers = np.ndarray((m,), form, self.lines, place, (size,))
+            into[:] = values
 
 
 @dataclass(frozen=True)
@@ -106,24 +96,45 @@ class Block:
 
 def in_order(parts: Sequence[Records]) -> Block:
     """One block of all records: by log time, then by rank, then as given."""
+    if len(parts) == 1 and _is_ordered(parts[0]):
+        (part,) = parts
+        m, size = part.lines.shape
+        ends = np.arange(1, m + 1, dtype=np.int64) * size
+        channels = np.full(m, part.channel, np.int64)
+        # the times are copied: whoever handed them over may use the array again
+        return Block(part.lines.reshape(-1).data, ends, channels, part.log_ns.copy())
     counts = [part.log_ns.size for part in parts]
     log = np.concatenate([part.log_ns for part in parts])
-    keys = max(part.rank.shape[-1] for part in parts)
-    rank = np.zeros((log.size, keys), np.int64)
-    sizes = np.repeat([part.size for part in parts], counts)
+    sizes = np.repeat([part.lines.shape[1] for part in parts], counts)
     channels = np.repeat([part.channel for part in parts], counts)
-    begin = 0
-    for part, count in zip(parts, counts, strict=True):
-        rank[begin : begin + count, : part.rank.shape[-1]] = part.rank
-        begin += count
-    order = np.lexsort((*(rank[:, i] for i in reversed(range(keys))), log))
+    order = _order(parts, log)
     ends = np.cumsum(sizes[order])
     starts = np.empty(log.size, np.int64)
     starts[order] = ends - sizes[order]
     data = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
     begin = 0
     for part, count in zip(parts, counts, strict=True):
-        places = starts[begin : begin + count, None] + np.arange(part.size)
-        data[places] = part.lines()
+        size = part.lines.shape[1]
+        # every place at which a record of this size could begin, as one item each
+        places: NDArray[np.void] = np.ndarray(
+            (data.size - size + 1,), np.dtype((np.void, size)), data, 0, (1,)
+        )
+        places[starts[begin : begin + count]] = part.lines.view(places.dtype).ravel()
         begin += count
     return Block(data.data, ends, channels[order], log[order])
+
+
+def _is_ordered(part: Records) -> bool:
+    steps = np.diff(part.log_ns)
+    return bool((steps > 0).all() or (part.rank.ndim == 1 and (steps >= 0).all()))
+
+
+def _order(parts: Sequence[Records], log: Integers) -> NDArray[np.intp]:
+    keys = max(part.rank.shape[-1] for part in parts)
+    rank = np.zeros((keys, log.size), np.int64)
+    begin = 0
+    for part in parts:
+        end = begin + part.log_ns.size
+        rank[: part.rank.shape[-1], begin:end] = part.rank.T.reshape(part.rank.shape[-1], -1)
+        begin = end
+    return np.lexsort((*rank[::-1], log))

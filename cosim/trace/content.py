@@ -6,7 +6,7 @@ bytes):
 - messages, in file order: a digest of the channel (topic, message encoding, schema name,
   encoding and data, channel metadata sorted by key), log time, publish time, sequence, payload;
 - metadata records, in file order: name and entries sorted by key, without the keys that begin
-  with `host.`.
+  with `host.`, and without the record that says that a file was recovered.
 
 Not covered: compression, chunking, schema and channel ids, indexes, the writing library, and
 attachments, whose hashes belong into `cosim.run`.
@@ -18,15 +18,27 @@ import hashlib
 import struct
 from typing import TYPE_CHECKING
 
-from cosim.trace.layout import HOST_PREFIX
-from cosim.trace.reader import Channel, Trace
+import numpy as np
+
+from cosim.trace.declared import Channel
+from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC, RECOVERED
+from cosim.trace.messages import Messages
+from cosim.trace.reader import Trace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from os import PathLike
 
 _VERSION = b"auv-cosim content 1"
-_TIMES = struct.Struct("<QQIQ")
+_HEAD = np.dtype(
+    [
+        ("channel", "V32"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+        ("sequence", "<u4"),
+        ("size", "<u8"),
+    ]
+)
 
 
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
@@ -43,18 +55,64 @@ def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -
 
 def content_hash_of(trace: Trace) -> str:
     """Content hash of a trace already open."""
+    trace.check()
     messages = hashlib.sha256()
-    known: dict[int, bytes] = {}
-    for channel, sequence, log, publish, payload in trace.messages():
-        head = known.get(id(channel))
-        if head is None:
-            head = known[id(channel)] = _channel(channel)
-        messages.update(head + _TIMES.pack(log, publish, sequence, len(payload)))
-        messages.update(payload)
+    heads = {number: _channel(channel) for number, channel in trace.channels.items()}
+    for block in trace.blocks():
+        messages.update(_block(block, heads))
     metadata = hashlib.sha256()
     for name, entries in trace.metadata:
+        if name == RECOVERED:
+            continue
         metadata.update(_joined([name.encode(), *_entries(entries)]))
     return hashlib.sha256(_VERSION + messages.digest() + metadata.digest()).hexdigest()
+
+
+def begins_with(whole: Trace, part: Trace) -> bool:
+    """Whether every topic of a trace begins with the messages that another has, bit for bit.
+
+    But for /log, where a run that was cut short says so.
+    """
+    counts = {t: info.count for t, info in part.topics.items() if info.count and t != LOG_TOPIC}
+    if any(t not in whole.topics or whole.topics[t].count < n for t, n in counts.items()):
+        return False
+    return _beginnings(whole, counts) == _beginnings(part, counts)
+
+
+def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
+    """Digest of the first messages of each topic."""
+    heads = {number: _channel(channel) for number, channel in trace.channels.items()}
+    digests = {topic: hashlib.sha256() for topic in counts}
+    left = dict(counts)
+    for block in trace.blocks():
+        for number in np.unique(block.heads["channel"]).tolist():
+            topic = trace.channels[number].topic
+            if not left.get(topic):
+                continue
+            mine = np.flatnonzero(block.heads["channel"] == number)[: left[topic]]
+            digests[topic].update(_block(block.part(mine), heads))
+            left[topic] -= mine.size
+    return {topic: digest.digest() for topic, digest in digests.items()}
+
+
+def _block(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
+    """Channel, times and payload of each message, one behind the other, laid out at once."""
+    sizes = block.sizes + _HEAD.itemsize
+    ends = np.cumsum(sizes)
+    out = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
+    starts = ends - sizes
+    for which, payloads in block.by_size():
+        part = block.heads[which]
+        head = np.zeros(which.size, _HEAD)
+        for channel in np.unique(part["channel"]).tolist():
+            head["channel"][part["channel"] == channel] = heads[channel]
+        head["log"], head["publish"] = part["log"], part["publish"]
+        head["sequence"], head["size"] = part["sequence"], payloads.shape[1]
+        lines = np.hstack([head.view(np.uint8).reshape(which.size, _HEAD.itemsize), payloads])
+        size = np.dtype(f"V{lines.shape[1]}")
+        places = np.ndarray((out.size - size.itemsize + 1,), size, out, strides=(1,))
+        places[starts[which]] = lines.view(size)[:, 0]
+    return out.data
 
 
 def _channel(channel: Channel) -> bytes:

@@ -9,8 +9,8 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
 
-from cosim.trace.encode import tag
 from cosim.trace.layout import message_class, signal_of
+from cosim.trace.template import Template, template
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cosim.trace.layout import Kind, Signal
+    from cosim.trace.messages import Messages
+
+    Column = tuple[NDArray[Any], NDArray[np.bool_] | None]
 
 _KINDS: Mapping[int, Kind] = {
     FieldDescriptor.CPPTYPE_DOUBLE: "float",
@@ -42,6 +45,11 @@ _DTYPES: Mapping[Kind, Any] = {
 
 MAX_DEPTH = 8
 """Messages nested deeper are left out (a message may contain itself)."""
+
+_LAYOUTS = 8
+"""Layouts of one length that are tried before protobuf's parser takes the rest."""
+_WORTH = 16
+"""Rows per length, on average, from which on rows of one length are taken together."""
 
 
 class _Leaf(NamedTuple):
@@ -69,59 +77,105 @@ class RowDecoder:
         except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
             raise ValueError(f"schema {schema_name!r} cannot be used: {error}") from error
         self._leaves = list(_leaves(self._message.DESCRIPTOR, ()))
+        self._paths = [leaf.path for leaf in self._leaves]
+        self._known: dict[int, Template] = {}
         self.signals = _signals(self._leaves, metadata)
+        self.dtypes = [_DTYPES[leaf.kind] for leaf in self._leaves]
 
-    def __call__(
-        self, payloads: Sequence[bytes | memoryview]
-    ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.bool_]]]:
-        """Columns by signal name, and where each has a value (NaN, 0, False, "" elsewhere).
+    def __call__(self, messages: Messages) -> list[Column]:
+        """A column per signal: values, and where there is one (None: everywhere).
+
+        Where there is none, it holds NaN, 0, False or "".
 
         Raises
         ------
-        ValueError : a row is not a message of the schema.
+        ValueError : a message is not of the schema.
         """
-        names = [signal.name for signal in self.signals]
-        fast = self._fixed_stride(payloads)
-        if fast is not None:
-            everywhere = np.ones(len(payloads), np.bool_)
-            return dict(zip(names, fast, strict=True)), dict.fromkeys(names, everywhere)
-        columns: list[list[Any]] = [[] for _ in names]
-        for k, payload in enumerate(payloads):
+        parts = list(messages.by_size()) if _few(messages.sizes) else []
+        if len(parts) == 1:
+            made = self._template(parts[0][1])
+            if made is not None and made.fits(parts[0][1]).all():
+                return self._alike(made, parts[0][1])
+        columns = [_blank(leaf.kind, len(messages)) for leaf in self._leaves]
+        if not parts and len(messages):
+            self._parsed(messages, np.arange(len(messages)), columns)
+        for which, rows in parts:
+            self._fill(messages, which, rows, columns)
+        return [(values, None if present.all() else present) for values, present in columns]
+
+    def _template(self, rows: NDArray[np.uint8]) -> Template | None:
+        """The layout of the first row; made anew only where the one before does not fit."""
+        known = self._known.get(rows.shape[1])
+        if known is not None and known.fits(rows[:1])[0]:
+            return known
+        made = template(self._message.DESCRIPTOR, self._paths, rows[0])
+        if made is not None:
+            self._known[rows.shape[1]] = made
+        return made
+
+    def _alike(self, made: Template, rows: NDArray[np.uint8]) -> list[Column]:
+        """Columns of rows that are all laid out alike."""
+        values = made.values(rows)
+        columns: list[Column] = []
+        for i, leaf in enumerate(self._leaves):
+            if i in values:
+                columns.append((np.array(values[i], _DTYPES[leaf.kind]), None))
+                continue
+            blank, nowhere = _blank(leaf.kind, len(rows))
+            if i in made.defaults:
+                blank[:] = leaf.path[-1].default_value
+            columns.append((blank, None if i in made.defaults else nowhere))
+        return columns
+
+    def _fill(
+        self,
+        messages: Messages,
+        which: NDArray[np.int64],
+        rows: NDArray[np.uint8],
+        columns: Sequence[tuple[NDArray[Any], NDArray[np.bool_]]],
+    ) -> None:
+        """Enter rows of one length, layout by layout; what is left goes through protobuf."""
+        left = np.arange(which.size)
+        for _ in range(_LAYOUTS):
+            made = self._template(rows[left]) if left.size else None
+            if made is None:
+                break
+            alike = made.fits(rows[left])
+            mine = left[alike]
+            for i, values in made.values(rows[mine]).items():
+                columns[i][0][which[mine]] = values
+                columns[i][1][which[mine]] = True
+            for i in made.defaults:
+                columns[i][0][which[mine]] = self._leaves[i].path[-1].default_value
+                columns[i][1][which[mine]] = True
+            left = left[~alike]
+        self._parsed(messages, which[left], columns)
+
+    def _parsed(
+        self,
+        messages: Messages,
+        which: NDArray[np.int64],
+        columns: Sequence[tuple[NDArray[Any], NDArray[np.bool_]]],
+    ) -> None:
+        """Enter rows by protobuf's own parser."""
+        for k, payload in zip(which, messages.part(which).payloads(), strict=True):
             try:
                 message = self._message.FromString(bytes(payload))
             except DecodeError as error:
-                raise ValueError(f"row {k} does not fit its schema: {error}") from error
-            for column, leaf in zip(columns, self._leaves, strict=True):
-                column.append(_value(message, leaf))
-        values, present = {}, {}
-        for name, leaf, column in zip(names, self._leaves, columns, strict=True):
-            filled = [_ABSENT[leaf.kind] if value is None else value for value in column]
-            values[name] = np.array(filled, dtype=_DTYPES[leaf.kind])
-            present[name] = np.array([value is not None for value in column], dtype=np.bool_)
-        return values, present
+                raise ValueError(f"a row does not fit its schema: {error}") from error
+            for (values, present), leaf in zip(columns, self._leaves, strict=True):
+                value = _value(message, leaf)
+                if value is not None:
+                    values[k], present[k] = value, True
 
-    def _fixed_stride(
-        self, payloads: Sequence[bytes | memoryview]
-    ) -> list[NDArray[np.float64]] | None:
-        """Columns, if every row is tag, double, tag, double, ... in field order; else None."""
-        fields = [leaf.path[0] for leaf in self._leaves]
-        double = FieldDescriptor.TYPE_DOUBLE
-        if not payloads or not fields or any(field.type != double for field in fields):
-            return None
-        if len(fields) != len(self._message.DESCRIPTOR.fields):
-            return None
-        tags = [tag(field.number) for field in fields]
-        layout: list[Any] = []
-        for i, expected in enumerate(tags):
-            layout += [(f"tag{i}", np.uint8, (len(expected),)), (f"value{i}", "<f8")]
-        dtype = np.dtype(layout)
-        if any(len(payload) != dtype.itemsize for payload in payloads):
-            return None
-        rows = np.frombuffer(b"".join(payloads), dtype=dtype)
-        for i, expected in enumerate(tags):
-            if (rows[f"tag{i}"] != np.frombuffer(expected, np.uint8)).any():
-                return None
-        return [rows[f"value{i}"].astype(np.float64) for i in range(len(tags))]
+
+def _few(sizes: NDArray[np.int64]) -> bool:
+    """Whether rows of one length are worth being taken together."""
+    return bool(np.unique(sizes).size <= max(1, sizes.size // _WORTH))
+
+
+def _blank(kind: Kind, count: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    return np.full(count, _ABSENT[kind], _DTYPES[kind]), np.zeros(count, np.bool_)
 
 
 def _in_order(files: FileDescriptorSet) -> FileDescriptorSet:

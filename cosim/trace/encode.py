@@ -4,31 +4,27 @@ from __future__ import annotations
 
 import operator
 import struct
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
+from cosim.trace.columns import Column, columns_of_doubles, columns_of_rows
 from cosim.trace.layout import field_names
+from cosim.trace.wire import FIXED64, alike, field_tag
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from cosim.trace.layout import Signal
 
-_FIXED64 = 1  # protobuf wire type of a double
+Bytes = NDArray[np.uint8]
+Mine = NDArray[np.intp] | slice
 
 
 def tag(number: int) -> bytes:
     """Wire tag of a double with this field number: one byte up to 15, then two, three."""
-    value = number << 3 | _FIXED64
-    encoded = bytearray()
-    while value > 0x7F:
-        encoded.append(value & 0x7F | 0x80)
-        value >>= 7
-    encoded.append(value)
-    return bytes(encoded)
+    return field_tag(number, FIXED64)
 
 
 def _text(value: Any) -> str:
@@ -49,9 +45,9 @@ class RowEncoder:
     """Encodes the rows of one topic.
 
     A row of doubles with no value absent is tag, value, tag, value, ... with every field
-    present, hence of a fixed length: one `struct` call writes it, ten times faster than a
-    protobuf message object, and the reader takes all rows at once as one NumPy array. Other
-    rows go through the message class.
+    present, hence of a fixed length: all rows are one NumPy array, on the way in and on the way
+    out. Rows with integers, booleans or strings are put together by their shape, which few
+    rows do not share with many others.
     """
 
     def __init__(self, topic: str, signals: Sequence[Signal], message: type[Any]) -> None:
@@ -59,10 +55,12 @@ class RowEncoder:
         self._signals = tuple(signals)
         self._fields = field_names([signal.name for signal in signals])
         self._message = message
-        tags = self._tags = [tag(i + 1) for i in range(len(signals))]
+        tags = [tag(i + 1) for i in range(len(signals))]
         self._doubles = all(signal.kind == "float" for signal in signals)
         self._packer = struct.Struct("<" + "".join(f"{len(t)}sd" for t in tags))
         self._parts: list[Any] = [part for t in tags for part in (t, 0.0)]
+        self._blank = np.frombuffer(self._packer.pack(*self._parts), np.uint8)
+        self._runs = _runs(tags)
 
     def __call__(self, values: Sequence[Any]) -> bytes:
         """Bytes of one row; None is absent.
@@ -72,12 +70,7 @@ class RowEncoder:
         InputError : the wrong number of values, or one of the wrong kind.
         """
         if len(values) != len(self._signals):
-            raise InputError(
-                "wrong number of values",
-                where=f"topic {self._topic}",
-                expected=str(len(self._signals)),
-                got=str(len(values)),
-            )
+            raise self._wrong_number(str(len(self._signals)), str(len(values)))
         if self._doubles:
             self._parts[1::2] = values
             try:
@@ -86,35 +79,79 @@ class RowEncoder:
                 pass
         return self._general(values)
 
-    @property
-    def fixed(self) -> bool:
-        """Whether every row is doubles, and so of one length."""
-        return self._doubles
+    def many(
+        self, rows: NDArray[np.float64] | Sequence[Sequence[Any]], room: int = 0
+    ) -> Iterator[tuple[Mine, Bytes]]:
+        """Bytes of many rows, by shape.
 
-    def many(self, rows: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Bytes of many rows of doubles, (m, signals) to (m, bytes); only where `fixed`.
+        Parameters
+        ----------
+        rows : (m, signals), doubles (which stand for integers and booleans, too), or m lists of
+            values of the signals' own kinds, None where absent.
+        room : bytes left free in front of each row.
+
+        Yields
+        ------
+        which rows have one shape, and their bytes, uint8 (k, room + size).
 
         Raises
         ------
-        InputError : the wrong number of values in a row.
+        InputError : the wrong number of values in a row, or one of the wrong kind.
         """
-        if rows.ndim != 2 or rows.shape[1] != len(self._signals):
-            raise InputError(
-                "wrong number of values",
-                where=f"topic {self._topic}",
-                expected=f"rows of {len(self._signals)}",
-                got=f"shape {rows.shape}",
-            )
-        layout = [
-            (f"{kind}{i}", form)
-            for i, t in enumerate(self._tags)
-            for kind, form in (("t", f"S{len(t)}"), ("v", "<f8"))
-        ]
-        lines = np.zeros(len(rows), np.dtype(layout))
-        for i, t in enumerate(self._tags):
-            lines[f"t{i}"] = t
-            lines[f"v{i}"] = rows[:, i]
-        return lines.view(np.uint8).reshape(len(rows), lines.dtype.itemsize)
+        if isinstance(rows, np.ndarray):
+            if rows.ndim != 2 or rows.shape[1] != len(self._signals):
+                count = f"rows of {len(self._signals)}"
+                raise self._wrong_number(count, f"shape {rows.shape}")
+            if self._doubles:
+                yield slice(None), self._of_doubles(rows, room)
+                return
+            columns = columns_of_doubles(self._topic, self._signals, rows)
+            yield from self._by_shape(columns, _shapes(columns, len(rows)), room)
+            return
+        found = columns_of_rows(self._signals, rows)
+        shapes = [] if found is None else _shapes(found, len(rows))
+        if found is None or len(shapes) > max(16, len(rows) // 8):
+            # absent values, or wrong ones, which the slow way names; or hardly two rows alike
+            yield from self._one_by_one(rows, room)
+            return
+        yield from self._by_shape(found, shapes, room)
+
+    def _of_doubles(self, rows: NDArray[np.float64], room: int) -> Bytes:
+        size = room + self._blank.size
+        lines = np.empty((len(rows), size), np.uint8)
+        lines[:, room:] = self._blank
+        for first, last, at, stride in self._runs:
+            shape, strides = (len(rows), last - first), (size, stride)
+            into: NDArray[np.float64] = np.ndarray(shape, "<f8", lines, room + at, strides)
+            into[:] = rows[:, first:last]
+        return lines
+
+    def _by_shape(
+        self, columns: Sequence[Column], shapes: Sequence[tuple[Mine, int]], room: int
+    ) -> Iterator[tuple[Mine, Bytes]]:
+        for mine, members in shapes:
+            parts = [column.size_of(mine) for column in columns]
+            lines = np.empty((members, room + sum(parts)), np.uint8)
+            at = room
+            for column, size in zip(columns, parts, strict=True):
+                column.put(lines[:, at : at + size], mine)
+                at += size
+            yield mine, lines
+
+    def _one_by_one(self, rows: Sequence[Sequence[Any]], room: int) -> Iterator[tuple[Mine, Bytes]]:
+        encoded = [self(row) for row in rows]
+        lengths = np.array([len(data) for data in encoded])
+        for length in np.unique(lengths).tolist():
+            mine = np.flatnonzero(lengths == length)
+            data = np.frombuffer(b"".join(encoded[i] for i in mine.tolist()), np.uint8)
+            lines = np.empty((mine.size, room + length), np.uint8)
+            lines[:, room:] = data.reshape(mine.size, length)
+            yield mine, lines
+
+    def _wrong_number(self, expected: str, got: str) -> InputError:
+        return InputError(
+            "wrong number of values", where=f"topic {self._topic}", expected=expected, got=got
+        )
 
     def _general(self, values: Sequence[Any]) -> bytes:
         message = self._message()
@@ -132,3 +169,29 @@ class RowEncoder:
                 ) from error
         encoded: bytes = message.SerializeToString(deterministic=True)
         return encoded
+
+
+def _runs(tags: Sequence[bytes]) -> list[tuple[int, int, int, int]]:
+    """Neighbouring doubles whose tags are of one length: first, last, place, distance.
+
+    All of a run are filled in one strided assignment.
+    """
+    runs: list[tuple[int, int, int, int]] = []
+    at = 0
+    for i, t in enumerate(tags):
+        stride = len(t) + 8
+        if runs and runs[-1][3] == stride:
+            first, _, place, _ = runs[-1]
+            runs[-1] = (first, i + 1, place, stride)
+        else:
+            runs.append((i, i + 1, at + len(t), stride))
+        at += stride
+    return runs
+
+
+def _shapes(columns: Sequence[Column], count: int) -> list[tuple[Mine, int]]:
+    """Rows whose fields have the same lengths, and how many they are."""
+    varying = [column.size for column in columns if isinstance(column.size, np.ndarray)]
+    if not varying:
+        return [(slice(None), count)]
+    return [(mine, mine.size) for mine in alike(np.column_stack(varying))]

@@ -32,6 +32,9 @@ Kind = Literal["float", "int", "bool", "string"]
 RUN, RESULT = "cosim.run", "cosim.result"
 """Names of the metadata records that open and close a trace."""
 
+RECOVERED = "cosim.recovered"
+"""Metadata record of a recovered file, which says what was lost; no part of the content hash."""
+
 HOST_PREFIX = "host."
 """Metadata keys that begin so (wall clock, machine) are no part of the content hash."""
 
@@ -116,6 +119,12 @@ def link_topic(link: str) -> str:
 def dropped_topic(link: str) -> str:
     """Topic of what a link does not deliver: `/link/<name>/dropped`."""
     return f"/link/{link}/dropped"
+
+
+def component_of(topic: str) -> str | None:
+    """Component whose output or input a topic is; None for other topics."""
+    found = re.fullmatch(r"/([^/]+)/(?:output|input)", topic)
+    return found[1] if found else None
 
 
 def field_names(names: Sequence[str]) -> list[str]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
-from cosim.trace.reader import Table, Trace
+from cosim.trace.reader import Trace
+from cosim.trace.table import Table
 
 _COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e")
 _FORCES = ("force.x", "force.y", "force.z", "moment.z")

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.trace.wire import alike, put_varints, varint_lengths
+
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
@@ -20,7 +22,7 @@ _SECOND = 10**9
 
 
 def pose_messages(
-    frame: str, time_ns: Integers, position: Reals, psi: Reals
+    frame: str, time_ns: Integers, position: Reals, psi: Reals, room: int = 0
 ) -> Iterator[tuple[NDArray[np.intp], Bytes]]:
     """Messages of poses in a frame, by shape.
 
@@ -30,10 +32,11 @@ def pose_messages(
     time_ns : timestamps [ns], >= 0, (m,).
     position : x, y, z [m], (m, 3).
     psi : turn about z [rad], (m,).
+    room : bytes left free in front of each message.
 
     Yields
     ------
-    numbers of the poses that have one shape (k,), and their messages, uint8 (k, size).
+    numbers of the poses that have one shape (k,), and their messages, uint8 (k, room + size).
     """
     seconds, nanos = np.divmod(time_ns, _SECOND)
     # the C library's, as for a single pose: NumPy's own differ in the last bit
@@ -43,27 +46,22 @@ def pose_messages(
     # what protobuf takes for zero is all bits zero: -0.0 is written
     there = doubles.view("<u8").reshape(doubles.shape) != 0
     shape = np.column_stack([_length(seconds), _length(nanos), there])
-    kinds, kind = np.unique(shape, axis=0, return_inverse=True)
-    for i, (of_seconds, of_nanos, *given) in enumerate(kinds.tolist()):
-        mine = np.flatnonzero(kind.ravel() == i)
+    for mine in alike(shape):
+        of_seconds, of_nanos, *given = shape[mine[0]].tolist()
         stamp = [_varint(0x08, seconds[mine], of_seconds), _varint(0x10, nanos[mine], of_nanos)]
         place = [_double(9 + 8 * j, doubles[mine, j]) for j in range(3) if given[j]]
         facing = [_double(25 + 8 * j, doubles[mine, 3 + j]) for j in range(2) if given[3 + j]]
         pose = [_message(0x0A, place, mine.size), _message(0x12, facing, mine.size)]
         name = np.frombuffer(frame.encode(), np.uint8)
         label = np.tile(np.concatenate([[0x12, name.size], name]).astype(np.uint8), (mine.size, 1))
-        parts = [_message(0x0A, stamp, mine.size), label, _message(0x1A, pose, mine.size)]
+        free = np.zeros((mine.size, room), np.uint8)
+        parts = [free, _message(0x0A, stamp, mine.size), label, _message(0x1A, pose, mine.size)]
         yield mine, np.hstack(parts)
 
 
 def _length(values: Integers) -> Integers:
     """Bytes of each as a varint; 0 for zero, which is not written."""
-    length = np.zeros(values.shape, np.int64)
-    rest = values.copy()
-    while rest.any():
-        length += rest > 0
-        rest >>= 7
-    return length
+    return np.where(values == 0, 0, varint_lengths(values))
 
 
 def _varint(tag: int, values: Integers, length: int) -> Bytes:
@@ -71,8 +69,7 @@ def _varint(tag: int, values: Integers, length: int) -> Bytes:
         return np.zeros((values.size, 0), np.uint8)
     field = np.empty((values.size, 1 + length), np.uint8)
     field[:, 0] = tag
-    for j in range(length):
-        field[:, 1 + j] = (values >> 7 * j & 0x7F) | (0x80 if j < length - 1 else 0)
+    put_varints(field[:, 1:], values)
     return field
 
 

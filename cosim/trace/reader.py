@@ -1,115 +1,48 @@
-"""Reading a trace: what was run, with what result, and every topic as columns."""
+"""Reading a trace: what was run, with what result, and every topic as columns.
+
+Opening reads the summary and the indexes; the data are read when they are asked for, chunk by
+chunk, those chunks alone that hold the topics and the time asked for.
+"""
 
 from __future__ import annotations
 
-import struct
-from dataclasses import dataclass, field
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from mcap.opcode import Opcode
-
 from cosim.errors import InputError, LossError
-from cosim.trace import layout
-from cosim.trace.decode import RowDecoder
-from cosim.trace.records import Cursor, DamageError, records
+from cosim.trace import frames, layout, traffic
+from cosim.trace.contents_scan import by_scan
+from cosim.trace.declared import Channel
+from cosim.trace.gather import Gathered
+from cosim.trace.opening import attachment_data, opened, seen_to_the_end, times_of
+from cosim.trace.records import DamageError, open_trace
+from cosim.trace.summary import from_summary
+from cosim.trace.table import Series, Table, series_of
+from cosim.trace.topic_info import TopicInfo, window_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from os import PathLike
-
+    import numpy as np
     from numpy.typing import NDArray
 
+    from cosim.trace.frames import Align
     from cosim.trace.layout import Signal
+    from cosim.trace.messages import Messages
 
-MESSAGE = struct.Struct("<HIQQ")
-"""Head of a message record: channel, sequence, log time, publish time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """An MCAP schema record; `encoding` "" and no data when the channel has none."""
-
-    name: str = ""
-    encoding: str = ""
-    data: bytes = b""
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """An MCAP channel record with its schema."""
-
-    topic: str
-    encoding: str
-    schema: Schema
-    metadata: Mapping[str, str]
-
-
-@dataclass(slots=True)
-class TopicInfo:
-    """What a topic holds.
-
-    `signals` is empty when the topic is not protobuf; `start_ns` and `end_ns` are the least
-    and greatest log time, None without messages.
-    """
-
-    topic: str
-    schema: str
-    encoding: str
-    metadata: dict[str, str]
-    signals: tuple[Signal, ...] = ()
-    count: int = 0
-    start_ns: int | None = None
-    end_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of a topic in file order.
-
-    `columns` by FMI name: float64, int64, bool, or object (str); `present` says where each has
-    a value. Where it has none, the column holds NaN, 0, False or "".
-    """
-
-    topic: str
-    log_time_ns: NDArray[np.int64]
-    publish_time_ns: NDArray[np.int64]
-    sequence: NDArray[np.int64]
-    columns: dict[str, NDArray[Any]]
-    present: dict[str, NDArray[np.bool_]]
-
-    def __len__(self) -> int:
-        return int(self.log_time_ns.size)
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """Column of a signal; `InputError` if there is none of this name."""
-        if name not in self.columns:
-            raise InputError(
-                "no such signal",
-                where=f"topic {self.topic}",
-                expected=", ".join(self.columns),
-                got=repr(name),
-            )
-        return self.columns[name]
-
-
-@dataclass(slots=True)
-class _Rows:
-    log: list[int] = field(default_factory=list)
-    publish: list[int] = field(default_factory=list)
-    sequence: list[int] = field(default_factory=list)
-    payloads: list[memoryview] = field(default_factory=list)
+__all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
 
 class Trace:
-    """A trace file, read from its front.
+    """A trace file, ours or any MCAP file.
 
     Parameters
     ----------
-    path : the file; ours, or any MCAP file.
-    incomplete : True: a file cut short or damaged is read as far as it goes. False: it is
-        refused. None: True for a name that ends in `.partial`, else False.
+    path : the file.
+    incomplete : True: a file cut short or damaged is read as far as it goes, for which all of
+        it is gone through. False: it is refused; damage of the data is found when they are
+        read. None: True for a name that ends in `.partial`, else False.
 
     Attributes
     ----------
@@ -130,192 +63,230 @@ class Trace:
 
     def __init__(self, path: str | PathLike[str], *, incomplete: bool | None = None) -> None:
         self.path = Path(path)
-        self.run: dict[str, str] = {}
-        self.result: dict[str, str] | None = None
-        self.complete = False
-        self.damage: str | None = None
-        self.library = ""
-        self.metadata: list[tuple[str, dict[str, str]]] = []
-        self.attachments: dict[str, bytes] = {}
-        self.media_types: dict[str, str] = {}
-        self.topics: dict[str, TopicInfo] = {}
-        self._schemas: dict[int, Schema] = {0: Schema()}
-        self._channels: dict[int, Channel] = {}
         if incomplete is None:
             incomplete = self.path.name.endswith(".partial")
-        try:
-            self._scan()
-            self.complete = True
-        except DamageError as error:
-            self.damage = str(error)
-            if not incomplete:
-                raise LossError(
-                    "the trace is cut short or damaged",
-                    where=str(self.path),
-                    expected="a complete MCAP file",
-                    got=self.damage,
-                    hint="`cosim trace info` reads it as far as it goes",
-                ) from error
+        found = None if incomplete else from_summary(self.path)
+        self._contents = known = by_scan(self.path) if found is None else found
+        self.damage = known.damage
+        self.complete = known.damage is None
+        if known.damage is not None and not incomplete:
+            raise self._lost(known.damage)
+        self.library, self.metadata = known.library, known.metadata
+        self.media_types = known.media_types
+        self.run: dict[str, str] = next((e for n, e in self.metadata if n == layout.RUN), {})
+        results = [entries for name, entries in self.metadata if name == layout.RESULT]
+        self.result: dict[str, str] | None = results[-1] if results else None
+        self.topics: dict[str, TopicInfo] = {}
+        for number, channel in sorted(known.declared.channels.items()):
+            count = known.counts.get(number, 0)
+            if channel.topic in self.topics:  # foreign files have several channels on a topic
+                self.topics[channel.topic].count += count
+            else:
+                self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
 
     @property
     def finished(self) -> bool:
         """Whether the run finished: whether there is a `cosim.result`."""
         return self.result is not None
 
-    def read(self, topic: str) -> Table:
-        """All rows of one topic.
+    @functools.cached_property
+    def attachments(self) -> dict[str, bytes]:
+        """The files carried inside, by name; `LossError` where one is damaged."""
+        try:
+            return attachment_data(self.path, self._contents.attachments)
+        except DamageError as error:
+            raise self._lost(str(error)) from error
+
+    @functools.cached_property
+    def spans(self) -> dict[str, tuple[int, int]]:
+        """Least and greatest log time [ns] by topic, of those with messages."""
+        known = self._contents
+        by_id = known.spans
+        if by_id is None:
+            try:
+                by_id = times_of(self.path, known)
+            except DamageError as error:
+                raise self._lost(str(error)) from error
+        found: dict[str, tuple[int, int]] = {}
+        for number, (low, high) in by_id.items():
+            topic = known.declared.channels[number].topic
+            before = found.get(topic, (low, high))
+            found[topic] = min(low, before[0]), max(high, before[1])
+        return found
+
+    @functools.cached_property
+    def signals(self) -> dict[str, tuple[str, Signal]]:
+        """Topic and description of every protobuf signal, by the name `signal` takes.
+
+        `component.variable` for what components send and receive, `TOPIC:name` for the rest.
+        """
+        found: dict[str, tuple[str, Signal]] = {}
+        for topic, info in self.topics.items():
+            component = layout.component_of(topic)
+            for signal in info.signals:
+                name = f"{component}.{signal.name}" if component else f"{topic}:{signal.name}"
+                found.setdefault(name, (topic, signal))
+        return found
+
+    def place(self, name: str) -> tuple[str, str]:
+        """Topic, and name within it, of a signal.
 
         Raises
         ------
-        InputError : no such topic, or one that is not protobuf.
-        LossError : a row that does not fit its schema.
+        InputError : no such signal.
         """
-        return self.read_all([topic])[topic]
+        if name in self.signals:
+            topic, signal = self.signals[name]
+            return topic, signal.name
+        topic, colon, own = name.partition(":")
+        if colon and topic in self.topics:
+            return topic, own
+        raise InputError.unknown("signal", name, self.signals, where=str(self.path))
 
-    def read_all(self, topics: Sequence[str] | None = None) -> dict[str, Table]:
+    def signal(self, name: str, *, start: float | None = None, end: float | None = None) -> Series:
+        """One signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
+
+        start, end : as in `read`.
+
+        Raises
+        ------
+        InputError, LossError : no such signal; as `read`.
+        """
+        topic, own = self.place(name)
+        return series_of(self.read(topic, start=start, end=end), own)
+
+    def __getitem__(self, name: str) -> Series:
+        """`signal(name)`."""
+        return self.signal(name)
+
+    def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
+        """Rows of one topic.
+
+        start, end : least and greatest time of delivery [s]; all by default.
+
+        Raises
+        ------
+        InputError : no such topic, or neither protobuf nor JSON.
+        LossError : damage, or a row that does not fit its schema.
+        """
+        return self.read_all([topic], start=start, end=end)[topic]
+
+    def read_all(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> dict[str, Table]:
         """Tables of several topics (all protobuf ones if None), in one pass over the file."""
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
-        decoders = {topic: self._decoder(topic) for topic in topics}
-        rows = {topic: _Rows() for topic in topics}
-        for channel, sequence, log, publish, payload in self.messages():
-            if (collected := rows.get(channel.topic)) is not None:
-                collected.log.append(log)
-                collected.publish.append(publish)
-                collected.sequence.append(sequence)
-                collected.payloads.append(payload)
-        return {topic: self._table(topic, decoders[topic], rows[topic]) for topic in topics}
+        first, last = window_ns(start, end)
+        gathered = {topic: self._gathered(topic) for topic in topics}
+        wanted = {number for each in gathered.values() for number in each.channels}
+        for messages in self._stretches(wanted, first, last):
+            log = messages.heads["log"]
+            inside = None if start is None and end is None else (log >= first) & (log <= last)
+            for each in gathered.values():
+                each.add(messages, inside)
+        tables = {topic: each.table() for topic, each in gathered.items()}
+        if start is None and end is None:
+            for topic, table in tables.items():
+                self._check_count(topic, len(table))
+        return tables
+
+    def to_pandas(
+        self,
+        what: str | Sequence[str] | None = None,
+        *,
+        align: Align = "union",
+        start: float | None = None,
+        end: float | None = None,
+    ) -> Any:
+        """A pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
+
+        what : a topic, or topics and signals; by default what every component sent and received.
+        """
+        if what is None:
+            what = [t for t in self.topics if layout.component_of(t)] or [
+                topic for topic, info in self.topics.items() if info.signals
+            ]
+        return frames.to_pandas(self, what, align=align, start=start, end=end)
+
+    def age(
+        self, link: str, at: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Age [s] of a link's message in use over time [s]; see `cosim.trace.traffic.age`."""
+        return traffic.age(self, link, at)
+
+    def dropped(self, link: str) -> Table:
+        """What a link did not deliver, and why; see `cosim.trace.traffic.dropped`."""
+        return traffic.dropped(self, link)
 
     def messages(self) -> Iterator[tuple[Channel, int, int, int, memoryview]]:
         """Every message in file order: channel, sequence, log time, publish time, payload."""
-        left = sum(info.count for info in self.topics.values())
-        if not left:
+        channels = self._contents.declared.channels
+        for block in self.blocks():
+            heads = block.heads
+            columns = (heads[key].tolist() for key in ("channel", "sequence", "log", "publish"))
+            for number, sequence, log, publish, payload in zip(
+                *columns, block.payloads(), strict=True
+            ):
+                yield channels[number], sequence, log, publish, payload
+
+    def blocks(self) -> Iterator[Messages]:
+        """The messages in file order, a chunk at a time; `LossError` where one is damaged."""
+        return self._stretches(None, 0, 2**64 - 1)
+
+    @property
+    def channels(self) -> Mapping[int, Channel]:
+        """Channels by id."""
+        return self._contents.declared.channels
+
+    def check(self) -> None:
+        """Go through the records of the whole file, checksums too; `LossError` if it is damaged.
+
+        Not inside the chunks: whoever reads those checks them.
+        """
+        if self._contents.scanned:
             return
-        for opcode, content in records(self.path):
-            if opcode != Opcode.MESSAGE:
-                continue
-            channel_id, sequence, log, publish = MESSAGE.unpack_from(content)
-            yield self._channels[channel_id], sequence, log, publish, content[MESSAGE.size :]
-            left -= 1
-            if not left:  # what lies behind the last good message may be damaged
-                return
+        try:
+            seen_to_the_end(self.path)
+        except DamageError as error:
+            raise self._lost(str(error)) from error
 
-    def _scan(self) -> None:
-        for opcode, content in records(self.path):
-            if opcode == Opcode.MESSAGE:
-                self._count(content)
-            elif opcode == Opcode.CHANNEL:
-                self._add_channel(Cursor(content))
-            elif opcode == Opcode.SCHEMA:
-                self._add_schema(Cursor(content))
-            elif opcode == Opcode.METADATA:
-                fields = Cursor(content)
-                self._add_metadata(fields.text(), fields.mapping())
-            elif opcode == Opcode.ATTACHMENT:
-                fields = Cursor(content)
-                fields.take(16)
-                name = fields.text()
-                self.media_types[name] = fields.text()
-                self.attachments[name] = bytes(fields.take(fields.number(8)))
-            elif opcode == Opcode.HEADER:
-                fields = Cursor(content)
-                fields.text()
-                self.library = fields.text()
+    def _stretches(self, wanted: set[int] | None, first: int, last: int) -> Iterator[Messages]:
+        """Messages of the stretches with one of these channels and some time in the window."""
+        declared = self._contents.declared
+        with open_trace(self.path) as stream:
+            for stretch in self._contents.stretches:
+                if stretch.end_ns < first or stretch.start_ns > last:
+                    continue
+                there = stretch.channels
+                if wanted is not None and there is not None and not there & wanted:
+                    continue
+                try:
+                    yield opened(stream, stretch, declared)
+                except DamageError as error:
+                    raise self._lost(str(error)) from error
 
-    def _count(self, content: memoryview) -> None:
-        channel_id, _, log, _ = MESSAGE.unpack_from(content)
-        channel = self._channels.get(channel_id)
-        if channel is None:
-            raise DamageError(f"a message on channel {channel_id}, which is not declared")
-        info = self.topics[channel.topic]
-        info.count += 1
-        if info.start_ns is None or info.end_ns is None:
-            info.start_ns = info.end_ns = log
-        elif log > info.end_ns:
-            info.end_ns = log
-        elif log < info.start_ns:
-            info.start_ns = log
-
-    def _add_schema(self, fields: Cursor) -> None:
-        schema_id = fields.number(2)
-        name, encoding = fields.text(), fields.text()
-        schema = Schema(name, encoding, bytes(fields.take(fields.number(4))))
-        if schema_id == 0 or self._schemas.setdefault(schema_id, schema) != schema:
-            raise DamageError(f"schema {schema_id} is declared twice, not alike")
-
-    def _add_channel(self, fields: Cursor) -> None:
-        channel_id, schema_id = fields.number(2), fields.number(2)
-        topic, encoding = fields.text(), fields.text()
-        if schema_id not in self._schemas:
-            raise DamageError(f"channel {channel_id} has schema {schema_id}, which is not declared")
-        channel = Channel(topic, encoding, self._schemas[schema_id], fields.mapping())
-        known = self._channels.setdefault(channel_id, channel)
-        if known is channel:
-            self._add_topic(channel)
-        elif known != channel:
-            raise DamageError(f"channel {channel_id} is declared twice, not alike")
-
-    def _add_topic(self, channel: Channel) -> None:
-        if channel.topic in self.topics:  # foreign files have several channels on a topic
-            return
-        info = TopicInfo(
-            channel.topic, channel.schema.name, channel.encoding, dict(channel.metadata)
-        )
-        if channel.encoding == channel.schema.encoding == "protobuf":
-            try:
-                info.signals = _decoder(channel).signals
-            except ValueError:
-                info.signals = ()  # `read` says what is wrong with the schema
-        self.topics[channel.topic] = info
-
-    def _add_metadata(self, name: str, entries: dict[str, str]) -> None:
-        self.metadata.append((name, entries))
-        if name == layout.RUN and not self.run:
-            self.run = entries
-        elif name == layout.RESULT:
-            self.result = entries
-
-    def _decoder(self, topic: str) -> RowDecoder:
+    def _gathered(self, topic: str) -> Gathered:
         if topic not in self.topics:
-            raise InputError(
-                "no such topic",
-                where=str(self.path),
-                expected=", ".join(self.topics) or "a trace with topics",
-                got=repr(topic),
-            )
-        channels = [c for c in self._channels.values() if c.topic == topic]
-        if any(c.schema != channels[0].schema for c in channels):
-            raise InputError("the topic has several schemas", where=f"{self.path}, {topic}")
-        if not channels[0].encoding == channels[0].schema.encoding == "protobuf":
-            raise InputError(
-                "only protobuf topics are read as columns",
-                where=f"{self.path}, {topic}",
-                expected="protobuf",
-                got=channels[0].encoding or "no encoding",
-            )
-        try:
-            return _decoder(channels[0])
-        except ValueError as error:
-            raise InputError(
-                "the topic's schema is unusable", where=f"{self.path}, {topic}", got=str(error)
-            ) from error
+            raise InputError.unknown("topic", topic, self.topics, where=str(self.path))
+        channels = self._contents.declared.of_topic(topic)
+        return Gathered(f"{self.path}, {topic}", topic, channels)
 
-    def _table(self, topic: str, decoder: RowDecoder, rows: _Rows) -> Table:
-        try:
-            columns, present = decoder(rows.payloads)
-            return Table(
-                topic=topic,
-                log_time_ns=np.array(rows.log, dtype=np.int64),
-                publish_time_ns=np.array(rows.publish, dtype=np.int64),
-                sequence=np.array(rows.sequence, dtype=np.int64),
-                columns=columns,
-                present=present,
+    def _check_count(self, topic: str, found: int) -> None:
+        if found != self.topics[topic].count:
+            raise self._lost(
+                f"{found} messages on {topic}, where the summary has {self.topics[topic].count}"
             )
-        except (ValueError, OverflowError) as error:  # OverflowError: a time beyond 2**63 ns
-            raise LossError(
-                "the topic's rows cannot be read", where=f"{self.path}, {topic}", got=str(error)
-            ) from error
 
-
-def _decoder(channel: Channel) -> RowDecoder:
-    return RowDecoder(channel.schema.name, channel.schema.data, channel.metadata)
+    def _lost(self, damage: str) -> LossError:
+        return LossError(
+            "the trace is cut short or damaged",
+            where=str(self.path),
+            expected="a complete MCAP file",
+            got=damage,
+            hint="`cosim trace info` reads it as far as it goes",
+        )

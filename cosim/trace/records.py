@@ -88,6 +88,31 @@ def records(path: Path) -> Iterator[tuple[int, memoryview]]:
     InputError : no such file, a directory, an empty file, not an MCAP file.
     DamageError : cut short, or damaged; what was yielded before is good.
     """
+    for opcode, position, content in outer_records(path):
+        if opcode != Opcode.CHUNK:
+            yield opcode, memoryview(content)
+            continue
+        try:
+            for inner, _, inside in inner_records(chunk_data(content)):
+                yield inner, inside
+        except DamageError as error:
+            raise DamageError(f"record at byte {position}: {error}") from None
+
+
+def outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Opcode, position in the file and content of each record; chunks stay as they are.
+
+    Ends and raises as `records`.
+    """
+    with open_trace(path) as stream:
+        try:
+            yield from _walk(stream, path)
+        except OSError as error:
+            raise DamageError(f"reading failed: {error.strerror}") from error
+
+
+def open_trace(path: Path) -> BinaryIO:
+    """The file for reading; an `InputError` if it is none, a pipe, or cannot be opened."""
     try:
         # a pipe would block for ever
         regular = stat.S_ISREG(path.stat().st_mode)
@@ -106,17 +131,11 @@ def records(path: Path) -> Iterator[tuple[int, memoryview]]:
             expected="the path of an .mcap file",
             got="a directory" if path.is_dir() else "no regular file",
         )
-    with stream:
-        try:
-            yield from _walk(stream, path)
-        except OSError as error:
-            raise DamageError(f"reading failed: {error.strerror}") from error
+    return stream
 
 
-def _walk(stream: BinaryIO, path: Path) -> Iterator[tuple[int, memoryview]]:
-    size = stream.seek(0, 2)
-    stream.seek(0)
-    start = stream.read(len(MAGIC))
+def check_start(start: bytes, size: int, path: Path) -> None:
+    """See that a file of `size` bytes begins as an MCAP file does; an `InputError` if not."""
     if start != MAGIC:
         cut = bool(start) and MAGIC.startswith(start)
         raise InputError(
@@ -125,6 +144,13 @@ def _walk(stream: BinaryIO, path: Path) -> Iterator[tuple[int, memoryview]]:
             expected="a file that begins with the MCAP magic bytes",
             got=f"{size} bytes" if cut or not start else f"begins with {start!r}",
         )
+
+
+def _walk(stream: BinaryIO, path: Path) -> Iterator[tuple[int, int, bytes]]:
+    size = stream.seek(0, 2)
+    stream.seek(0)
+    start = stream.read(len(MAGIC))
+    check_start(start, size, path)
     checksum = zlib.crc32(start)
     position = len(MAGIC)
     while True:
@@ -140,9 +166,10 @@ def _walk(stream: BinaryIO, path: Path) -> Iterator[tuple[int, memoryview]]:
         if len(content) < length:
             raise DamageError(f"the record at byte {position} is cut short")
         try:
-            yield from _opened(opcode, content, checksum)
+            _check(opcode, content, checksum)
         except DamageError as error:
             raise DamageError(f"record at byte {position}: {error}") from None
+        yield opcode, position, content
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
         position += _HEAD.size + length
         if opcode == Opcode.FOOTER:
@@ -152,10 +179,7 @@ def _walk(stream: BinaryIO, path: Path) -> Iterator[tuple[int, memoryview]]:
         raise DamageError(f"the closing magic is not where it should be, at byte {position}")
 
 
-def _opened(opcode: int, content: bytes, checksum: int) -> Iterator[tuple[int, memoryview]]:
-    if opcode == Opcode.CHUNK:
-        yield from _inside(_chunk(content))
-        return
+def _check(opcode: int, content: bytes, checksum: int) -> None:
     if opcode == Opcode.DATA_END:
         given = Cursor(content).number(4)
         if given not in (0, checksum):
@@ -166,10 +190,10 @@ def _opened(opcode: int, content: bytes, checksum: int) -> Iterator[tuple[int, m
             raise DamageError("the checksum of an attachment does not match")
     if opcode == Opcode.MESSAGE and len(content) < _MESSAGE_BYTES:
         raise DamageError("a message is cut short")
-    yield opcode, memoryview(content)
 
 
-def _inside(data: bytes) -> Iterator[tuple[int, memoryview]]:
+def inner_records(data: bytes | memoryview) -> Iterator[tuple[int, int, memoryview]]:
+    """Opcode, place and content of each record of an opened chunk; `DamageError` as `records`."""
     view = memoryview(data)
     at, size = 0, len(data)
     while at < size:
@@ -180,14 +204,14 @@ def _inside(data: bytes) -> Iterator[tuple[int, memoryview]]:
         if length > size - at or (opcode == Opcode.MESSAGE and length < _MESSAGE_BYTES):
             raise DamageError("a record inside the chunk is cut short")
         if opcode in _INSIDE_CHUNKS:
-            yield opcode, view[at : at + length]
+            yield opcode, at - _HEAD.size, view[at : at + length]
         elif opcode < 0x80:  # beyond, the specification leaves opcodes to applications
             raise DamageError(f"a record of type {opcode} inside a chunk")
         at += length
 
 
-def _chunk(content: bytes) -> bytes:
-    """Uncompressed data of a chunk record, checked."""
+def chunk_data(content: bytes | memoryview) -> bytes:
+    """Uncompressed data of a chunk record, checked; `DamageError` if it is not as it claims."""
     fields = Cursor(content)
     _, _, size, checksum = _CHUNK.unpack(fields.take(_CHUNK.size))
     compression = fields.text()

@@ -7,14 +7,12 @@ arrays. (The package's `Writer` takes one message at a time, some 130,000 a seco
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections import defaultdict
-from typing import IO, TYPE_CHECKING, Any
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -36,32 +34,53 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from cosim.trace.block import Block
+from cosim.trace.chunk import OpenChunk, Sealed
+from cosim.trace.compress import Compressor, Data
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
 COMPRESSIONS = ("zstd", "lz4", "none")
-MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 _FOOTER_LENGTH = 8 + 8 + 4
+
+
+class Sink(Protocol):
+    """Takes bytes: a file, or what stands for one."""
+
+    def write(self, data: Data, /) -> int:
+        """Write all of it."""
+
+    def flush(self) -> None:
+        """Hand it on."""
 
 
 class McapStream:
     """Writes one MCAP file; the caller owns the stream and calls `start` first, `finish` last.
+
+    An interruption (Ctrl-C) may strike anywhere: `finish` only while `sound`.
 
     Parameters
     ----------
     stream : binary, seekable or not.
     chunk_bytes : size before compression at which a chunk is closed.
     compression : one of `COMPRESSIONS`.
+    early : schemas and channels also stand before the chunks, so that a chunk that is damaged
+        takes with it no channel that later ones use.
     """
 
-    def __init__(self, stream: IO[bytes], chunk_bytes: int, compression: str) -> None:
+    def __init__(
+        self, stream: Sink, chunk_bytes: int, compression: str, *, early: bool = False
+    ) -> None:
         self._stream = stream
-        self._position = 0
+        self.position = 0
+        """Where the last whole record ends."""
+        self.sound = True
+        """False from an interruption in the middle of something on: no summary could be true."""
         self._crc = 0
         self._chunk_bytes = chunk_bytes
-        self._compression = "" if compression == "none" else compression
-        self._chunk = _Chunk()
+        self._compress = Compressor("" if compression == "none" else compression)
+        self._early = early
+        self._chunk = OpenChunk()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
@@ -71,39 +90,50 @@ class McapStream:
         self._first: int | None = None
         self._last = 0
 
-    def start(self, library: str) -> None:
+    def start(self, library: str, profile: str = "") -> None:
         """Magic bytes and header."""
         self._write(MCAP0_MAGIC)
-        self._record(Header(profile="", library=library))
+        self._record(Header(profile=profile, library=library))
 
     def metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """A metadata record; what is in the chunk in progress stays behind it."""
-        offset = self._position
-        length = self._record(Metadata(name=name, metadata=dict(entries)))
-        self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
+        with self._undivided():
+            offset = self.position
+            length = self._record(Metadata(name=name, metadata=dict(entries)))
+            self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
 
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """An attachment without times."""
-        offset = self._position
-        record = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
-        length = self._record(record)
-        self._attachments.append(
-            AttachmentIndex(
-                offset=offset,
-                length=length,
-                create_time=0,
-                log_time=0,
-                data_size=len(data),
+    def attachment(
+        self, name: str, media_type: str, data: bytes, *, log_ns: int = 0, create_ns: int = 0
+    ) -> None:
+        """An attachment; without times, unless they are given."""
+        with self._undivided():
+            offset = self.position
+            record = Attachment(
+                create_time=create_ns,
+                log_time=log_ns,
                 name=name,
                 media_type=media_type,
+                data=data,
             )
-        )
+            length = self._record(record)
+            self._attachments.append(
+                AttachmentIndex(
+                    offset=offset,
+                    length=length,
+                    create_time=create_ns,
+                    log_time=log_ns,
+                    data_size=len(data),
+                    name=name,
+                    media_type=media_type,
+                )
+            )
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
         """Declare a schema; returns its id."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
-        self._schemas.append(schema)
-        self._chunk.declare(schema)
+        with self._undivided():
+            self._schemas.append(schema)
+            self._declare(schema)
         return schema.id
 
     def channel(
@@ -117,32 +147,34 @@ class McapStream:
             metadata=dict(metadata),
             schema_id=schema_id,
         )
-        self._channels.append(channel)
-        self._chunk.declare(channel)
+        with self._undivided():
+            self._channels.append(channel)
+            self._declare(channel)
         return channel.id
 
     def add(self, block: Block) -> None:
         """Messages in the order of the block; chunks are closed as they fill."""
+        sealed = []
         begin = 0
-        while begin < block.size:
-            room = self._chunk_bytes - self._chunk.count
-            # as the package does: the message that fills a chunk is its last
-            end = int(np.searchsorted(block.ends, block.begin(begin) + room, side="right")) + 1
-            end = min(max(end, begin + 1), block.size)
-            part = block.part(begin, end)
-            self._chunk.add(part)
-            for channel, count in zip(*np.unique(part.channels, return_counts=True), strict=True):
-                self._counts[int(channel)] += int(count)
-            begin = end
-            if self._chunk.count > self._chunk_bytes:
-                self._close_chunk()
+        with self._undivided():
+            while begin < block.size:
+                room = self._chunk_bytes - self._chunk.count
+                # as the package does: the message that fills a chunk is its last
+                end = int(np.searchsorted(block.ends, block.begin(begin) + room, side="right")) + 1
+                end = min(max(end, begin + 1), block.size)
+                self._chunk.add(block.part(begin, end))
+                begin = end
+                if self._chunk.count > self._chunk_bytes:
+                    sealed.append(self._chunk.seal())
+                    self._chunk = OpenChunk()
+            if sealed:
+                self._write_chunks(sealed)
 
     def message(
         self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
     ) -> None:
         """One message."""
         self._chunk.message(channel, log_ns, publish_ns, sequence, data)
-        self._counts[channel] += 1
         if self._chunk.count > self._chunk_bytes:
             self._close_chunk()
 
@@ -155,7 +187,7 @@ class McapStream:
         """The last chunk, the summary, the footer."""
         self._close_chunk()
         self._record(DataEnd(self._crc))
-        start = self._position
+        start = self.position
         builder = RecordBuilder()
         offsets = []
         for opcode, records in (
@@ -186,6 +218,12 @@ class McapStream:
         )
         self._write(MCAP0_MAGIC)
 
+    @contextmanager
+    def _undivided(self) -> Iterator[None]:
+        self.sound = False
+        yield
+        self.sound = True
+
     def _statistics(self) -> Statistics:
         return Statistics(
             attachment_count=len(self._attachments),
@@ -199,28 +237,48 @@ class McapStream:
             schema_count=len(self._schemas),
         )
 
+    def _declare(self, record: Schema | Channel) -> None:
+        data = _bytes_of(record)
+        if self._early:
+            self._write(data)
+        self._chunk.declare(data)
+
     def _close_chunk(self) -> None:
-        chunk = self._chunk
-        if chunk.messages == 0:
-            return
-        data = chunk.data()
-        compressed = _COMPRESS[self._compression](data)
-        record = Chunk(
-            compression=self._compression,
-            data=compressed,
-            message_start_time=chunk.first,
-            message_end_time=chunk.last,
-            uncompressed_crc=zlib.crc32(data),
-            uncompressed_size=len(data),
+        if self._chunk.messages:
+            with self._undivided():
+                sealed, self._chunk = self._chunk.seal(), OpenChunk()
+                self._write_chunks([sealed])
+
+    def _write_chunks(self, chunks: Sequence[Sealed]) -> None:
+        packed = self._compress([chunk.data for chunk in chunks])
+        for chunk, data in zip(chunks, packed, strict=True):
+            self._write_chunk(chunk, data)
+
+    def _write_chunk(self, chunk: Sealed, packed: Data) -> None:
+        start = self.position
+        name = self._compress.name
+        head = _bytes_of(
+            Chunk(
+                compression=name,
+                data=b"",
+                message_start_time=chunk.first,
+                message_end_time=chunk.last,
+                uncompressed_crc=zlib.crc32(chunk.data),
+                uncompressed_size=len(chunk.data),
+            )
         )
+        # the package's own, but for the data, which is large and not copied
+        opcode, length, fields = head[:1], len(head) - 9 + len(packed), head[9:-8]
+        sizes = length.to_bytes(8, "little"), len(packed).to_bytes(8, "little")
+        self._write(opcode + sizes[0] + fields + sizes[1], packed)
+        length += 9
         self._first = chunk.first if self._first is None else min(self._first, chunk.first)
         self._last = max(self._last, chunk.last)
-        start = self._position
-        length = self._record(record)
-        index_start = self._position
+        index_start = self.position
         builder = RecordBuilder()
         offsets = {}
-        for channel, entries in chunk.index():
+        for channel, count, entries in chunk.index:
+            self._counts[channel] += count
             offsets[channel] = index_start + builder.count
             builder.start_record(Opcode.MESSAGE_INDEX)
             builder.write2(channel)
@@ -237,95 +295,27 @@ class McapStream:
                 chunk_length=length,
                 message_index_offsets=offsets,
                 message_index_length=len(indexes),
-                compression=self._compression,
-                compressed_size=len(compressed),
-                uncompressed_size=len(data),
+                compression=name,
+                compressed_size=len(packed),
+                uncompressed_size=len(chunk.data),
             )
         )
-        self._chunk = _Chunk()
 
     def _record(self, record: McapRecord) -> int:
-        builder = RecordBuilder()
-        record.write(builder)
-        data = builder.end()  # type: ignore[no-untyped-call]
+        data = _bytes_of(record)
         self._write(data)
         return len(data)
 
-    def _write(self, data: bytes) -> None:
-        self._stream.write(data)
-        self._position += len(data)
-        self._crc = zlib.crc32(data, self._crc)
+    def _write(self, *parts: Data) -> None:
+        """One record or several, whole."""
+        for data in parts:
+            self._stream.write(data)
+            self._crc = zlib.crc32(data, self._crc)
+        self.position += sum(len(data) for data in parts)
 
 
-class _Chunk:
-    """The chunk in progress."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.messages = 0
-        self.first, self.last = 0, 0
-        self._parts: list[Any] = []
-        self._index: list[tuple[Any, Any, Any]] = []
-        self._single: list[tuple[int, int, int]] = []
-
-    def declare(self, record: McapRecord) -> None:
-        builder = RecordBuilder()
-        record.write(builder)
-        self._append(builder.end())  # type: ignore[no-untyped-call]
-
-    def message(
-        self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
-    ) -> None:
-        self._span(log_ns, log_ns)
-        self._single.append((channel, log_ns, self.count))
-        self.messages += 1
-        length = MESSAGE_HEAD.size - 9 + len(data)
-        self._append(
-            MESSAGE_HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_ns, publish_ns) + data
-        )
-
-    def add(self, block: Block) -> None:
-        self._span(int(block.log_ns.min()), int(block.log_ns.max()))
-        self._gather()
-        starts = self.count + np.append(0, block.ends[:-1])
-        self._index.append((block.channels, block.log_ns, starts))
-        self.messages += block.size
-        self._append(block.data)
-
-    def data(self) -> bytes:
-        return b"".join(self._parts)
-
-    def index(self) -> list[tuple[int, bytes]]:
-        """Per channel, in order of first use: (log time, offset) of its messages."""
-        self._gather()
-        channels, times, starts = (
-            np.concatenate(parts) for parts in zip(*self._index, strict=True)
-        )
-        found, first = np.unique(channels, return_index=True)
-        pairs = np.column_stack([times, starts]).astype("<u8")
-        return [
-            (int(channel), pairs[channels == channel].tobytes())
-            for channel in found[np.argsort(first)]
-        ]
-
-    def _span(self, low: int, high: int) -> None:
-        self.first = low if self.messages == 0 else min(self.first, low)
-        self.last = max(self.last, high)
-
-    def _gather(self) -> None:
-        """Single messages into the index, in their place between the blocks."""
-        if self._single:
-            columns = np.array(self._single, np.int64).T
-            self._index.append((columns[0], columns[1], columns[2]))
-            self._single = []
-
-    def _append(self, data: Any) -> None:
-        self._parts.append(data)
-        self.count += len(data)
-
-
-_COMPRESS: dict[str, Callable[[bytes], bytes]] = {
-    "": bytes,
-    "zstd": lambda data: zstandard.ZstdCompressor().compress(data),
-    "lz4": lz4.frame.compress,
-}
+def _bytes_of(record: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data

@@ -8,10 +8,7 @@ the order of the calls, which is to be the order of delivery (log time).
 from __future__ import annotations
 
 import contextlib
-import math
 import operator
-import os
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -19,33 +16,22 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-from cosim.errors import CosimError, InputError, LossError
-from cosim.trace import foxglove, layout
-from cosim.trace.block import Records, in_order
+from cosim.errors import CosimError, InputError
+from cosim.trace import layout, leaving
+from cosim.trace.block import HEAD, Records, in_order
+from cosim.trace.disk import Guard, PartialFile
 from cosim.trace.encode import RowEncoder
-from cosim.trace.poses import pose_messages
+from cosim.trace.flusher import Flusher
+from cosim.trace.foxglove_topics import FoxgloveTopics
 from cosim.trace.rows import Poses, Rows
 from cosim.trace.stream import COMPRESSIONS, McapStream
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from os import PathLike
     from types import TracebackType
 
-    from numpy.typing import NDArray
-
     from cosim.trace.layout import Signal
-
-NED, MAP = "ned", "map"
-"""Frames: x north, y east, z down, as the vehicle's equations; x east, y north, z up."""
-
-_HALF_TURN = math.sqrt(0.5)  # about the line between x and y: x <-> y, z -> -z
-_FRAME = {
-    "parent_frame_id": MAP,
-    "child_frame_id": NED,
-    "translation": {"x": 0.0, "y": 0.0, "z": 0.0},
-    "rotation": {"x": _HALF_TURN, "y": _HALF_TURN, "z": 0.0, "w": 0.0},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +54,8 @@ class TraceWriter:
     """Writes one trace; use as a context manager.
 
     Left by an exception, or by `close` without `finish`, it leaves `<path>.partial`: a
-    well-formed MCAP file without `cosim.result`. A process killed leaves what was flushed.
+    well-formed MCAP file without `cosim.result`. A process killed leaves what was flushed; one
+    that is told to go (SIGTERM), or ends without closing the trace, everything.
 
     Parameters
     ----------
@@ -76,14 +63,15 @@ class TraceWriter:
     run : entries of `cosim.run`. Keys that begin with `host.` (wall clock, machine) are not
         part of the content hash; everything else is to be the same in each rerun.
     attachments : files to carry, written right after `cosim.run`.
-    flush_interval_s : longest wall-clock time [s] that a row waits in memory, as long as rows
-        keep coming; before a step that may never return, call `flush`.
+    flush_interval_s : longest wall-clock time [s] that a row waits in memory, whether or not
+        more rows come.
     compression : "zstd", "lz4" or "none".
     chunk_bytes : size [bytes] before compression at which a chunk is closed.
+    fsync : hand each flush on to the disk itself, so that it survives a power cut.
 
     Raises
     ------
-    InputError : the file cannot be created, or an entry is no string.
+    InputError : the file cannot be created, another run is writing it, or an entry is no string.
     LossError : from any method, when the disk fails; the writer is then closed and what had
         been written stays in the `.partial` file.
     """
@@ -97,13 +85,8 @@ class TraceWriter:
         flush_interval_s: float = 1.0,
         compression: str = "zstd",
         chunk_bytes: int = 256 * 1024,
+        fsync: bool = False,
     ) -> None:
-        self.path = Path(path)
-        self.partial_path = self.path.with_name(self.path.name + ".partial")
-        self._encoders: dict[int, RowEncoder] = {}
-        self._topics: dict[str, int] = {}
-        self._interval = flush_interval_s
-        self._open = False
         entries = _strings(layout.RUN, run)
         if compression not in COMPRESSIONS:
             raise InputError(
@@ -112,26 +95,29 @@ class TraceWriter:
                 expected=", ".join(COMPRESSIONS),
                 got=repr(compression),
             )
-        if self.path.is_dir():
-            raise InputError("the trace's path is a directory", where=str(self.path))
-        try:
-            self._stream = self.partial_path.open("wb")
-        except OSError as error:
+        if not flush_interval_s >= 0:
             raise InputError(
-                "the trace cannot be created",
-                where=str(self.partial_path),
-                expected="a writable folder",
-                got=str(error),
-            ) from error
-        self._open = True
-        self._writer = McapStream(self._stream, chunk_bytes, compression)
-        with self._disk():
-            self._writer.start("auv-cosim")
-            self._writer.metadata(layout.RUN, entries)
+                "the flush interval is a time",
+                where="TraceWriter",
+                expected="flush_interval_s >= 0",
+                got=repr(flush_interval_s),
+            )
+        self.path = Path(path)
+        self._encoders: dict[int, RowEncoder] = {}
+        self._topics: set[str] = set()
+        self._file = PartialFile(self.path, fsync=fsync)
+        self.partial_path = self._file.partial_path
+        self._stream = McapStream(self._file, chunk_bytes, compression, early=True)
+        self._guard = Guard(self._file, self._stream)
+        self._flusher = Flusher(self._guard, self._flush, flush_interval_s)
+        self._foxglove = FoxgloveTopics(self._register)
+        leaving.opened(self)
+        with self._guard:
+            self._stream.start("auv-cosim")
+            self._stream.metadata(layout.RUN, entries)
             for item in attachments:
-                self._writer.attachment(item.name, item.media_type, item.data)
+                self._stream.attachment(item.name, item.media_type, item.data)
             self._stream.flush()
-        self._flushed = time.monotonic()
 
     def add_topic(
         self,
@@ -201,11 +187,7 @@ class TraceWriter:
         InputError : an unknown topic, the wrong number or kind of values, a time or sequence
             out of range.
         """
-        encoder = self._encoders.get(topic_id)
-        if encoder is None:
-            raise InputError(
-                "unknown topic", where="write", expected="an id from add_topic", got=repr(topic_id)
-            )
+        encoder = self._encoder(topic_id, "write")
         self._add(topic_id, log_time_ns, encoder(values), publish_time_ns, sequence)
 
     def write_rows(self, parts: Sequence[Rows | Poses]) -> None:
@@ -220,7 +202,10 @@ class TraceWriter:
         records: list[Records] = []
         for part in parts:
             if part.log_ns.size:
-                records += self._poses(part) if isinstance(part, Poses) else self._rows(part)
+                if isinstance(part, Poses):
+                    records += self._foxglove.poses(part)
+                else:
+                    records += self._rows(part)
         if not records:
             return
         low = min(int(min(r.log_ns.min(), r.publish_ns.min())) for r in records)
@@ -231,20 +216,13 @@ class TraceWriter:
                 expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
             )
         block = in_order(records)
-        with self._disk():
-            self._writer.add(block)
-        if time.monotonic() - self._flushed >= self._interval:
-            self.flush()
+        with self._guard:
+            self._stream.add(block)
+            if self._flusher.due():
+                self._flush()
 
     def _rows(self, part: Rows) -> list[Records]:
-        encoder = self._encoders.get(part.topic_id)
-        if encoder is None:
-            raise InputError(
-                "unknown topic",
-                where="write_rows",
-                expected="an id from add_topic",
-                got=repr(part.topic_id),
-            )
+        encoder = self._encoder(part.topic_id, "write_rows")
         if len(part.values) != part.log_ns.size:
             raise InputError(
                 "rows and their times do not match",
@@ -252,34 +230,26 @@ class TraceWriter:
                 expected=f"{part.log_ns.size} rows, one per time",
                 got=str(len(part.values)),
             )
-        if encoder.fixed and isinstance(part.values, np.ndarray):
-            return [
-                _records(
-                    part, part.topic_id, np.arange(len(part.values)), encoder.many(part.values)
-                )
-            ]
-        encoded = [encoder(row) for row in part.values]
-        lengths = np.array([len(data) for data in encoded])
-        records = []
-        for length in np.unique(lengths).tolist():
-            mine = np.flatnonzero(lengths == length)
-            data = np.frombuffer(b"".join(encoded[i] for i in mine.tolist()), np.uint8)
-            records.append(_records(part, part.topic_id, mine, data.reshape(mine.size, length)))
-        return records
+        rank = np.asarray(part.rank, np.int64)
+        return [
+            Records(
+                channel=part.topic_id,
+                log_ns=part.log_ns[mine],
+                publish_ns=part.publish_ns[mine],
+                sequence=part.sequence[mine],
+                lines=lines,
+                rank=rank[mine] if rank.ndim == 2 else rank,
+            )
+            for mine, lines in encoder.many(part.values, HEAD.size)
+        ]
 
-    def _poses(self, part: Poses) -> list[Records]:
-        records = []
-        if layout.FRAME_TOPIC not in self._topics:
-            first = Rows(-1, part.log_ns[:1], (), rank=_head(part.rank))
-            topic_id = self._foxglove_topic(layout.FRAME_TOPIC, "foxglove.FrameTransform")
-            encoded = foxglove.encoded("foxglove.FrameTransform", int(part.log_ns[0]), _FRAME)
-            line = np.frombuffer(encoded, np.uint8)[None, :]
-            records.append(_records(first, topic_id, np.zeros(1, np.intp), line))
-        topic_id = self._foxglove_topic(layout.POSE_TOPIC, "foxglove.PoseInFrame")
-        whole = Rows(-1, part.log_ns, (), rank=part.rank)
-        for mine, data in pose_messages(NED, part.log_ns, part.values[:, :3], part.values[:, 3]):
-            records.append(_records(whole, topic_id, mine, data))
-        return records
+    def _encoder(self, topic_id: int, where: str) -> RowEncoder:
+        encoder = self._encoders.get(topic_id)
+        if encoder is None:
+            raise InputError(
+                "unknown topic", where=where, expected="an id from add_topic", got=repr(topic_id)
+            )
+        return encoder
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write to `/log` (`foxglove.Log`).
@@ -291,16 +261,7 @@ class TraceWriter:
         name : who speaks: a component, a link.
         message : what is said.
         """
-        if level not in foxglove.LEVELS:
-            raise InputError(
-                "unknown level",
-                where="log",
-                expected=", ".join(foxglove.LEVELS),
-                got=repr(level),
-            )
-        topic_id = self._foxglove_topic(layout.LOG_TOPIC, "foxglove.Log")
-        fields = {"level": foxglove.LEVELS[level], "name": name, "message": message}
-        data = foxglove.encoded("foxglove.Log", int(time_ns), fields)
+        topic_id, data = self._foxglove.log(time_ns, level, name, message)
         self._add(topic_id, time_ns, data, None, 0)
 
     def pose(self, time_ns: int, x: float, y: float, z: float, psi: float) -> None:
@@ -316,25 +277,36 @@ class TraceWriter:
 
     def flush(self) -> None:
         """Close the chunk in progress and hand everything to the operating system."""
-        with self._disk():
-            self._writer.flush()
-        self._flushed = time.monotonic()
+        with self._guard:
+            self._flush()
 
     def finish(self, result: Mapping[str, str]) -> Path:
         """Write `cosim.result`, close the file and rename it; returns the final path."""
         entries = _strings(layout.RESULT, result)
-        with self._disk():
-            self._writer.flush()  # so that cosim.result comes after the last message
-            self._writer.metadata(layout.RESULT, entries)
-            self._end()
-            self.partial_path.replace(self.path)
+        with self._guard:
+            self._stream.flush()  # so that cosim.result comes after the last message
+            self._stream.metadata(layout.RESULT, entries)
+            self._stream.finish()
+            self._file.finish()
+            self._guard.open = False
+        self._ended()
         return self.path
 
     def close(self) -> None:
         """Close without a result, if still open; the `.partial` file stays, well-formed."""
-        if self._open:
-            with self._disk():
-                self._end()
+        if not self._guard.open:
+            self._ended()
+            return
+        with self._guard:
+            if self._stream.sound:
+                self._stream.finish()
+            self._file.close()
+            self._guard.open = False
+        self._ended()
+
+    def forget(self) -> None:
+        """In a forked process: the file is the parent's; nothing of it is touched here."""
+        self._guard.forget()
 
     def __enter__(self) -> Self:
         return self
@@ -351,12 +323,19 @@ class TraceWriter:
         with contextlib.suppress(CosimError):  # what went wrong first is what matters
             self.close()
 
-    def _end(self) -> None:
-        self._writer.finish()
+    def __del__(self) -> None:
+        """Nobody can write any more: what there is goes to the disk."""
+        if hasattr(self, "_foxglove"):  # the beginning was not refused
+            with contextlib.suppress(CosimError):
+                self.close()
+
+    def _flush(self) -> None:
         self._stream.flush()
-        os.fsync(self._stream.fileno())
-        self._stream.close()
-        self._open = False
+        self._flusher.flushed()
+
+    def _ended(self) -> None:
+        self._flusher.stop()
+        leaving.closed(self)
 
     def _register(
         self,
@@ -373,16 +352,10 @@ class TraceWriter:
                 got=repr(topic),
             )
         data = files.SerializeToString(deterministic=True)
-        with self._disk():
-            schema_id = self._writer.schema(schema_name, "protobuf", data)
-            topic_id = self._writer.channel(topic, "protobuf", schema_id, dict(metadata))
-        self._topics[topic] = topic_id
-        return topic_id
-
-    def _foxglove_topic(self, topic: str, schema: str) -> int:
-        topic_id = self._topics.get(topic)
-        if topic_id is None:
-            topic_id = self._register(topic, schema, foxglove.descriptors(schema), {})
+        with self._guard:
+            schema_id = self._stream.schema(schema_name, "protobuf", data)
+            topic_id = self._stream.channel(topic, "protobuf", schema_id, metadata)
+        self._topics.add(topic)
         return topic_id
 
     def _add(
@@ -405,47 +378,10 @@ class TraceWriter:
                 expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
                 got=f"log time {log_ns}, publish time {publish}, sequence {sequence}",
             )
-        with self._disk():
-            self._writer.message(topic_id, log_ns, publish, sequence, data)
-        if time.monotonic() - self._flushed >= self._interval:
-            self.flush()
-
-    @contextlib.contextmanager
-    def _disk(self) -> Iterator[None]:
-        """Refuse work after the end; turn a failing disk into an error that says so."""
-        if not self._open:
-            raise InputError(
-                "the trace is closed", where=str(self.path), hint="write before finish() or close()"
-            )
-        try:
-            yield
-        except OSError as error:
-            self._open = False
-            with contextlib.suppress(OSError):
-                self._stream.close()
-            raise LossError(
-                "the trace could not be written",
-                where=str(self.partial_path),
-                got=str(error),
-                hint="make room on the disk; what was written before is in the .partial file",
-            ) from error
-
-
-def _records(part: Rows, topic_id: int, mine: NDArray[np.intp], data: NDArray[np.uint8]) -> Records:
-    rank = np.asarray(part.rank, np.int64)
-    return Records(
-        channel=topic_id,
-        log_ns=part.log_ns[mine],
-        publish_ns=part.publish_ns[mine],
-        sequence=part.sequence[mine],
-        data=data,
-        rank=rank[mine] if rank.ndim == 2 else rank,
-    )
-
-
-def _head(rank: NDArray[np.int64] | tuple[int, ...]) -> NDArray[np.int64] | tuple[int, ...]:
-    """The rank of the first row alone."""
-    return rank if isinstance(rank, tuple) else rank[:1]
+        with self._guard:
+            self._stream.message(topic_id, log_ns, publish, sequence, data)
+            if self._flusher.due():
+                self._flush()
 
 
 def _strings(where: str, entries: Mapping[str, str]) -> dict[str, str]:

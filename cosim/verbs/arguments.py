@@ -70,6 +70,21 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
         ) from error
 
 
+def names(option: str, text: str) -> tuple[str, ...]:
+    """Names separated by commas.
+
+    Raises
+    ------
+    InputError : one of them is empty.
+    """
+    found = tuple(part.strip() for part in text.split(","))
+    if not all(found):
+        raise InputError(
+            "not a list of names", where=option, expected="names separated by commas", got=text
+        )
+    return found
+
+
 def write(path: Path, text: str) -> None:
     """A text file, with the folders it needs.
 

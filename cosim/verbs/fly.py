@@ -98,6 +98,10 @@ def run(
         LogLevel | None,
         typer.Option(help="Record messages of components from this level on (as [log] level)."),
     ] = None,
+    fsync: Annotated[
+        bool,
+        typer.Option("--fsync", help="Bring each second of the trace onto the disk itself."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Fly a scenario and write its trace.
@@ -125,7 +129,7 @@ def run(
     with progress() as tell:
         prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
         kept = None if pace is None else Pace(pace)
-        outcome = fly(prepared, trace, progress=tell, engine=engine.value, pace=kept)
+        outcome = fly(prepared, trace, progress=tell, engine=engine.value, pace=kept, fsync=fsync)
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)

@@ -91,6 +91,12 @@ def demo_view(demo: Demo) -> RenderableType:
 
 def rerun_view(result: Rerun) -> RenderableType:
     """Whether the run again is the run."""
+    if result.identical and not result.finished:
+        return Text.assemble(
+            ("identical", "bold green"),
+            f" as far as it goes: {result.original} did not finish, and the run again begins "
+            "with every message of it, bit for bit",
+        )
     if result.identical:
         return Text.assemble(
             ("identical", "bold green"),

@@ -5,15 +5,14 @@ is the error of the coupling. The truth is a matrix exponential without links, t
 with transport delays, and an event by event calculation with packets.
 
 `python -m tests.benchmarks.orders --json` prints {"orders": {CASE: {"steps", "errors",
-"slopes", "seconds_of_coupling"}}}: `seconds_of_coupling` is the delay that the coupling itself
-adds at the longest step, apart from the links'.
+"slopes", "seconds_of_coupling"}}}; slopes are null at round-off, `seconds_of_coupling` is the delay
+that the coupling itself adds at the longest step, apart from the links'.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
-import json
 import math
 import sys
 import tempfile
@@ -23,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from scipy.linalg import expm
 
@@ -35,12 +33,16 @@ if __package__ == "tests.benchmarks":
 from master.scalar import ns, scalar_fmu, scalars
 from truth.dde import solve
 
+from ._show import show
+
 A = (-1.0, -0.5)
 B = (1.5, -2.0)
 START = (1.0, -0.5)
 STOP = 2.0
 DELAY = 0.4
 HALVINGS = tuple(0.1 / 2**i for i in range(6))
+ROUND_OFF = 1e-12
+"""An error below is rounding, which has no order."""
 PACKETS = (
     PacketLink("there", ns(0.07), ns(0.01), ns(0.0331)),
     PacketLink("back", ns(0.05), 0, ns(0.0207)),
@@ -136,21 +138,21 @@ def main() -> None:
             table[name] = {
                 "steps": HALVINGS,
                 "errors": found,
-                "slopes": slopes(found),
+                "slopes": [
+                    None if found[i + 1] < ROUND_OFF else slope
+                    for i, slope in enumerate(slopes(found))
+                ],
                 "seconds_of_coupling": 0.0 if case.more else HALVINGS[0],
             }
-    if "--json" in sys.argv:
-        print(json.dumps({"orders": table}, indent=1))
-        return
     view = Table(title="error at the end, and order from halving to halving", title_justify="left")
     view.add_column("coupling")
     for step in HALVINGS:
         view.add_column(f"h = {step:g}", justify="right")
     view.add_column("orders", justify="right")
     for name, row in table.items():
-        orders = " ".join(f"{s:.2f}" for s in row["slopes"])
+        orders = " ".join("-" if s is None else f"{s:.2f}" for s in row["slopes"])
         view.add_row(name, *(f"{e:.1e}" for e in row["errors"]), orders)
-    Console(width=150).print(view)
+    show(view, {"orders": table})
 
 
 if __name__ == "__main__":

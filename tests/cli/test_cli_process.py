@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -17,7 +19,7 @@ LONG = (SCENARIOS / "valid" / "over-a-packet-link.toml").read_text("utf-8")
 LONG = LONG.replace("end = 1.0", "end = 5000.0").replace("step = 0.1", "step = 0.01")
 
 
-def started(fmus: Path, folder: Path) -> subprocess.Popen[str]:
+def started(fmus: Path, folder: Path, **environment: str) -> subprocess.Popen[str]:
     """A long run that has begun to write its trace."""
     (folder / "long.toml").write_text(LONG, "utf-8")
     process = subprocess.Popen(  # noqa: S603 - the command under test
@@ -26,6 +28,7 @@ def started(fmus: Path, folder: Path) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env=os.environ | environment,
     )
     partial = folder / "t.mcap.partial"
     until = time.monotonic() + 60.0
@@ -48,22 +51,62 @@ def readable_rows(folder: Path) -> int:
     return len(rows)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["Ctrl-C", "killed"])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, signal.SIGTERM, signal.SIGKILL],
+    ids=["Ctrl-C", "told to end", "killed"],
+)
 def test_interrupted_run_leaves_its_rows(
     number: signal.Signals, fmus: Path, tmp_path: Path
 ) -> None:
-    """Ctrl-C: exit 130, in words. Either way the rows so far are readable in the .partial."""
-    process = started(fmus, tmp_path)
+    """Ctrl-C: exit 130, SIGTERM: 143, in words. In any case the rows so far are in the .partial."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    process = started(fmus, tmp_path, TMPDIR=str(scratch))
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert "Traceback" not in out + err
-    if number == signal.SIGINT:
-        assert process.returncode == 130
-        assert json.loads(out)["error"]["exit_code"] == 130
-        assert "interrupted" in err
+    if number != signal.SIGKILL:
+        assert process.returncode == 128 + number
+        assert json.loads(out)["error"]["exit_code"] == 128 + number
+        assert ("interrupted" if number == signal.SIGINT else "told to end") in err
+        assert not list(scratch.iterdir()), "temporary folders are left"
+        assert Trace(tmp_path / "t.mcap.partial").complete
     else:
         assert process.returncode == -signal.SIGKILL
     assert readable_rows(tmp_path) > 1000
+
+
+FULL = """
+import resource, sys
+from cosim.entry import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
+main()
+"""
+
+
+def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
+    """It stops, says why and leaves with 3; what is on the disk reads and can be recovered."""
+    (tmp_path / "long.toml").write_text(LONG, "utf-8")
+    command = [sys.executable, "-c", FULL, "run", "long.toml", "--out", "t.mcap", "--json"]
+    done = subprocess.run(  # noqa: S603 - the command under test
+        [*command, "--fsync", "--fmus", str(fmus.parent)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 3, done.stderr
+    error = json.loads(done.stdout)["error"]
+    assert "could not be written" in error["what"]
+    assert "recover" in error["hint"]
+    assert "Traceback" not in done.stderr
+    rows = readable_rows(tmp_path)
+    assert rows > 1000
+    mended = cosim("trace", "recover", "t.mcap.partial", "--json", cwd=tmp_path)
+    assert (mended.code, mended.json["lost_bytes"]) == (3, 0)
+    assert len(Trace(tmp_path / "t.recovered.mcap").read("/plant/output")) == rows
+    assert cosim("trace", "verify", "t.recovered.mcap", cwd=tmp_path).code == 3
 
 
 def test_reader_that_leaves_early(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_driven_and_connected_is_two_sources(fmus: Path) -> None:
     connections = [("plant.x[1]", "plant.u[1]")]
     with pytest.raises(InputError, match="two sources"):
         system(fmus, PLANT, connections, step=0.1, stop=1.0, driven={"plant.u[1]": math.sin})
-    with pytest.raises(InputError, match="only a Real input can follow a signal"):
+    with pytest.raises(InputError, match="can follow a signal"):
         system(fmus, PLANT, [], step=0.1, stop=1.0, driven={"plant.x[1]": math.sin})
     with pytest.raises(InputError, match="must be finite"):
         system(fmus, PLANT, [], step=0.1, stop=1.0, driven={"plant.u[1]": lambda _t: math.nan})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import sys
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -228,3 +229,70 @@ def test_foreign_mcap_cannot_be_run_again(tmp_path: Path) -> None:
     assert result.code == 2
     assert "cannot be run again" in result.error["what"]
     assert cosim("trace", "info", path, "--json", cwd=tmp_path).code == 0
+
+
+def cut(source: Path, target: Path, share: float) -> Path:
+    """What is left of a trace whose process was killed: the first part of its bytes."""
+    data = source.read_bytes()
+    target.write_bytes(data[: int(len(data) * share)])
+    return target
+
+
+@pytest.mark.parametrize("share", [0.4, 0.85])
+def test_a_run_that_was_cut_short_is_the_beginning_of_its_run_again(
+    tmp_path: Path, share: float
+) -> None:
+    """Every message that there is comes out again; a changed one is found."""
+    path = cut(trace_of("auv-acoustic"), tmp_path / "r.mcap.partial", share)
+    fmus = ("--fmus", home() / "fmus")
+    assert Trace(path).topics["/plant/output"].count > 100
+    result = cosim("trace", "rerun", path, "--json", *fmus, cwd=tmp_path)
+    assert result.code == 0, result.err
+    assert result.json["identical"] is True
+    assert (result.json["finished"], result.json["differences"]) == (False, [])
+    assert "did not finish" in cosim("trace", "rerun", path, *fmus, cwd=tmp_path).out
+
+
+def test_a_cut_run_of_another_seed_is_told_apart(tmp_path: Path) -> None:
+    """Another scenario under a forged hash, and the end cut off."""
+    source, change = trace_of("auv-acoustic"), swapped(b"Hs = 1.0", b"Hs = 1.5")
+    forged = rehashed(source, "scenario.sha256", "scenario.toml", change)
+    true = Trace(source).run["scenario.sha256"].encode()
+    whole = tampered(source, tmp_path / "t.mcap", scenario=change, run=swapped(true, forged))
+    path = cut(whole, tmp_path / "t.mcap.partial", 0.7)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", home() / "fmus", cwd=tmp_path)
+    assert result.code == 1
+    assert result.json["identical"] is False
+    assert any(line.startswith("/sea/output disturbance") for line in result.json["differences"])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a compiler is there, as for other tests")
+@pytest.mark.parametrize(
+    "name",
+    ["paper-example", *(pytest.param(n, marks=pytest.mark.slow) for n in BUILT_IN if n[0] == "a")],
+)
+def test_a_native_run_comes_out_again_from_nothing(name: str, tmp_path: Path) -> None:
+    """The flavour that flew is known by its hash alone: it is built again, and is the same."""
+    ran = cosim("run", name, "--flavour", "native", "--json", cwd=tmp_path)
+    assert ran.code == 0, ran.err
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    again = cosim("trace", "rerun", tmp_path / ran.json["trace"], "--json", cwd=elsewhere)
+    assert again.code == 0, again.err
+    assert again.json["identical"] is True
+    assert again.json["original_hash"] == ran.json["content_hash"]
+
+
+def test_an_fmu_is_found_by_its_hash_in_any_folder(fmus: Path, tmp_path: Path) -> None:
+    """Below --fmus, however deep and whatever it is called; nothing is built for it."""
+    ran = trace_of("paper-example")
+    store = tmp_path / "store" / "a" / "b"
+    store.mkdir(parents=True)
+    names = {"DelayedPlant": "one.fmu", "PaperController": "two.fmu"}
+    recorded = Trace(ran).run
+    for component, number in (("plant", "one"), ("controller", "two")):
+        name = recorded[f"fmu.{component}"]
+        shutil.copy(fmus / f"{name}.fmu", store / names.get(name, f"{number}.fmu"))
+    result = cosim("trace", "rerun", ran, "--json", "--fmus", tmp_path / "store", cwd=tmp_path)
+    assert result.code == 0, result.err
+    assert result.json["identical"] is True

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -15,7 +16,9 @@ from mcap.writer import CompressionType, Writer
 
 from cosim.errors import InputError
 from cosim.trace import Poses, Rows, Signal, TraceWriter
+from cosim.trace.encode import RowEncoder
 from cosim.trace.foxglove import encoded, message_type
+from cosim.trace.layout import file_descriptor, message_class
 from cosim.trace.poses import pose_messages
 from cosim.trace.stream import McapStream
 
@@ -137,6 +140,76 @@ def test_poses_are_byte_for_byte_what_protobuf_writes(rows: list[tuple[Any, ...]
         fields = {"frame_id": "ned", "pose": pose}
         assert made[i] == encoded("foxglove.PoseInFrame", t, fields)
         assert message_type("foxglove.PoseInFrame").FromString(made[i]).pose.position.x == x
+
+
+VALUES = {
+    "int": st.one_of(st.integers(-(2**63), 2**63 - 1), st.integers(0, 300)),
+    "bool": st.booleans(),
+    "float": st.floats(width=64),
+    "string": st.sampled_from(["", "lost", "overtaken", "ä" * 70]),
+}
+
+
+@given(
+    rows=st.lists(st.tuples(*[VALUES[signal.kind] for signal in MIXED]), min_size=1, max_size=30),
+    absent=st.booleans(),
+)
+def test_rows_of_every_kind_are_byte_for_byte_what_protobuf_writes(
+    rows: list[tuple[Any, ...]], *, absent: bool
+) -> None:
+    """Integers, booleans and strings, laid out many at a time; also with a value absent."""
+    files = FileDescriptorSet(file=[file_descriptor("t.M", MIXED)])
+    message = message_class(files, "t.M")
+    if absent:
+        rows = [*rows, (None, True, None, "x")]
+    made: dict[int, bytes] = {}
+    for mine, lines in RowEncoder("/m", MIXED, message).many(rows, room=31):
+        which = np.arange(len(rows))[mine]
+        made |= {i: line[31:].tobytes() for i, line in zip(which.tolist(), lines, strict=True)}
+    names = [signal.name for signal in MIXED]
+    for i, row in enumerate(rows):
+        filled = {n: v for n, v in zip(names, row, strict=True) if v is not None}
+        assert made[i] == message(**filled).SerializeToString(deterministic=True)
+
+
+def test_doubles_stand_for_integers_and_booleans(tmp_path: Path) -> None:
+    """The master keeps all values as doubles; what is no integer or boolean is refused."""
+    signals = [Signal("n", kind="int"), Signal("on", kind="bool"), Signal("x")]
+    rows = np.array([[-5.0, 255.0, 0.1], [2.0**40, 0.0, -0.0], [0.0, 1.0, math.inf]])
+    times = np.arange(3)
+    one, many = tmp_path / "one.mcap", tmp_path / "many.mcap"
+    with TraceWriter(one, run={}) as writer:
+        topic = writer.add_topic("/m", signals, schema_name="t.M")
+        for t, (n, on, x) in enumerate(rows.tolist()):
+            writer.write(topic, t, [int(n), bool(on), x])
+        writer.finish({})
+    with TraceWriter(many, run={}) as writer:
+        topic = writer.add_topic("/m", signals, schema_name="t.M")
+        writer.write_rows([Rows(topic, times, rows)])
+        for wrong in ([0.5, 1.0, 0.0], [1e300, 1.0, 0.0], [math.nan, 1.0, 0.0], [1.0, math.nan, 0]):
+            with pytest.raises(InputError, match="wrong kind"):
+                writer.write_rows([Rows(topic, times[:1], np.array([wrong]))])
+        text = writer.add_topic("/s", [Signal("s", kind="string")], schema_name="t.S")
+        with pytest.raises(InputError, match="string"):
+            writer.write_rows([Rows(text, times, rows[:, :1])])
+        writer.finish({})
+    assert messages(one) == messages(many)
+
+
+def test_caller_may_use_its_arrays_again(tmp_path: Path) -> None:
+    times, values = np.arange(5), np.arange(5.0)[:, None]
+    path = tmp_path / "run.mcap"
+    with TraceWriter(path, run={}) as writer:
+        topic = writer.add_topic("/x", [Signal("x")], schema_name="t.X")
+        writer.write_rows([Rows(topic, times, values)])
+        times += 100
+        values[:] = 0
+        writer.finish({})
+    found = messages(path)
+    assert [m[1] for m in found] == list(range(5))
+    with path.open("rb") as stream:  # by the index
+        (*_, last) = make_reader(stream, validate_crcs=True).iter_messages()
+    assert (last[2].log_time, last[2].data[1:]) == (4, np.float64(4.0).tobytes())
 
 
 def test_frame_comes_before_the_first_pose(tmp_path: Path) -> None:

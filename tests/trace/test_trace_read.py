@@ -199,7 +199,8 @@ def test_flushed_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         info = Trace(writer.partial_path).topics.get("/eta")
         counts.append(info.count if info else 0)
     writer.close()
-    assert counts == [0] * 10 + [11] * 10 + [21] * 10
+    assert all(k + 1 - count <= 10 for k, count in enumerate(counts))
+    assert len(set(counts)) < 8  # and not a chunk for every row
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
@@ -225,8 +226,9 @@ def test_foreign_file(tmp_path: Path, compression: CompressionType, *, chunking:
     assert (thing["topic"], thing["schema"], thing["count"]) == ("/thing", "Thing", 10)
     assert (thing["start_ns"], thing["end_ns"], thing["rate_hz"]) == (10**9, 10**10, 1.0)
     assert (other["topic"], other["count"], other["rate_hz"]) == ("/raw", 1, None)
+    assert len(Trace(path).read("/thing")) == 10
     with pytest.raises(InputError, match="protobuf"):
-        Trace(path).read("/thing")
+        Trace(path).read("/raw")
 
 
 def test_describe_and_render(tmp_path: Path) -> None:

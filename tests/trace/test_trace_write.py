@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from written import side_by_side
 
 from cosim.errors import InputError, LossError
 from cosim.network import LOST, OVERTAKEN, REASONS, Jitter, PacketLink, schedule
@@ -218,9 +219,11 @@ def test_fast_rows_are_protobuf(rows: list[list[float | None]]) -> None:
         theirs = message(**{f"K_1_{i}": v for i, v in enumerate(row) if v is not None})
         assert payload == theirs.SerializeToString(deterministic=True)
     decode = RowDecoder("cosim.T", files.SerializeToString(), channel_metadata(signals))
-    columns, present = decode(payloads)
+    decoded = decode(side_by_side(payloads))
+    columns = {s.name: values for s, (values, _) in zip(signals, decoded, strict=True)}
     for i, signal in enumerate(signals):
-        assert present[signal.name].tolist() == [row[i] is not None for row in rows]
+        present = [True] * len(rows) if decoded[i][1] is None else decoded[i][1].tolist()
+        assert present == [row[i] is not None for row in rows]
         expected = np.array([math.nan if row[i] is None else row[i] for row in rows], np.float64)
         both_nan = np.isnan(expected) & np.isnan(columns[signal.name])
         same = columns[signal.name].view(np.int64) == expected.view(np.int64)

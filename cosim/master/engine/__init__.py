@@ -2,6 +2,7 @@
 
 from cosim.master.engine.choice import Engine, EngineChoice, EngineName, build, choose
 from cosim.master.engine.program import Adjustment, Halt, Program, make_program
+from cosim.master.engine.waiting import fill_in
 
 __all__ = [
     "Adjustment",
@@ -12,5 +13,6 @@ __all__ = [
     "Program",
     "build",
     "choose",
+    "fill_in",
     "make_program",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +18,12 @@ from cosim.master.engine.program import (
     Operation,
     Program,
     Step,
+    refusal,
 )
 from cosim.master.routes import Route
 
-_WHAT: tuple[Literal["get", "set", "step", "range", "end"], ...] = (
-    "get",
-    "set",
-    "step",
-    "range",
-    "end",
-)
-"""The words of a `Halt`, by the kernel's number."""
 _Integers = NDArray[np.int64]
+_Coded = tuple[tuple[Operation, ...], _Integers]
 
 
 class CompiledEngine:
@@ -38,6 +32,7 @@ class CompiledEngine:
     def __init__(self, program: Program) -> None:
         self._program = program  # the addresses below point into its arrays
         self._place = np.zeros(2, np.int64)
+        self._kept: list[_Integers] = []
         self._tables: list[_Integers] = []
         self._weights: list[NDArray[np.float64]] = []
         self._pairs: list[_Integers] = []
@@ -48,8 +43,8 @@ class CompiledEngine:
         sending, leaving = self._coded(program.sending), self._coded(program.leaving)
         concluding = self._coded(program.concluding)
         self._parts = (sending, leaving, concluding)
-        self._point = np.vstack([sending, leaving])
-        self._closing = np.vstack([sending, concluding])
+        self._point = _joined(sending, leaving)
+        self._closing = _joined(sending, concluding)
         course = program.course
         n = course.points_ns.size
         self._stacked = np.array(self._tables, np.int64).reshape(-1, n)
@@ -61,6 +56,7 @@ class CompiledEngine:
             program.rows,
             course.points_ns,
             course.seconds,
+            course.sizes,
             np.array(beats, np.int64).reshape(-1, n)
             if any(beat is not None for beat in program.beats)
             else np.zeros((1, 1), np.int64),
@@ -104,22 +100,25 @@ class CompiledEngine:
         """The other half."""
         return self._run(k, k + 1, self._parts[2 if k == self._program.course.final else 1])
 
-    def _run(
-        self, first: int, last: int, operations: _Integers, *, checked: bool = True
-    ) -> Halt | None:
+    def _run(self, first: int, last: int, what: _Coded, *, checked: bool = True) -> Halt | None:
+        operations, table = what
         *arguments, outputs, bound = self._arguments
-        k, complete, why, station, status = kernel.run(
+        k, complete, refused, status = kernel.run(
             first,
             last,
-            operations.ctypes.data,
-            len(operations),
+            table.ctypes.data,
+            len(table),
             *arguments,
             outputs if checked else 0,
             bound,
         )
-        return None if why == kernel.NOTHING else Halt(k, complete, _WHAT[why], station, status)
+        if refused == kernel.NOTHING:
+            return None
+        if refused == kernel.RANGE:
+            return Halt(k, complete, "range", status, 0)
+        return refusal(operations[refused], k, complete, status)
 
-    def _coded(self, operations: Sequence[Operation]) -> _Integers:
+    def _coded(self, operations: Sequence[Operation]) -> _Coded:
         table = np.zeros((len(operations), kernel.FIELDS), np.int64)
         for line, operation in zip(table, operations, strict=True):
             self._code(line, operation)
@@ -127,8 +126,20 @@ class CompiledEngine:
                 self._program.beats[operation.station] is None
             )
             line[kernel.BEAT] = -1 if always else operation.station
-            line[kernel.STATION] = operation.station
-        return table
+            if line[kernel.BEAT] < 0 and not line[kernel.AHEAD]:
+                line[kernel.KIND] = self._short(line)
+        return tuple(operations), table
+
+    @staticmethod
+    def _short(line: _Integers) -> int:
+        """The kind of an operation at every point, into or from row k or a late one."""
+        match int(line[kernel.KIND]):
+            case kernel.STEP_2:
+                return kernel.STEP
+            case kernel.EXCHANGE_2:
+                return kernel.LATE if line[kernel.TABLE] else kernel.EXCHANGE
+            case kind:
+                return kind
 
     def _code(self, line: _Integers, operation: Operation) -> None:
         match operation:
@@ -169,11 +180,12 @@ class CompiledEngine:
             line[kernel.SCRATCH] = self._scratch
             line[kernel.RESULTS] = newer
             self._scratch += call.values
-        elif call.table is not None:
-            line[kernel.KIND] = kernel.LATE_3 if newer else kernel.LATE_2
-            line[kernel.TABLE] = self._table(call.table)
-        else:
-            line[kernel.KIND] = kernel.EXCHANGE_3 if newer else kernel.EXCHANGE_2
+            return
+        line[kernel.KIND] = kernel.EXCHANGE_3 if newer else kernel.EXCHANGE_2
+        if call.table is not None:
+            table = np.ascontiguousarray(call.table, np.int64)
+            self._kept.append(table)
+            line[kernel.TABLE] = table.ctypes.data
 
     def _table(self, table: _Integers) -> int:
         self._tables.append(table)
@@ -199,3 +211,7 @@ class CompiledEngine:
     def _number(self, value: float) -> int:
         self._numbers.append(value)
         return len(self._numbers) - 1
+
+
+def _joined(one: _Coded, other: _Coded) -> _Coded:
+    return one[0] + other[0], np.vstack([one[1], other[1]])

@@ -1,7 +1,5 @@
 """The inner loop in machine code: numba over the addresses of the FMUs' functions.
 
-An address is called through an intrinsic that turns an integer into a function pointer, so
-that no address becomes part of the compiled code: it is compiled once, and kept on disk.
 Operations lie side by side in one table of integers and are read by address: a view of an
 array per call would cost more than the call.
 """
@@ -11,9 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
+
+from cosim.master.engine.calls import byte, exchange_2, exchange_3, load, step_2, step_3
+from cosim.master.engine.program import ENDED
+from cosim.master.exchange import TOO_LARGE, WARNING
 
 (
     KIND,
@@ -22,140 +22,104 @@ from numba.extending import intrinsic
     REFERENCES,
     COUNT,
     OFFSET,
-    BEAT,
-    TABLE,
     OWN,
+    TABLE,
+    BEAT,
     AHEAD,
     VALUES,
     TYPE,
     SCRATCH,
-    STATION,
     WAY,
     RESULTS,
-) = range(16)
-"""Columns of the table of operations. OFFSET and OWN in bytes; SCRATCH in elements of 8 bytes; of a
-move TABLE is its number, of an adjustment COUNT the number of its factor, of a step COUNT is
-whether it is final."""
+) = range(15)
+"""Columns of the table of operations; those that most runs need come first, in one cache line.
+OFFSET and OWN in bytes; SCRATCH in elements of 8 bytes; TABLE is the address of a table of rows, 0
+for none, of a move its number; COUNT of a step is whether it is final, of an adjustment the number
+of its factor."""
 FIELDS = 16
 (
-    EXCHANGE_2,
-    EXCHANGE_3,
-    LATE_2,
-    LATE_3,
+    EXCHANGE,
+    LATE,
+    STEP,
+    COMPLETE,
     STEP_2,
     STEP_3,
-    COMPLETE,
+    EXCHANGE_2,
+    EXCHANGE_3,
     TYPED,
     MOVE,
     ADJUST,
-) = range(10)
-"""KIND: what an operation is; _2 and _3 are the versions of FMI."""
+) = range(11)
+"""KIND: what an operation is. The first three are what most runs consist of: doubles, in FMI 2.0,
+at every point, into or from row k, or, late, from the row that a table names. _2 and _3 are
+the same in general, by version of FMI."""
 TYPES = ("f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
 """TYPE: what a typed exchange moves."""
 MOVE_FIELDS = 7
 """Columns of a table of moves: table, after, weight, first, last (of the pairs of columns),
 quantized, substituted."""
-GET, SET, STEP, RANGE, END, NOTHING = range(6)
-"""What may end a stretch."""
-TOO_LARGE = 100
-_BLOCK = 64
-"""Rows after which the range is looked at: few enough to be in the cache still."""
-
-_INT8, _INT32, _INT64, _DOUBLE = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _exchange_2(
-    _typing: Any, function: Any, component: Any, references: Any, count: Any, values: Any
-) -> Any:
-    """fmi2Get... or fmi2Set... at an address."""
-    del function, component, references, count, values
-    signature = types.int32(*[types.int64] * 5)
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(_INT32, [_INT64] * 4)
-        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-
-    return signature, generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _exchange_3(
-    _typing: Any, function: Any, component: Any, references: Any, count: Any, values: Any, size: Any
-) -> Any:
-    """fmi3Get... or fmi3Set... at an address."""
-    del function, component, references, count, values, size
-    signature = types.int32(*[types.int64] * 6)
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(_INT32, [_INT64] * 5)
-        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
-
-    return signature, generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _step_2(_typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any) -> Any:
-    """fmi2DoStep at an address; `final`: noSetFMUStatePriorToCurrentPoint."""
-    del function, component, now, size, final
-    signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int32)
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(_INT32, [_INT64, _DOUBLE, _DOUBLE, _INT32])
-        function = builder.inttoptr(arguments[0], kind.as_pointer())
-        return builder.call(function, arguments[1:])
-
-    return signature, generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _step_3(
-    _typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any, said: Any
-) -> Any:
-    """fmi3DoStep at an address; what it says lies at `said`: three C bools, a double at 8."""
-    del function, component, now, size, final, said
-    signature = types.int32(
-        types.int64, types.int64, types.float64, types.float64, types.int32, types.int64
-    )
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        # a C bool is passed as an int whose other bits are zero
-        kind = ir.FunctionType(_INT32, [_INT64, _DOUBLE, _DOUBLE, _INT32, *[_INT64] * 4])
-        function = builder.inttoptr(arguments[0], kind.as_pointer())
-        places = [builder.add(arguments[5], ir.Constant(_INT64, i)) for i in (0, 1, 2, 8)]
-        return builder.call(function, [*arguments[1:5], *places])
-
-    return signature, generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _load(_typing: Any, address: Any) -> Any:
-    """The integer at an address."""
-    del address
-    signature = types.int64(types.int64)
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.load(builder.inttoptr(arguments[0], _INT64.as_pointer()))
-
-    return signature, generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _byte(_typing: Any, address: Any) -> Any:
-    """The byte at an address."""
-    del address
-    signature = types.int64(types.int64)
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        found = builder.load(builder.inttoptr(arguments[0], _INT8.as_pointer()))
-        return builder.zext(found, _INT64)
-
-    return signature, generate
+GET, SET = range(2)
+"""WAY of a typed exchange."""
+NOTHING, RANGE = -1, -2
+"""In place of the number of an operation: none was refused; an output is out of range."""
+_BLOCK = 1 << 13
+"""Bytes of rows after which the range is looked at: few enough to be in the cache still."""
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _field(operation: int, field: int) -> int:
-    return int(_load(operation + 8 * field))
+    return int(load(operation + 8 * field))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _late(p: int, k: int, base: int, stride: int) -> int:
+    """Address of the values in the row that a table names; in the receiver's own if none."""
+    used = load(_field(p, TABLE) + 8 * k)
+    if used >= 0:
+        return int(base + used * stride + _field(p, OFFSET))
+    return int(base + k * stride + _field(p, OWN))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _get_or_set_2(p: int, target: int) -> int:
+    return int(
+        exchange_2(
+            _field(p, FUNCTION),
+            _field(p, COMPONENT),
+            _field(p, REFERENCES),
+            _field(p, COUNT),
+            target,
+        )
+    )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _get_or_set_3(p: int, target: int) -> int:
+    return int(
+        exchange_3(
+            _field(p, FUNCTION),
+            _field(p, COMPONENT),
+            _field(p, REFERENCES),
+            _field(p, COUNT),
+            target,
+            _field(p, VALUES),
+        )
+    )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _do_step_2(p: int, now: float, size: float) -> int:
+    final = np.int32(_field(p, COUNT))
+    return int(step_2(_field(p, FUNCTION), _field(p, COMPONENT), now, size, final))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _do_step_3(p: int, now: float, size: float) -> int:
+    said, final = _field(p, RESULTS), np.int32(_field(p, COUNT))
+    status = step_3(_field(p, FUNCTION), _field(p, COMPONENT), now, size, final, said)
+    if status <= WARNING and byte(said + 1) != 0:
+        return ENDED
+    return int(status)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -224,27 +188,12 @@ def _typed(p: int, k: int, rows: Any, scratch: Any) -> int:
     values = scratch[8].ctypes.data + 8 * at
     if _field(p, WAY) == SET:
         _into_scratch(kind, at, n, scratch, rows[k], column)
-    if _field(p, RESULTS) == 0:
-        status = _exchange_2(
-            _field(p, FUNCTION),
-            _field(p, COMPONENT),
-            _field(p, REFERENCES),
-            _field(p, COUNT),
-            values,
-        )
-    else:
-        status = _exchange_3(
-            _field(p, FUNCTION),
-            _field(p, COMPONENT),
-            _field(p, REFERENCES),
-            _field(p, COUNT),
-            values,
-            n,
-        )
+    newer = _field(p, RESULTS) != 0
+    status = _get_or_set_3(p, values) if newer else _get_or_set_2(p, values)
     exact = True
     if _field(p, WAY) == GET:
         exact = _from_scratch(kind, at, n, scratch, rows[k], column)
-    return int(status) if exact or status > 1 else TOO_LARGE
+    return status if exact or status > WARNING else TOO_LARGE
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -291,7 +240,53 @@ def _outside(first: int, last: int, rows: Any, outputs: int, bound: float) -> tu
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
+def _seldom(
+    p: int,
+    k: int,
+    base: int,
+    stride: int,
+    now: float,
+    size: float,
+    rows: Any,
+    points: Any,
+    beats: Any,
+    moves: Any,
+    tables: Any,
+    weights: Any,
+    pairs: Any,
+    numbers: Any,
+    scratch: Any,
+) -> int:
+    """What most runs do without: any beat, any version, any type.
+
+    Apart from the loop, which it would make slower by a fifth even where it is not called.
+    """
+    kind, beat, following = _field(p, KIND), _field(p, BEAT), k + 1
+    if beat >= 0:
+        following = beats[beat, k]
+        if following < 0:
+            return 0
+    at = following if _field(p, AHEAD) == 1 else k
+    status = 0
+    if kind in (STEP_2, STEP_3):
+        own = size if beat < 0 else (points[following] - points[k]) / 1e9
+        status = _do_step_2(p, now, own) if kind == STEP_2 else _do_step_3(p, now, own)
+    elif kind in (EXCHANGE_2, EXCHANGE_3):
+        target = base + at * stride + _field(p, OFFSET)
+        if _field(p, TABLE) != 0:
+            target = _late(p, k, base, stride)
+        status = _get_or_set_2(p, target) if kind == EXCHANGE_2 else _get_or_set_3(p, target)
+    elif kind == TYPED:
+        status = _typed(p, at, rows, scratch)
+    elif kind == MOVE:
+        _move(moves[_field(p, TABLE)], k, rows, tables, weights, pairs, numbers)
+    else:
+        _adjust(p, at, rows, numbers)
+    return int(status)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def run(  # noqa: C901 - what happens at a point, in one place
     first: int,
     last: int,
     operations: int,
@@ -300,6 +295,7 @@ def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
     rows: Any,
     points: Any,
     seconds: Any,
+    sizes: Any,
     beats: Any,
     moves: Any,
     tables: Any,
@@ -309,7 +305,7 @@ def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
     scratch: Any,
     outputs: int,
     bound: float,
-) -> tuple[int, int, int, int, int]:
+) -> tuple[int, int, int, int]:
     """Carry out a list of operations at the points first to last - 1.
 
     `operations` is the address of the table; `place` is kept at (point, whether its row is
@@ -317,91 +313,59 @@ def run(  # noqa: C901, PLR0912, PLR0915 - what happens at a point, in one place
 
     Returns
     -------
-    point, complete rows, what ended it (GET, SET, STEP: a call that was refused; RANGE: an output
-    out of it; END: asked for by a component; NOTHING), station (or column of the output), status.
+    point, complete rows, number of the operation that was refused (RANGE: none, an output is out
+    of it; NOTHING: none), its status (of RANGE the column of the output).
     """
     base, stride = rows.ctypes.data, rows.strides[0]
-    end = points.size - 1
+    block = max(1, _BLOCK // stride) if stride > 0 else last
     begin = first
     while begin < last:
-        stop = min(begin + _BLOCK, last)
-        why, station, status, k = NOTHING, 0, 0, begin
+        stop = min(begin + block, last)
+        refused, status, k = NOTHING, 0, begin
         while k < stop:
             place[0], place[1] = k, 0
-            row = base + k * stride
-            now = seconds[k]
-            size = (points[k + 1] - points[k]) / 1e9 if k < end else 0.0
+            row, now, size = base + k * stride, seconds[k], sizes[k]
             for i in range(count):
                 p = operations + 8 * FIELDS * i
-                kind, beat, following = _field(p, KIND), _field(p, BEAT), k + 1
-                if beat >= 0:
-                    following = beats[beat, k]
-                    if following < 0:
-                        continue
-                if kind == STEP_2:
-                    h = size if beat < 0 else (points[following] - points[k]) / 1e9
-                    final = np.int32(_field(p, COUNT))
-                    status = _step_2(_field(p, FUNCTION), _field(p, COMPONENT), now, h, final)
-                    way = STEP
-                elif kind <= LATE_3:
+                kind = _field(p, KIND)
+                if kind <= LATE:
                     target = row + _field(p, OFFSET)
-                    if kind >= LATE_2:
-                        used = tables[_field(p, TABLE), k]
-                        if used >= 0:
-                            target = base + used * stride + _field(p, OFFSET)
-                        else:
-                            target = row + _field(p, OWN)
-                    elif _field(p, AHEAD) == 1:
-                        target = base + following * stride + _field(p, OFFSET)
-                    if kind in (EXCHANGE_2, LATE_2):
-                        status = _exchange_2(
-                            _field(p, FUNCTION),
-                            _field(p, COMPONENT),
-                            _field(p, REFERENCES),
-                            _field(p, COUNT),
-                            target,
-                        )
-                    else:
-                        status = _exchange_3(
-                            _field(p, FUNCTION),
-                            _field(p, COMPONENT),
-                            _field(p, REFERENCES),
-                            _field(p, COUNT),
-                            target,
-                            _field(p, VALUES),
-                        )
-                    way = _field(p, WAY)
+                    if kind == LATE:
+                        target = _late(p, k, base, stride)
+                    status = _get_or_set_2(p, target)
+                elif kind == STEP:
+                    status = _do_step_2(p, now, size)
                 elif kind == COMPLETE:
                     place[1] = 1
-                    continue
-                elif kind == STEP_3:
-                    h = size if beat < 0 else (points[following] - points[k]) / 1e9
-                    said, final = _field(p, RESULTS), np.int32(_field(p, COUNT))
-                    status = _step_3(_field(p, FUNCTION), _field(p, COMPONENT), now, h, final, said)
-                    way = STEP
-                    if status <= 1 and _byte(said + 1) != 0:
-                        way, status = END, 2
-                elif kind == TYPED:
-                    at = following if _field(p, AHEAD) == 1 else k
-                    status = _typed(p, at, rows, scratch)
-                    way = _field(p, WAY)
-                elif kind == MOVE:
-                    _move(moves[_field(p, TABLE)], k, rows, tables, weights, pairs, numbers)
-                    continue
                 else:
-                    _adjust(p, following if _field(p, AHEAD) == 1 else k, rows, numbers)
-                    continue
-                if status > 1:
-                    why, station = way, _field(p, STATION)
+                    status = _seldom(
+                        p,
+                        k,
+                        base,
+                        stride,
+                        now,
+                        size,
+                        rows,
+                        points,
+                        beats,
+                        moves,
+                        tables,
+                        weights,
+                        pairs,
+                        numbers,
+                        scratch,
+                    )
+                if status > WARNING:
+                    refused = i
                     break
-            if why != NOTHING:
+            if refused != NOTHING:
                 break
             k += 1
-        complete = k if why == NOTHING else k + place[1]
+        complete = k if refused == NOTHING else k + place[1]
         row_out, column_out = _outside(begin, complete, rows, outputs, bound)
         if row_out >= 0:
-            return row_out, row_out + 1, RANGE, column_out, 0
-        if why != NOTHING:
-            return k, complete, why, station, status if why != END else 0
+            return row_out, row_out + 1, RANGE, column_out
+        if refused != NOTHING:
+            return k, complete, refused, status
         begin = stop
-    return last, last, NOTHING, 0, 0
+    return last, last, NOTHING, 0

@@ -12,16 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from cosim.master.engine.program import Adjust, Call, Complete, Move, Operation, Program, Step
+from cosim.master.engine.program import (
+    ENDED,
+    Adjust,
+    Call,
+    Complete,
+    Move,
+    Operation,
+    Program,
+    Step,
+)
 from cosim.master.exchange import exchange_function, pointer, step_function
 from cosim.master.routes import Route
 from cosim.network import SUBSTITUTE
 
 Stretch = Callable[[int, int], tuple[int, int, int] | None]
 """Carries out points first to last - 1; (point, operation, status) of what was refused."""
-
-ENDED = -1
-"""In place of a status: the slave asks for the end of the run."""
 
 
 def stretch(
@@ -87,7 +93,7 @@ class _Writer:
             case Complete():
                 return ["place[1] = 1"]
             case Move():
-                self.names[f"move{number}"] = _mover(self._program, operation.route)
+                self.names[f"move{number}"] = mover(self._program, operation.route)
                 return [f"move{number}(k)"]
             case Adjust():
                 row = self._next(operation.station) if operation.ahead else "k"
@@ -169,7 +175,7 @@ def _flag(address: int) -> Any:
     return (ctypes.c_ubyte * 1).from_address(address)
 
 
-def _mover(program: Program, route: Route) -> Callable[[int], None]:
+def mover(program: Program, route: Route) -> Callable[[int], None]:
     """Put what is in use at point k into the receiver's part of row k."""
     rows, link = program.rows, route.link
 

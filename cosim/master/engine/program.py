@@ -33,12 +33,20 @@ from cosim.master.wiring import Wiring
 
 Integers = NDArray[np.int64]
 
+ENDED = 101
+"""Not a status of FMI: the slave asks for the end of the run."""
+
 
 class Adjustment(NamedTuple):
     """factor * value + offset in place of a value; factor 0: offset, whatever the value."""
 
     factor: float
     offset: float
+
+    def put_on(self, rows: Rows, k: int, column: int) -> None:
+        """Adjust one value."""
+        value = rows[k, column]
+        rows[k, column] = self.offset if self.factor == 0.0 else self.factor * value + self.offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +117,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Complete:
-    """From here on row k is complete."""
+    """From here on row k is complete; under Gauss-Seidel, but for inputs that wait their turn."""
 
     station: int = -1
 
@@ -133,6 +141,14 @@ class Halt(NamedTuple):
     what: Literal["get", "set", "step", "range", "end"]
     station: int
     status: int
+
+
+def refusal(operation: Operation, k: int, complete: int, status: int) -> Halt:
+    """The halt at an operation that a slave refused, or ended the run with."""
+    if status == ENDED:
+        return Halt(k, complete, "end", operation.station, 0)
+    what = operation.way if isinstance(operation, Call) else "step"
+    return Halt(k, complete, what, operation.station, status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +242,7 @@ class _Maker:
             opening += self._gets(i, outputs)
             closing += self._takes(i)
             point += [*self._takes(i), self._step(i), *self._gets(i, outputs, ahead=True)]
-        return opening, [], point, closing
+        return opening, [], [Complete(), *point], [Complete(), *closing]
 
     def _takes(self, number: int) -> list[Operation]:
         station = self._stations[number]

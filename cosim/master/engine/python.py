@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.master.engine.listing import ENDED, Stretch, stretch
-from cosim.master.engine.program import Call, Halt, Operation, Program, Step
+from cosim.master.engine.listing import Stretch, stretch
+from cosim.master.engine.program import Halt, Operation, Program, refusal
 
 _List = tuple[tuple[Operation, ...], Stretch]
 
@@ -78,14 +78,7 @@ class PythonEngine:
     def _carry_out(self, what: _List, first: int, last: int) -> Halt | None:
         operations, carry_out = what
         refused = carry_out(first, last) if operations else None
-        return None if refused is None else self._halt(operations, *refused)
-
-    def _halt(self, operations: tuple[Operation, ...], k: int, number: int, status: int) -> Halt:
-        operation = operations[number]
-        complete = k + self._place[1]
-        if status == ENDED:
-            return Halt(k, complete, "end", operation.station, 0)
-        what = "step" if isinstance(operation, Step) else "get"
-        if isinstance(operation, Call):
-            what = operation.way
-        return Halt(k, complete, what, operation.station, status)  # type: ignore[arg-type]
+        if refused is None:
+            return None
+        k, number, status = refused
+        return refusal(operations[number], k, k + self._place[1], status)

@@ -1,0 +1,206 @@
+"""Which recorded signal goes into which input of an FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription
+from cosim.scenario.schema import Scenario
+from cosim.trace import Trace, input_topic, link_topic, output_topic
+from cosim.trace.layout import component_of
+from cosim.trace.traffic import link_names
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A recorded signal.
+
+    Attributes
+    ----------
+    name : as `Trace.signal` takes it.
+    topic, column : where its rows are.
+    """
+
+    name: str
+    topic: str
+    column: str
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a user asks for.
+
+    Attributes
+    ----------
+    signals, groups : recorded name -> input of the FMU; a group stands for all its members.
+    role : the recorded component that the FMU stands for; None: found by its inputs.
+    """
+
+    signals: Sequence[tuple[str, str]] = ()
+    groups: Sequence[tuple[str, str]] = ()
+    role: str | None = None
+
+
+def recorded_inputs(trace: Trace) -> dict[str, list[str]]:
+    """Names of the recorded inputs of each component."""
+    found = {}
+    for topic, info in trace.topics.items():
+        component = component_of(topic)
+        if component and topic == input_topic(component):
+            found[component] = [signal.name for signal in info.signals]
+    return found
+
+
+def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
+    """The recorded component whose inputs the FMU's are; None if no input is of either.
+
+    Raises
+    ------
+    InputError : the role given was not recorded, or several components fit equally well.
+    """
+    recorded = recorded_inputs(trace)
+    if role is not None:
+        if role not in recorded:
+            raise InputError.unknown("recorded component", role, recorded, where="--as-component")
+        return role
+    mine = set(_inputs(fmu))
+    fitting = {name: len(mine & set(signals)) for name, signals in recorded.items()}
+    most = max(fitting.values(), default=0)
+    best = [name for name, count in fitting.items() if count == most and most]
+    if len(best) > 1:
+        raise InputError(
+            "several recorded components have the inputs of this FMU",
+            where=str(fmu.path),
+            expected="one of them named: --as-component",
+            got=", ".join(best),
+        )
+    return best[0] if best else None
+
+
+def mapped(
+    trace: Trace, fmu: FmuDescription, wanted: Wanted, role: str | None
+) -> dict[str, Source]:
+    """The source of each input that has one.
+
+    Without signals and groups, or for a role that was named, inputs are fed what the recorded
+    component of that role got under the same names; signals and groups come on top.
+
+    Raises
+    ------
+    InputError : nothing fits; a signal or input that does not exist.
+    """
+    inputs = _inputs(fmu)
+    found: dict[str, Source] = {}
+    explicit = [*wanted.signals, *wanted.groups]
+    if role is not None and (wanted.role is not None or not explicit):
+        for signal in trace.topics[input_topic(role)].signals:
+            if signal.name in inputs and signal.kind != "string":
+                found[signal.name] = _source(trace, f"{role}.{signal.name}")
+    for group, target in wanted.groups:
+        found |= _members(trace, fmu, group, target)
+    for name, target in wanted.signals:
+        if target not in inputs:
+            raise InputError.unknown("input", target, inputs, where=f"--map, {fmu.path.name}")
+        found[target] = _source(trace, name)
+    if not found:
+        raise InputError(
+            "no recorded signal goes into this FMU",
+            where=str(fmu.path),
+            expected=f"inputs of the same names as recorded ones, or --map: {', '.join(inputs)}",
+            got="; ".join(f"{c}: {', '.join(n)}" for c, n in recorded_inputs(trace).items())
+            or f"signals {', '.join(list(trace.signals)[:8])}",
+            hint='--map "plant.eta.x=eta.x", --map-group plant.eta=eta',
+        )
+    return found
+
+
+def _inputs(fmu: FmuDescription) -> list[str]:
+    """Inputs that can follow a recorded signal: numbers and truth values."""
+    return [
+        p.name
+        for p in fmu.ports.values()
+        if p.causality == "input" and p.kind in ("float", "int", "bool") and not p.shape
+    ]
+
+
+def _source(trace: Trace, name: str) -> Source:
+    topic, column = trace.place(name)
+    return Source(name, topic, column)
+
+
+def _members(trace: Trace, fmu: FmuDescription, group: str, target: str) -> dict[str, Source]:
+    inputs = set(_inputs(fmu))
+    found = {}
+    for name in trace.signals:
+        ending = name[len(group) :]
+        if name.startswith(group) and ending[:1] in (".", "[") and target + ending in inputs:
+            found[target + ending] = _source(trace, name)
+    if not found:
+        raise InputError(
+            "the group has no members on both sides",
+            where=f"--map-group {group}={target}",
+            expected=f"signals {group}.* or {group}[*], and inputs {target}.* or {target}[*]",
+            got=f"inputs {', '.join(sorted(inputs))}",
+        )
+    return found
+
+
+def as_delivered(trace: Trace, source: Source) -> Source:
+    """Where a source was delivered: what a component sent, on the link that carried it.
+
+    Raises
+    ------
+    InputError : several links did, or one that puts another value in place of what is lost.
+    """
+    if component_of(source.topic) is None or source.topic.endswith("/input"):
+        return source
+    links = [
+        link
+        for link in link_names(trace)
+        if any(s.name == source.name for s in trace.topics[link_topic(link)].signals)
+    ]
+    if not links:
+        return source  # it was wired
+    link = link_topic(links[0])
+    if len(links) > 1:
+        raise InputError(
+            f"several links carried {source.name}",
+            where="--map",
+            expected="one of them",
+            got=", ".join(f"{link_topic(name)}:{source.name}" for name in links),
+        )
+    if trace.topics[link].metadata.get("on_loss", "hold") != "hold":
+        raise InputError(
+            f"the receiver of {source.name} had more than was delivered",
+            where="--map",
+            got=f"link {links[0]} puts a value in place of what is lost",
+            hint="map what the receiver had: COMPONENT.INPUT=...",
+        )
+    return Source(source.name, link, source.name)
+
+
+def as_sent(trace: Trace, source: Source, scenario: Scenario | None) -> tuple[Source, bool]:
+    """Where a source was sent, and whether anybody sent it: a reference has no sender.
+
+    scenario : of the run; says who sent what a component received.
+    """
+    component = component_of(source.topic)
+    if source.topic.startswith(link_topic("")) and source.column in trace.signals:
+        return _source(trace, source.column), True
+    if component is None or source.topic == output_topic(component):
+        return source, component is not None
+    for part in scenario.connections if scenario is not None else ():
+        target = part.target
+        ending = source.name[len(target) :]
+        sender = part.source + ending
+        fits = source.name.startswith(target) and ending[:1] in ("", ".", "[")
+        if fits and sender in trace.signals:
+            return _source(trace, sender), True
+    return source, False
+
+
+def unfed(fmu: FmuDescription, sources: Mapping[str, Source]) -> list[str]:
+    """Inputs that stay at their start values."""
+    return [name for name in _inputs(fmu) if name not in sources]

@@ -1,0 +1,258 @@
+"""A study from its beginning, or from where it was left, to its table."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import LossError
+from cosim.study.batch import FAILED, Job, Row, adopt, fly_batch, record_batch
+from cosim.study.boundary import yardsticks
+from cosim.study.folder import Folder
+from cosim.study.manifest import manifest_of
+from cosim.study.plan import Plan, rehearse
+from cosim.study.schema import Study
+from cosim.study.table import make_table, pyarrow, write_table
+from cosim.study.workers import Batch, Crew, Died, here
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of it that is done."""
+
+BATCH_S = 2.0
+"""What a batch should take: long against what handing it out costs, short against a coffee."""
+MOST_AT_ONCE = 1000
+_PIECES = 8  # of a batch under which a worker died
+
+_KILLED = "the process that flew this run died, each time that it was tried"
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A study that is done.
+
+    Attributes
+    ----------
+    folder, results : where it is, and its table.
+    runs : number of runs in the table; `flown` of them now, the others before.
+    statuses : status -> number of runs.
+    traces : kept, by number of the run; a reason where a trace could not be had.
+    seconds : that it took now.
+    """
+
+    folder: Path
+    results: Path
+    runs: int
+    flown: int
+    statuses: dict[str, int]
+    traces: dict[int, str | None]
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, for `--json`."""
+        return {
+            "folder": str(self.folder),
+            "results": str(self.results),
+            "runs": self.runs,
+            "flown": self.flown,
+            "resumed": self.runs - self.flown,
+            "statuses": self.statuses,
+            "traces": {str(run): why for run, why in sorted(self.traces.items())},
+            "seconds": self.seconds,
+        }
+
+
+def conduct(
+    plan: Plan,
+    out: Path,
+    crew: Callable[[], AbstractContextManager[Crew]] = here,
+    *,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> Finished:
+    """Fly what is not flown yet, and write the table.
+
+    Parameters
+    ----------
+    out : folder of the study.
+    crew : opens the workers (`cosim.study.workers`), asked for only if there is work.
+    fresh : begin anew, whatever is there.
+
+    Raises
+    ------
+    CosimError : see `Folder.begin`, `rehearse` and `workers`. What is done stays.
+    """
+    pyarrow()  # what would fail at the end is said at the beginning
+    began = time.perf_counter()
+    tell = progress or _silent
+    adopt(plan.job.digest, plan.flyer)
+    with Folder(out) as folder:
+        folder.begin(manifest_of(plan), fresh=fresh)
+        done = folder.rows()
+        before = len(done)
+        if before < plan.count:
+            if not done:
+                tell("one run for a start", 0.0)
+                first = rehearse(plan)
+                if first is not None:
+                    folder.append([first])
+                    done.append(first)
+            with crew() as opened:
+                _fly_rest(plan, folder, opened, done, tell)
+        _complete(plan, done)
+        table = make_table({**manifest_of(plan), "stability": yardsticks(plan)}, done)
+        write_table(table, folder.results)
+        chosen = _chosen(plan.job.study, done)
+        kept: dict[int, str | None] = dict.fromkeys(chosen)
+        missing = [r for r in chosen if not plan.job.trace_of(folder.traces, r).is_file()]
+        if missing:
+            with crew() as opened:
+                kept |= _record(plan, folder, opened, missing, tell)
+    statuses: dict[str, int] = {}
+    for row in sorted(done):
+        statuses[row.status] = statuses.get(row.status, 0) + 1
+    return Finished(
+        folder=out,
+        results=folder.results,
+        runs=len(done),
+        flown=len(done) - before,
+        statuses=statuses,
+        traces=kept,
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Queue:
+    """Runs still to be flown, handed out in batches that take about `BATCH_S`."""
+
+    def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
+        self._runs, self._left, self._workers = runs, count, workers
+        self._each = seconds
+        self._again: list[Batch] = []
+
+    def take(self) -> Batch | None:
+        """The next batch."""
+        if self._again:
+            return self._again.pop()
+        size = int(BATCH_S / max(self._each, 1e-6))
+        # towards the end everybody shall end at about the same time
+        size = max(1, min(size, MOST_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
+        batch = list(itertools.islice(self._runs, size))
+        self._left -= len(batch)
+        return batch or None
+
+    def give_back(self, batch: Batch) -> Batch:
+        """Hand a batch out again in pieces, since a worker died under it; or give its only run."""
+        if len(batch) == 1:
+            return batch
+        size = math.ceil(len(batch) / _PIECES)
+        self._again += [batch[i : i + size] for i in range(0, len(batch), size)]
+        return []
+
+    def took(self, rows: list[Row]) -> None:
+        """Take note of how long runs take."""
+        mean = sum(row.seconds for row in rows) / len(rows)
+        self._each = 0.7 * self._each + 0.3 * mean
+
+
+def _fly_rest(plan: Plan, folder: Folder, crew: Crew, done: list[Row], tell: Progress) -> None:
+    """Every run that is not done, into the journal and into `done`."""
+    job = _ready(plan, folder)
+    known = {row.run for row in done}
+    seconds = sum(row.seconds for row in done) / len(done) if done else BATCH_S
+    rest = (run for run in range(plan.count) if run not in known)
+    queue = _Queue(rest, plan.count - len(known), crew.size, seconds)
+    suspects: list[int] = []
+
+    def keep(rows: list[Row]) -> None:
+        folder.append(rows)
+        done.extend(rows)
+        tell(f"{len(done)} of {plan.count} runs", len(done) / plan.count)
+
+    for batch, result in crew.work(fly_batch, job, queue.take):
+        if isinstance(result, Died):
+            suspects += queue.give_back(batch)
+            continue
+        queue.took(result)
+        keep(result)
+    # a worker died under each of these: one at a time, so that no other is to blame
+    for run in suspects:
+        for _, result in crew.work(fly_batch, job, _once(run)):
+            if isinstance(result, Died):
+                nothing = (None,) * len(plan.job.study.metrics)
+                keep([Row(run, FAILED, _KILLED, 0.0, nothing)])
+            else:
+                keep(result)
+
+
+def _complete(plan: Plan, done: list[Row]) -> None:
+    """See that every run is there once: a table with a hole is none."""
+    missing = set(range(plan.count)).symmetric_difference(row.run for row in done)
+    if missing or len(done) != plan.count:
+        raise LossError(
+            "runs are missing from the table",
+            where="study",
+            expected=f"{plan.count} runs",
+            got=f"{len(done)}, without number {min(missing, default=None)}",
+            hint="the same command goes on",
+        )
+
+
+def _ready(plan: Plan, folder: Folder) -> Job:
+    """The job as workers get it: with what this process has made, and the place for traces."""
+    all_kept = plan.job.study.traces == "all"
+    return replace(
+        plan.job,
+        designs=plan.flyer.designs_made(),
+        traces=folder.traces.absolute() if all_kept else None,
+    )
+
+
+def _chosen(study: Study, done: list[Row]) -> list[int]:
+    """The runs whose traces are to be kept."""
+    flew = [row for row in done if row.status != "refused" and row.reason != _KILLED]
+    if study.traces == "all":
+        return sorted(row.run for row in flew)
+    if study.traces == "failed":
+        flown_badly = ("failed", "diverged", "limit_cycle")
+        return sorted(row.run for row in flew if row.status in flown_badly)
+    if study.worst is None:
+        return []
+    count, by = study.worst
+    place = list(study.metrics).index(by.removeprefix("-"))
+    sign = -1.0 if by.startswith("-") else 1.0
+    ranked = [
+        (sign * float(value), -row.run)
+        for row in flew
+        if isinstance(value := row.values[place], (int, float)) and math.isfinite(value)
+    ]
+    return sorted(-run for _, run in heapq.nlargest(count, ranked))
+
+
+def _record(
+    plan: Plan, folder: Folder, crew: Crew, chosen: list[int], tell: Progress
+) -> dict[int, str | None]:
+    """Fly the chosen runs again, each into its trace: a run is the same whenever it is flown."""
+    job = replace(_ready(plan, folder), traces=folder.traces.absolute())
+    kept: dict[int, str | None] = {}
+    for batch, result in crew.work(record_batch, job, _once(*chosen)):
+        said = [_KILLED] * len(batch) if isinstance(result, Died) else result
+        kept.update(zip(batch, said, strict=True))
+        tell(f"{len(kept)} of {len(chosen)} traces", len(kept) / len(chosen))
+    return kept
+
+
+def _once(*runs: int) -> Callable[[], Batch | None]:
+    """Each of the runs in a batch of its own."""
+    waiting = iter(runs)
+    return lambda: None if (run := next(waiting, None)) is None else [run]
+
+
+def _silent(_what: str, _share: float) -> None:
+    """No progress asked for."""

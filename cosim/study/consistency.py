@@ -1,0 +1,93 @@
+"""What a study's keys must agree on with each other; each fault with its place in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.scenario.locate import line_of
+from cosim.study.schema import RESERVED, SampledAxis, Study
+
+Place = Callable[..., str]
+"""Keys on the way to what is wrong -> where that is, for a message."""
+
+
+def nowhere(*path: str | int) -> str:
+    """The place in a study that was not read from a file."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
+
+
+def in_file(text: str, file: str) -> Place:
+    """Places in the TOML text of a file."""
+
+    def place(*path: str | int) -> str:
+        line = line_of(text, path)
+        return f"{file}:{line}: {nowhere(*path)}" if line else f"{file}: {nowhere(*path)}"
+
+    return place
+
+
+def check_consistent(study: Study, place: Place = nowhere) -> None:
+    """See that names are there once, and where they are used.
+
+    Raises
+    ------
+    InputError : the first fault.
+    """
+    _check_columns(study, place)
+    _check_moved(study, place)
+    if study.samples > 1 and not any(isinstance(a, SampledAxis) for a in study.vary):
+        raise InputError(
+            "there is nothing to draw",
+            where=place("samples"),
+            expected="an axis of kind 'random' or 'sobol'",
+            got=f"samples = {study.samples}",
+        )
+    if study.worst is not None:
+        _one_of("metric", study.worst[1].removeprefix("-"), study.metrics, place("traces"))
+    part = study.stability
+    if part is None:
+        return
+    for kind, keys, known in (
+        ("axis", ("delay", "loss"), [axis.column for axis in study.vary]),
+        ("metric", ("stable", "gain", "certified"), list(study.metrics)),
+    ):
+        for key in keys:
+            if getattr(part, key) is not None:
+                _one_of(kind, getattr(part, key), known, place("stability", key))
+
+
+def _check_columns(study: Study, place: Place) -> None:
+    taken = dict.fromkeys(RESERVED, "every table has it")
+    named: list[tuple[str, tuple[str | int, ...]]] = [
+        *((axis.column, ("vary", i)) for i, axis in enumerate(study.vary)),
+        *((name, ("metrics", name)) for name in study.metrics),
+    ]
+    for name, path in named:
+        if name in taken:
+            raise InputError(
+                f"the table would have two columns {name!r}",
+                where=place(*path),
+                expected="another name",
+                got=taken[name],
+            )
+        taken[name] = f"{nowhere(*path)} has it"
+
+
+def _check_moved(study: Study, place: Place) -> None:
+    moved: dict[str, int] = {}
+    for i, axis in enumerate(study.vary):
+        for path in axis.places:
+            if path in moved:
+                raise InputError(
+                    f"two axes move {path}",
+                    where=place("vary", i),
+                    got=f"vary[{moved[path]}], and vary[{i}]",
+                )
+            moved[path] = i
+
+
+def _one_of(kind: str, name: str, known: Iterable[Any], where: str) -> None:
+    if name not in known:
+        raise InputError.unknown(kind, name, known, where=where)

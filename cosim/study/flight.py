@@ -1,0 +1,182 @@
+"""Run number i of a study, flown: the one place where a study meets what flies scenarios.
+
+A process keeps what runs have in common: FMUs that were found and described, designs that were
+made. What a run gives depends on the study and on its number alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError, NotAchievableError
+from cosim.fmu import FmuDescription
+from cosim.hinf import Design, design_from_json, design_to_json
+from cosim.master import Run
+from cosim.scenario.execute import Prepared, fly, fly_unrecorded, prepare
+from cosim.scenario.gain import Problem, problem_of
+from cosim.scenario.hangar import Hangar
+from cosim.scenario.outcome import Outcome
+from cosim.scenario.read import LoadedScenario
+from cosim.scenario.schema import Scenario
+from cosim.study.consistency import Place, nowhere
+from cosim.study.measure import needs_companion
+from cosim.study.points import Points
+from cosim.study.schema import Study
+from cosim.study.varied import Variations
+
+_DESIGNS_KEPT = 256
+
+
+@dataclass(frozen=True)
+class Base:
+    """What is varied, and where its FMUs are.
+
+    Attributes
+    ----------
+    name, text, folder : of the scenario, as in `LoadedScenario`.
+    fmus, flavour : as in `Hangar`.
+    """
+
+    name: str
+    scenario: Scenario
+    text: str
+    folder: Path
+    fmus: Path
+    flavour: str
+
+
+@dataclass(frozen=True)
+class Shelf(Hangar):
+    """A hangar that looks every FMU up once."""
+
+    known: dict[str, FmuDescription] = field(default_factory=dict, compare=False)
+
+    def find(self, fmu: str) -> FmuDescription:
+        """An FMU by catalogue name or path."""
+        if fmu not in self.known:
+            self.known[fmu] = super().find(fmu)
+        return self.known[fmu]
+
+
+class Flyer:
+    """Flies the runs of one study.
+
+    Parameters
+    ----------
+    hashes : SHA-256 by FMU reference, as the one who started the study found them.
+    designs : what `designs_made` of another flyer of the same study gave.
+    place : where a key of the study stands, for messages.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        base: Base,
+        hashes: Mapping[str, str] | None = None,
+        designs: Mapping[str, str] | None = None,
+        *,
+        place: Place = nowhere,
+    ) -> None:
+        self.study, self.base = study, base
+        self.points = Points(study, place("vary", 0))
+        self.variations = Variations(study, base.scenario, place)
+        self._hashes = hashes or {}
+        # by their hash they are found at once, where by name they are first seen to be up to date
+        self.shelf = Shelf(base.fmus, base.folder, self._hashes, base.flavour)
+        self._companion = needs_companion(study.metrics)
+        self._given = designs or {}
+        self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
+
+    def fly(self, run: int) -> tuple[Outcome, Run]:
+        """Fly one run without a trace.
+
+        Raises
+        ------
+        InputError, NotAchievableError, ComponentError : it cannot be flown.
+        """
+        prepared = self._prepared(self._loaded(run, ""))
+        return fly_unrecorded(prepared, companion=self._companion)
+
+    def record(self, run: int, trace: Path) -> Outcome:
+        """Fly one run into a trace, which carries its scenario and can be flown again."""
+        return fly(self._prepared(self._loaded(run, self._text(run))), trace)
+
+    def designs_made(self) -> dict[str, str]:
+        """The designs that were made so far, for others to fly with, as JSON by their demands."""
+        return {
+            key: json.dumps(design_to_json(made[1]), allow_nan=False)
+            for key, made in self._designs.items()
+            if not isinstance(made, NotAchievableError)
+        }
+
+    def problem_and_design(self, run: int) -> tuple[Problem | None, Design | None]:
+        """What a run's gain is about, and the gain."""
+        prepared = self._prepared(self._loaded(run, ""))
+        return prepared.problem, prepared.design
+
+    def _loaded(self, run: int, text: str) -> LoadedScenario:
+        """The scenario of a run; only a trace carries its text."""
+        scenario = self.variations.scenario(self.points[run])
+        name = f"{self.base.name}, run {run} of a study"
+        return LoadedScenario(name, scenario, text, self.base.folder)
+
+    def _text(self, run: int) -> str:
+        """The scenario of a run as TOML."""
+        try:
+            import tomli_w  # noqa: PLC0415 - optional: the extra `study`
+        except ImportError as error:
+            raise InputError(
+                "traces of a study's runs need tomli-w",
+                got=str(error),
+                hint="pip install 'auv-cosim[study]'",
+            ) from error
+        scenario = self.variations.scenario(self.points[run])
+        data = scenario.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
+        return tomli_w.dumps(data)
+
+    def _prepared(self, loaded: LoadedScenario) -> Prepared:
+        for component in loaded.scenario.components.values():
+            self._check_hash(component.fmu)
+        part = loaded.scenario.design
+        if part is None:
+            return prepare(loaded, self.shelf)
+        key = json.dumps(part.model_dump(), sort_keys=True)
+        if key in self._given and key not in self._designs:
+            found = design_from_json(json.loads(self._given[key]), where="the study's design")
+            self._keep(key, (problem_of(part, self.base.folder), found))
+        known = self._designs.get(key)
+        if isinstance(known, NotAchievableError):
+            raise known.with_traceback(None)
+        if known is not None:
+            self._designs.move_to_end(key)
+            return prepare(loaded, self.shelf, saved=known)
+        try:
+            prepared = prepare(loaded, self.shelf)
+        except NotAchievableError as error:
+            self._keep(key, error)
+            raise
+        if prepared.problem is not None and prepared.design is not None:
+            self._keep(key, (prepared.problem, prepared.design))
+        return prepared
+
+    def _keep(self, key: str, made: Any) -> None:
+        self._designs[key] = made
+        while len(self._designs) > _DESIGNS_KEPT:
+            self._designs.popitem(last=False)
+
+    def _check_hash(self, fmu: str) -> None:
+        wanted = self._hashes.get(fmu)
+        found = self.shelf.find(fmu)
+        if wanted is not None and found.sha256 != wanted:
+            raise InputError(
+                "this FMU is not the one the study was started with",
+                where=str(found.path),
+                expected=f"SHA-256 {wanted}",
+                got=found.sha256,
+                hint="give every worker the same folder of FMUs: --fmus",
+            )

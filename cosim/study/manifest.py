@@ -1,0 +1,40 @@
+"""What a study's results come from, and what they depend on: the provenance of its table."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+from hashlib import sha256
+from typing import Any
+
+from cosim.study.plan import Plan
+
+_PACKAGES = ("auv-cosim", "fmpy", "numpy", "scipy", "pydantic")
+
+
+def manifest_of(plan: Plan) -> dict[str, Any]:
+    """JSON values; `digest` over what the results depend on, part by part in `parts`."""
+    job = plan.job
+    study = job.study.model_dump(mode="json", exclude_unset=True)
+    return {
+        "digest": job.digest,
+        "parts": {name: _hash(part) for name, part in plan.content.items()},
+        "count": plan.count,
+        "study": study,
+        "scenario": {"name": job.base.name, "text": job.base.text},
+        "fmus": job.hashes,
+        "flavour": job.base.flavour,
+        "seeds": {
+            "samples": job.study.seed,
+            "run": job.base.scenario.run.seed,
+        },
+        "versions": {
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in _PACKAGES},
+        },
+    }
+
+
+def _hash(part: Any) -> str:
+    return sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,183 @@
+"""From a study to the job that workers carry out, with everything checked that can be."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import CosimError, InputError
+from cosim.study.batch import Job, Row, taken
+from cosim.study.consistency import Place, check_consistent, nowhere
+from cosim.study.dotted import split
+from cosim.study.flight import Base, Flyer
+from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
+from cosim.study.varied import check_parameter
+
+_BESIDE = ("title", "description", "traces", "stability")
+"""Keys of a study that no result depends on."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study that can be run.
+
+    Attributes
+    ----------
+    job : what workers get.
+    flyer : this process' own.
+    content : what the results depend on, part by part.
+    """
+
+    job: Job
+    flyer: Flyer
+    content: dict[str, Any]
+
+    @property
+    def count(self) -> int:
+        """Number of runs."""
+        return self.flyer.points.count
+
+
+def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
+    """Check the paths of a study and find its FMUs.
+
+    place : where a key stands, for messages.
+
+    Raises
+    ------
+    InputError : a path that leads nowhere, an FMU that is not there, names of metrics and axes
+        that do not exist.
+    """
+    check_consistent(study, place)
+    flyer = Flyer(study, base, place=place)
+    hashes = {fmu: flyer.shelf.find(fmu).sha256 for fmu in _fmus(study, base)}
+    moved = {*study.set, *(place for axis in study.vary for place in axis.places)}
+    fmus = {
+        name: flyer.shelf.find(part.fmu)
+        for name, part in base.scenario.components.items()
+        if not moved & {f"components.{name}", f"components.{name}.fmu"}
+    }
+    for path in study.set:
+        check_parameter(path, fmus, place("set", path))
+    for i, axis in enumerate(study.vary):
+        flyer.variations.check_axis(axis, fmus, place("vary", i))
+        for path in axis.places:
+            _check_not_designed(path, base, place("vary", i))
+    _check_values(flyer, place)
+    content = {
+        "study": study.model_dump(mode="json", exclude=set(_BESIDE)),
+        "scenario": base.scenario.model_dump(mode="json", by_alias=True),
+        "system": _system_file(base),
+        "fmus": hashes,
+        "software": importlib.metadata.version("auv-cosim"),
+    }
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    digits = len(str(flyer.points.count - 1))
+    return Plan(Job(study, base, hashes, digest, digits), flyer, content)
+
+
+def rehearse(plan: Plan) -> Row | None:
+    """Fly the first run and take every metric from it: the row, if it flew.
+
+    Where it does not fly, another one is tried; a study of which none of them flies is not
+    begun.
+
+    Raises
+    ------
+    CosimError : a metric that asks for what a run does not have; or why the first does not fly.
+    """
+    first: CosimError | None = None
+    for run in dict.fromkeys((0, plan.count - 1, plan.count // 2)):
+        began = time.perf_counter()
+        try:
+            outcome, values = taken(plan.flyer, run)
+        except CosimError as error:
+            first = first or error
+            continue
+        if run:
+            return None
+        return Row(run, outcome.status, outcome.reason, time.perf_counter() - began, values)
+    assert first is not None  # noqa: S101 - the loop ran
+    raise first
+
+
+def _check_not_designed(path: str, base: Base, where: str) -> None:
+    """A gain that the design sets would be moved in vain."""
+    part = base.scenario.design
+    match split(path):
+        case ("components", component, "parameters", str(name)):
+            if part is not None and component == part.controller and name.startswith("K["):
+                raise InputError(
+                    f"{path} is what the design of the scenario sets",
+                    where=where,
+                    expected="design.gain, or a scenario without [design]",
+                    got=name,
+                )
+
+
+def _check_values(flyer: Flyer, place: Place) -> None:
+    """See that some run is a scenario: what no run can be is the study's fault, not a run's."""
+    first: InputError | None = None
+    for run in dict.fromkeys((0, flyer.points.count - 1, flyer.points.count // 2)):
+        try:
+            flyer.variations.scenario(flyer.points[run])
+        except InputError as error:
+            first = first or error
+        else:
+            return
+    if first is not None:
+        raise InputError(
+            first.what,
+            where=_cause(flyer.study, str(first.where), place),
+            expected=first.expected,
+            got=first.got,
+        )
+
+
+def _cause(study: Study, key: str, place: Place) -> str:
+    """Where a study sets what is wrong with a key of the scenario."""
+    for path in study.set:
+        if key.startswith(".".join(map(str, split(path)))):
+            return f"{place('set', path)}: {key}"
+    for i, axis in enumerate(study.vary):
+        if any(key.startswith(".".join(map(str, split(path)))) for path in axis.places):
+            return f"{place('vary', i)}: {key}"
+    return f"{place('vary', 0)}: {key}"
+
+
+def _fmus(study: Study, base: Base) -> list[str]:
+    """Every FMU that some run may ask for."""
+    names = {part.fmu for part in base.scenario.components.values()}
+    for path, value in study.set.items():
+        names |= _named(path, [value])
+    for axis in study.vary:
+        for path in axis.places:
+            names |= _named(path, _given(axis))
+    return sorted(names)
+
+
+def _named(path: str, values: list[Any]) -> set[str]:
+    match split(path):
+        case ("components", _, "fmu"):
+            return {v for v in values if isinstance(v, str)}
+    return set()
+
+
+def _given(axis: Axis) -> list[Any]:
+    if isinstance(axis, GridAxis):
+        return [*(axis.values or []), *(v for row in axis.rows or [] for v in row)]
+    return list(axis.choice or []) if isinstance(axis, SampledAxis) else []
+
+
+def _system_file(base: Base) -> str | None:
+    """The text of the system that the design names by a file."""
+    part = base.scenario.design
+    if part is None or not part.system.endswith(".toml"):
+        return None
+    path: Path = base.folder / part.system
+    return path.read_text("utf-8") if path.is_file() else None

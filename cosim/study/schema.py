@@ -1,0 +1,286 @@
+"""A study as data: what is varied in a scenario, what is measured in each run, what is kept."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    field_validator,
+    model_validator,
+)
+
+from cosim.errors import InputError
+from cosim.study.dotted import split
+from cosim.study.expression import Expression
+
+Text = Annotated[str, StringConstraints(min_length=1)]
+ColumnName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$")]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+MOST_RUNS = 10_000_000
+
+_TRACES = re.compile(r"^(none|all|failed|worst:(?P<n>[1-9][0-9]{0,5}) by (?P<by>-?\S.*))$")
+RESERVED = ("run", "status", "reason")
+"""Columns that every table of results has."""
+
+
+class _Part(BaseModel):
+    # strict: "5.0" is no number and true is no 1, as TOML itself has it
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Axis(_Part):
+    """What one axis moves, in whatever way it takes its values.
+
+    Exactly one of: `path`, one place of the scenario; `paths`, several that get the same value;
+    `apply`, places with the expression of `x`, the axis' value, that each gets.
+    """
+
+    name: ColumnName | None = None
+    path: Text | None = None
+    paths: Annotated[list[Text], Field(min_length=1)] | None = None
+    apply: Annotated[dict[Text, Text], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Self:
+        given = [k for k in ("path", "paths", "apply") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"one of path, paths and apply says what moves; got {' and '.join(given) or 'none'}"
+            )
+        for place in self.places:
+            _sound(place)
+        for expression in (self.apply or {}).values():
+            try:
+                Expression(expression)
+            except InputError as error:
+                raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+        return self
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The dotted paths that it sets."""
+        if self.path is not None:
+            return (self.path,)
+        return tuple(self.paths or self.apply or ())
+
+    @property
+    def column(self) -> str:
+        """Its name in the table of results."""
+        return self.name or self.places[0]
+
+
+class GridAxis(Axis):
+    """Given values, each of them with everything else.
+
+    values : any values that stand in a scenario: numbers, strings, tables, a matrix.
+    rows : for `paths`, one value per path in each row (zipped).
+    linspace, logspace : [first, last, count], evenly spaced or with even ratios.
+    """
+
+    kind: Literal["grid"]
+    values: Annotated[list[Any], Field(min_length=1)] | None = None
+    rows: Annotated[list[list[Any]], Field(min_length=1)] | None = None
+    linspace: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+    logspace: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        keys = ("values", "rows", "linspace", "logspace")
+        given = [k for k in keys if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"one of {', '.join(keys)} gives the values; got {' and '.join(given) or 'none'}"
+            )
+        for key in ("linspace", "logspace"):
+            spaced = getattr(self, key)
+            if spaced is not None and (spaced[2] != int(spaced[2]) or spaced[2] < 1):
+                raise ValueError(f"{key} is [first, last, count] with a whole count; got {spaced}")
+        if self.logspace is not None and min(self.logspace[:2]) <= 0:
+            raise ValueError(f"logspace runs between positive numbers; got {self.logspace[:2]}")
+        if self.rows is not None:
+            wanted = len(self.paths or ())
+            if any(len(row) != wanted for row in self.rows):
+                raise ValueError(f"rows have one value per entry of paths: {wanted}")
+        return self
+
+
+class SampledAxis(Axis):
+    """Drawn values; all axes of this kind together make the study's `samples` points.
+
+    kind : "random", independent draws; "sobol", points of a scrambled Sobol sequence, one
+        dimension per such axis.
+    uniform, loguniform : [low, high]; normal : [mean, standard deviation];
+    integers : [low, high], both included; choice : values, each as likely.
+    """
+
+    kind: Literal["random", "sobol"]
+    uniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    loguniform: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    normal: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    integers: Annotated[list[Integer], Field(min_length=2, max_length=2)] | None = None
+    choice: Annotated[list[Any], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_distribution(self) -> Self:
+        given = [k for k in DISTRIBUTIONS if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"one of {', '.join(DISTRIBUTIONS)} says how it is drawn; "
+                f"got {' and '.join(given) or 'none'}"
+            )
+        for key in ("uniform", "loguniform", "integers"):
+            bounds = getattr(self, key)
+            if bounds is not None and any(b < a for a, b in pairwise(bounds)):
+                raise ValueError(f"{key} is [low, high]; got {bounds}")
+        if self.loguniform is not None and self.loguniform[0] <= 0:
+            raise ValueError(f"loguniform runs between positive numbers; got {self.loguniform}")
+        if self.normal is not None and self.normal[1] < 0:
+            raise ValueError(f"normal is [mean, standard deviation >= 0]; got {self.normal}")
+        return self
+
+
+DISTRIBUTIONS = ("uniform", "loguniform", "normal", "integers", "choice")
+
+
+class ReplicatesAxis(Axis):
+    """The same again with other seeds: first, first + 1, ... `count` of them."""
+
+    kind: Literal["replicates"]
+    path: Text | None = None
+    count: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    first: Seed = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _seed_of_the_run(cls, data: Any) -> Any:
+        if isinstance(data, dict) and not {"path", "paths", "apply"} & set(data):
+            return {**data, "path": "run.seed"}
+        return data
+
+
+AnyAxis = Annotated[GridAxis | SampledAxis | ReplicatesAxis, Field(discriminator="kind")]
+
+Reduction = Literal[
+    "max_abs", "rms", "mean", "minimum", "maximum", "final", "settling_time", "growth_rate"
+]
+
+
+class Metric(_Part):
+    """One figure of a run: `path` into what `cosim run --json` prints, or a signal reduced.
+
+    path : "status", "metrics.gain", "final.plant.eta.x", "links.uplink.max_age_s".
+    signal : `component.variable`, or several, whose Euclidean norm is taken at each instant.
+    reduce : of the signal less `to`, over the points from `after` [s] on.
+    within : for settling_time: the band, |signal - to| <= within.
+    below, above, equals : ask whether the figure is that; what does not exist is not.
+    """
+
+    path: Text | None = None
+    signal: Text | Annotated[list[Text], Field(min_length=1)] | None = None
+    reduce: Reduction | None = None
+    after: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    to: Number = 0.0
+    within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    below: Number | None = None
+    above: Number | None = None
+    equals: str | bool | Number | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, data: Any) -> Any:
+        return {"path": data} if isinstance(data, str) else data
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.path is None) == (self.signal is None):
+            raise ValueError("a metric has either a path or a signal")
+        if (self.signal is None) != (self.reduce is None):
+            raise ValueError("signal and reduce belong together")
+        if (self.within is None) != (self.reduce != "settling_time"):
+            raise ValueError("within is the band of reduce = 'settling_time', and needed there")
+        if self.path is not None:
+            _sound(self.path)
+            if self.after or self.to:
+                raise ValueError("after and to belong to a signal")
+        return self
+
+    @property
+    def asks(self) -> bool:
+        """Whether it is a question, answered by true or false."""
+        return any(bound is not None for bound in (self.below, self.above, self.equals))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The signals it is taken from."""
+        return (self.signal,) if isinstance(self.signal, str) else tuple(self.signal or ())
+
+
+class StabilityPart(_Part):
+    """[stability]: what `cosim study show --picture` draws for a study of delay (and loss).
+
+    delay, loss : names of axes; the delay is that of the whole loop [s].
+    stable, gain, certified : names of metrics; `certified` says whether the run kept to the
+        assumptions of its certificate.
+    """
+
+    delay: Text
+    stable: Text
+    loss: Text | None = None
+    gain: Text | None = None
+    certified: Text | None = None
+
+
+class Study(_Part):
+    """A whole study.
+
+    scenario : the one that is varied: a built-in name, or a path from the study's folder.
+    set : changes to it that hold for every run, by dotted path.
+    samples, seed : number of points of the sampled axes together, and what they are drawn with.
+    traces : which runs' traces are kept.
+    """
+
+    title: Text
+    description: str = ""
+    scenario: Text
+    set: dict[str, Any] = {}
+    vary: Annotated[list[AnyAxis], Field(min_length=1)]
+    metrics: Annotated[dict[ColumnName, Metric], Field(min_length=1)]
+    samples: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 1
+    seed: Seed = 1
+    traces: str = "none"
+    stability: StabilityPart | None = None
+
+    @field_validator("traces")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if not _TRACES.match(value):
+            raise ValueError("none, all, failed, or worst:N by METRIC (by -METRIC: the smallest)")
+        return value
+
+    @field_validator("set")
+    @classmethod
+    def _paths(cls, value: dict[str, Any]) -> dict[str, Any]:
+        for path in value:
+            _sound(path)
+        return value
+
+    @property
+    def worst(self) -> tuple[int, str] | None:
+        """How many of the worst runs keep a trace, and by which metric."""
+        match = _TRACES.match(self.traces)
+        return (int(match["n"]), match["by"]) if match and match["n"] else None
+
+
+def _sound(path: str) -> None:
+    try:
+        split(path)
+    except InputError as error:
+        raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error

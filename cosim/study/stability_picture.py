@@ -1,0 +1,173 @@
+"""The picture of a stability boundary: measured, exact and certified, in one plot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.study.boundary import Boundary, boundary
+from cosim.study.pictures import BLUE, GREEN, GREY, RED, edges, grid_of, numbers, save
+from cosim.study.schema import StabilityPart, Study
+from cosim.trace.picture import pyplot
+
+_LOST, _DARK = "#ec7a63", "#7a0f1a"
+_STYLE = {"font.size": 9, "axes.axisbelow": True, "hatch.linewidth": 0.7}
+
+
+def draw_stability(table: Any, manifest: dict[str, Any], target: Path) -> Path:
+    """Stability over delay, or over delay and loss, with what is proved and what is exact.
+
+    Raises
+    ------
+    InputError : the study has no [stability], or matplotlib is missing.
+    """
+    found = boundary(table, manifest)
+    study = Study.model_validate(manifest["study"])
+    part = study.stability
+    if found is None or part is None:
+        raise InputError(
+            "this study has no picture of its own",
+            where=study.title,
+            expected="[stability] in the study",
+            hint="say what to draw: --metric and --over",
+        )
+    frame = table.to_pandas()
+    frame = frame.assign(
+        _stable=numbers(frame[part.stable]),
+        _figure=numbers(frame[part.gain]) if part.gain else np.nan,
+        _kept=numbers(frame[part.certified]) if part.certified else np.nan,
+    )
+    plt = pyplot()
+    with plt.rc_context(_STYLE):
+        figure, axis = plt.subplots(figsize=(7.8, 4.8), layout="constrained")
+        if part.loss is None:
+            _over_delay(axis, frame, part, found)
+        else:
+            _over_delay_and_loss(figure, axis, frame, part, found)
+        axis.set_xlabel(f"{part.delay}: delay of the whole loop [s]")
+        axis.set_title(f"{study.title}\n{len(frame)} runs", fontsize=9, loc="left")
+        save(figure, target)
+        plt.close(figure)
+    return target
+
+
+def _over_delay(axis: Any, frame: Any, part: StabilityPart, found: Boundary) -> None:
+    drawn = "_figure" if part.gain else "_stable"
+    edge = found.edges[0]
+    for value, colour, marker, label in (
+        (1.0, BLUE, "o", "measured: stable"),
+        (0.0, RED, "X", "measured: not stable"),
+    ):
+        runs = frame[frame["_stable"] == value]
+        axis.plot(runs[part.delay], runs[drawn], marker, ms=5, color=colour, label=label, zorder=3)
+    axis.grid(alpha=0.25)
+    if part.gain:
+        axis.set_ylabel(part.gain)
+        low, high = np.nanmin(frame["_figure"]), np.nanmax(frame["_figure"])
+        if low < 0.0 < high:
+            axis.axhline(0.0, color=GREY, lw=0.8)
+    if edge.stable_to is not None and edge.unstable_from is not None:
+        axis.axvspan(
+            edge.stable_to,
+            edge.unstable_from,
+            color=RED,
+            alpha=0.18,
+            lw=0,
+            label=f"measured boundary: {edge.stable_to:.4g} to {edge.unstable_from:.4g} s",
+        )
+    _proved_and_exact(axis, found, left=float(frame[part.delay].min()))
+    axis.legend(loc="best", fontsize=8, framealpha=0.9)
+
+
+def _proved_and_exact(axis: Any, found: Boundary, left: float) -> None:
+    if found.certified_age is not None:
+        axis.axvspan(
+            min(0.0, left),
+            found.certified_age,
+            color=GREEN,
+            alpha=0.18,
+            lw=0,
+            label=f"certified: every age up to {found.certified_age:.4g} s",
+        )
+    if found.exact_margin is not None:
+        axis.axvline(
+            found.exact_margin,
+            color="black",
+            lw=1.4,
+            ls="--",
+            label=f"exact delay margin: {found.exact_margin:.4g} s",
+        )
+
+
+def _over_delay_and_loss(
+    figure: Any, axis: Any, frame: Any, part: StabilityPart, found: Boundary
+) -> None:
+    """Delay to the right, a row of equal height per loss."""
+    loss = part.loss or ""
+    x, y, stable = grid_of(frame, part.delay, loss, "_stable")
+    bx, by = edges(x), np.arange(y.size + 1) - 0.5
+    if part.gain:
+        settled = frame.assign(_figure=frame["_figure"].where(frame["_stable"] == 1.0))
+        _, _, drawn = grid_of(settled, part.delay, loss, "_figure")
+        shown = np.where(stable == 1.0, drawn, np.nan)
+        mesh = axis.pcolormesh(bx, by, shown, cmap="YlGnBu")
+        figure.colorbar(mesh, ax=axis, label=f"{part.gain}, mean of the runs", pad=0.02)
+    unstable = np.where(stable < 1.0, 1.0 - stable, np.nan)
+    axis.pcolormesh(bx, by, unstable, cmap="Reds", vmin=-0.5, vmax=2.2)
+    for (row, column), value in np.ndenumerate(stable):
+        if 0.0 < value < 1.0:
+            text = f"{100 * (1 - value):.0f} %"
+            axis.text(x[column], row, text, ha="center", va="center", fontsize=7)
+    if (stable == 0.0).any():
+        axis.fill([], [], color=_LOST, label="not stable, or in that share of the runs")
+    _outline(axis, bx, by, stable >= 1.0, _DARK, "measured boundary: all runs stable to here", 2.4)
+    if part.certified:
+        _, _, share = grid_of(frame, part.delay, loss, "_kept")
+        for row, kept in enumerate(share >= 1.0):
+            spans = [(bx[j], bx[j + 1] - bx[j]) for j in np.flatnonzero(kept)]
+            plain = {"facecolor": "none", "edgecolor": GREEN, "hatch": "//", "lw": 0}
+            axis.broken_barh(spans, (by[row], 1.0), **plain)
+        label = "certified: every message age within design"
+        _outline(axis, bx, by, share >= 1.0, GREEN, label, 2.6)
+    _lines(axis, found)
+    axis.set_yticks(range(y.size), [f"{value:g}" for value in y])
+    axis.set_ylabel(f"{part.loss}: share of messages lost")
+    axis.set(ylim=(by[0], by[-1]), xlim=(bx[0], bx[-1]))
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8, frameon=False)
+
+
+def _lines(axis: Any, found: Boundary) -> None:
+    for at, colour, style, label in (
+        (found.certified_age, GREEN, ":", "age that is designed for"),
+        (found.exact_margin, "black", "--", "exact delay margin, no loss"),
+    ):
+        if at is not None:
+            axis.axvline(at, color=colour, lw=1.5, ls=style, label=f"{label}: {at:.4g} s")
+
+
+def _outline(
+    axis: Any, bx: Any, by: Any, inside: Any, colour: str, label: str, width: float
+) -> None:
+    """The border of a set of cells, along their edges."""
+    pieces: list[tuple[list[float], list[float]]] = []
+    ny, nx = inside.shape
+    for row in range(ny):
+        for column in range(nx):
+            if not inside[row, column]:
+                continue
+            if column + 1 < nx and not inside[row, column + 1]:
+                pieces.append(([bx[column + 1]] * 2, [by[row], by[row + 1]]))
+            if row + 1 < ny and not inside[row + 1, column]:
+                pieces.append(([bx[column], bx[column + 1]], [by[row + 1]] * 2))
+            if column > 0 and not inside[row, column - 1]:
+                pieces.append(([bx[column]] * 2, [by[row], by[row + 1]]))
+            if row > 0 and not inside[row - 1, column]:
+                pieces.append(([bx[column], bx[column + 1]], [by[row]] * 2))
+    for place, (px, py) in enumerate(pieces):
+        axis.plot(
+            px, py, color=colour, lw=width, label=label if place == 0 else None,
+            solid_capstyle="projecting", zorder=4,
+        )  # fmt: skip

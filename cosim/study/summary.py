@@ -1,0 +1,222 @@
+"""What a table of runs says: shares and means, each with its confidence interval, per group.
+
+Shares are those of a binomial proportion (Wilson 1927); means those of Student's t, or of the
+bias-corrected bootstrap where the values are far from normal (Efron 1987).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.study.schema import GridAxis, Study
+
+_MOST_GROUPS = 40
+_MOST_WORDS = 12
+_RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs with the same values of some axes.
+
+    Attributes
+    ----------
+    where : axis -> value; empty for all runs together.
+    runs : how many.
+    shares, numbers : by what they are about.
+    """
+
+    where: dict[str, Any]
+    runs: int
+    shares: dict[str, Share]
+    numbers: dict[str, Numbers]
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of the runs were so, and an interval for the probability."""
+
+    count: int
+    of: int
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Values of a metric over runs; `missing` runs had none, or none that is finite.
+
+    low, high : interval for the mean; None for fewer than two values.
+    """
+
+    count: int
+    missing: int
+    mean: float | None
+    low: float | None
+    high: float | None
+    deviation: float | None
+    minimum: float | None
+    median: float | None
+    maximum: float | None
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A table in figures.
+
+    Attributes
+    ----------
+    runs, count : in the table, and in the study.
+    by : the axes whose values make the groups.
+    method : of the intervals of means.
+    """
+
+    title: str
+    runs: int
+    count: int
+    by: tuple[str, ...]
+    confidence: float
+    method: str
+    groups: tuple[Group, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, for `--json`."""
+        return {**asdict(self), "complete": self.runs == self.count}
+
+
+def summarise(
+    table: Any,
+    manifest: dict[str, Any],
+    by: Sequence[str] | None = None,
+    *,
+    confidence: float = 0.95,
+    bootstrap: bool = False,
+) -> Summary:
+    """Summarise a table of results (`read_table`).
+
+    Parameters
+    ----------
+    by : axes to group by; None for the grid axes, where that makes groups of several runs and
+        not too many of them.
+
+    Raises
+    ------
+    InputError : no such axis, or a confidence that is none.
+    """
+    if not 0.0 < confidence < 1.0:
+        raise InputError(
+            "not a confidence", where="confidence", expected="0 < p < 1", got=str(confidence)
+        )
+    study = Study.model_validate(manifest["study"])
+    frame = table.to_pandas()
+    axes = [axis.column for axis in study.vary]
+    for name in by or ():
+        if name not in axes:
+            raise InputError.unknown("axis", name, axes, where="by")
+    chosen = list(by) if by is not None else _usual(study, frame)
+    groups = []
+    if chosen:
+        for key, part in frame.groupby(chosen, sort=True, dropna=False):
+            where = dict(zip(chosen, key, strict=True))
+            groups.append(_group(where, part, study, confidence, bootstrap=bootstrap))
+    else:
+        groups.append(_group({}, frame, study, confidence, bootstrap=bootstrap))
+    return Summary(
+        title=study.title,
+        runs=len(frame),
+        count=int(manifest["count"]),
+        by=tuple(chosen),
+        confidence=confidence,
+        method="bootstrap" if bootstrap else "t",
+        groups=tuple(groups),
+    )
+
+
+def _usual(study: Study, frame: Any) -> list[str]:
+    grids = [axis.column for axis in study.vary if isinstance(axis, GridAxis)]
+    if not grids:
+        return []
+    groups = frame.groupby(grids, dropna=False).ngroups
+    return grids if groups <= _MOST_GROUPS and len(frame) > groups else []
+
+
+def _group(
+    where: dict[str, Any], frame: Any, study: Study, confidence: float, *, bootstrap: bool
+) -> Group:
+    shares: dict[str, Share] = {}
+    numbers: dict[str, Numbers] = {}
+    for name in ("status", *study.metrics):
+        column = frame[name]
+        values = [v for v in column.tolist() if v is not None and v == v]  # noqa: PLR0124 - no NaN
+        if values and all(isinstance(v, bool) for v in values):
+            shares[name] = share(sum(values), len(values), confidence)
+        elif any(isinstance(v, str) for v in values):
+            words = sorted(set(values))
+            for word in words if len(words) <= _MOST_WORDS else ():
+                shares[f"{name} = {word}"] = share(values.count(word), len(values), confidence)
+        else:
+            numbers[name] = mean_of(values, len(column), confidence, bootstrap=bootstrap)
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in where.items()}
+    return Group(plain, len(frame), shares, numbers)
+
+
+def share(count: int, of: int, confidence: float = 0.95) -> Share:
+    """`count` out of `of`, with Wilson's interval."""
+    from scipy import stats  # noqa: PLC0415 - loading it takes half a second
+
+    found = stats.binomtest(count, of).proportion_ci(confidence, method="wilson")
+    return Share(count, of, count / of, float(found.low), float(found.high))
+
+
+def mean_of(
+    values: Sequence[float], total: int, confidence: float = 0.95, *, bootstrap: bool = False
+) -> Numbers:
+    """Mean and spread of the finite ones of `values`, out of `total` runs."""
+    x = np.array([float(v) for v in values])
+    x = x[np.isfinite(x)]
+    if x.size == 0:
+        return Numbers(0, total, None, None, None, None, None, None, None)
+    low, high = _interval(x, confidence, bootstrap=bootstrap)
+    return Numbers(
+        count=x.size,
+        missing=total - x.size,
+        mean=float(x.mean()),
+        low=low,
+        high=high,
+        deviation=float(x.std(ddof=1)) if x.size > 1 else None,
+        minimum=float(x.min()),
+        median=float(np.median(x)),
+        maximum=float(x.max()),
+    )
+
+
+def _interval(
+    x: NDArray[np.float64], confidence: float, *, bootstrap: bool
+) -> tuple[float | None, float | None]:
+    from scipy import stats  # noqa: PLC0415 - loading it takes half a second
+
+    if x.size < 2:
+        return None, None
+    mean = float(x.mean())
+    error = float(x.std(ddof=1)) / math.sqrt(x.size)
+    if error == 0.0:
+        return mean, mean
+    if bootstrap:
+        found = stats.bootstrap(
+            (x,),
+            np.mean,
+            confidence_level=confidence,
+            n_resamples=_RESAMPLES,
+            rng=np.random.default_rng(0),
+        ).confidence_interval
+        return float(found.low), float(found.high)
+    reach = float(stats.t.ppf(0.5 + 0.5 * confidence, x.size - 1)) * error
+    return mean - reach, mean + reach

@@ -1,0 +1,102 @@
+"""The results as one table: Arrow, with what they come from in its metadata."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.study.batch import Row
+from cosim.study.folder import RESULTS, read_manifest, read_rows
+from cosim.study.points import Points
+from cosim.study.schema import Study
+from cosim.study.varied import shown
+
+KEY = b"cosim.study"
+"""The metadata entry that holds the manifest."""
+
+
+def pyarrow() -> Any:
+    """pyarrow, with its Parquet part; an `InputError` if it is not installed."""
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - optional: the extra `study`
+        import pyarrow.parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            "tables of results need pyarrow",
+            got=str(error),
+            hint="pip install 'auv-cosim[study]'",
+        ) from error
+    return pa
+
+
+def make_table(manifest: dict[str, Any], rows: Iterable[Row]) -> Any:
+    """Rows in the order of their runs: run, axes, status, reason, metrics."""
+    pa = pyarrow()
+    study = Study.model_validate(manifest["study"])
+    points = Points(study)
+    ordered = sorted(rows)
+    columns: dict[str, Any] = {"run": pa.array([r.run for r in ordered], pa.int64())}
+    values = [points[r.run] for r in ordered]
+    for i, axis in enumerate(study.vary):
+        columns[axis.column] = _column([shown(v[i]) for v in values])
+    columns["status"] = pa.array([r.status for r in ordered], pa.string())
+    columns["reason"] = pa.array([r.reason for r in ordered], pa.string())
+    for j, name in enumerate(study.metrics):
+        columns[name] = _column([r.values[j] for r in ordered])
+    about = {KEY: json.dumps(manifest, sort_keys=True).encode()}
+    return pa.table(columns).replace_schema_metadata(about)
+
+
+def _column(values: Sequence[Any]) -> Any:
+    """Truths, whole numbers, numbers or words, as all of the values are; None is missing."""
+    pa = pyarrow()
+    kinds = {type(v) for v in values if v is not None}
+    if kinds <= {bool} and kinds:
+        return pa.array(values, pa.bool_())
+    if kinds == {int}:
+        return pa.array(values, pa.int64())
+    if kinds <= {int, float}:
+        return pa.array([None if v is None else float(v) for v in values], pa.float64())
+    return pa.array([None if v is None else str(v) for v in values], pa.string())
+
+
+def write_table(table: Any, path: Path) -> None:
+    """A Parquet file that is there whole, or not at all; the same table, the same bytes."""
+    partial = path.with_name(path.name + ".partial")
+    pyarrow().parquet.write_table(table, partial, compression="zstd")
+    partial.replace(path)
+
+
+def read_table(path: Path) -> tuple[Any, dict[str, Any]]:
+    """The table of a study and its manifest, from its folder or from `results.parquet`.
+
+    A study that is not finished gives what is done.
+
+    Raises
+    ------
+    InputError : neither; or a table that no study wrote.
+    """
+    if path.is_dir():
+        if (path / RESULTS).is_file():
+            return read_table(path / RESULTS)
+        manifest = read_manifest(path)
+        return make_table(manifest, read_rows(path)), manifest
+    pa = pyarrow()
+    try:
+        table = pa.parquet.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(
+            "not the results of a study",
+            where=str(path),
+            expected="the folder of a study, or its results.parquet",
+            got=str(error)[:300],
+        ) from error
+    manifest = json.loads((table.schema.metadata or {}).get(KEY, b"null"))
+    if manifest is None:
+        raise InputError(
+            "this table was not written by a study", where=str(path), got="no entry cosim.study"
+        )
+    return table, manifest

@@ -1,0 +1,96 @@
+"""The signals that part most, both traces over each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.trace.diff import Diff, SignalDiff
+from cosim.trace.hold import held, rows_in_force
+from cosim.trace.picture import pyplot
+from cosim.trace.reader import Trace
+from cosim.trace.table import Series
+
+MOST = 6
+_COLOURS = ("#0b6e99", "#d1495b")
+
+
+def worst(found: Diff) -> list[SignalDiff]:
+    """The signals for a picture: the first to part, then those furthest apart for their size.
+
+    At most `MOST`; what components send comes before its copies on links and at receivers.
+    """
+    drawable = [signal for signal in found.parted if signal.max_abs is not None]
+    first, rest = drawable[:1], drawable[1:]
+    rest.sort(key=lambda s: (not s.topic.endswith("/output"), -(s.max_rel or 0.0)))
+    return [*first, *rest][:MOST]
+
+
+def draw_diff(found: Diff, target: Path) -> Path | None:
+    """A picture of `worst` signals; None, and no file, where no signal parts.
+
+    Raises
+    ------
+    InputError : matplotlib is not installed, or the file cannot be written.
+    """
+    signals = worst(found)
+    if not signals:
+        return None
+    plt = pyplot()
+    traces = [Trace(path) for path in found.paths]
+    with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure, axes = plt.subplots(
+            len(signals),
+            2,
+            figsize=(12, 1.2 + 1.9 * len(signals)),
+            layout="constrained",
+            squeeze=False,
+            sharex=True,
+            width_ratios=(1.6, 1),
+        )
+        for signal, (both, apart) in zip(signals, axes, strict=True):
+            _draw(signal, [trace.signal(signal.name) for trace in traces], both, apart)
+        labels = [Path(path).stem for path in found.paths]
+        if labels[0] == labels[1]:
+            labels = list(found.paths)
+        axes[0][0].legend(axes[0][0].get_lines()[:2], labels, loc="best")
+        axes[0][0].set_title("both (dotted: the first to part)")
+        axes[0][1].set_title("second minus first")
+        for axis in axes[-1]:
+            axis.set_xlabel("time [s]")
+        try:
+            figure.savefig(target, dpi=110)
+        except (OSError, ValueError) as error:  # ValueError: no such format
+            raise InputError(
+                "the picture cannot be written",
+                where=str(target),
+                expected="a .png, .svg or .pdf file in a folder that can be written",
+                got=str(error),
+            ) from error
+        finally:
+            plt.close(figure)
+    return target
+
+
+def _draw(signal: SignalDiff, series: list[Series], both: Any, apart: Any) -> None:
+    a, b = series
+    for one, colour, width in ((a, _COLOURS[0], 1.4), (b, _COLOURS[1], 0.9)):
+        both.step(one.delivered, one.values, where="post", color=colour, lw=width)
+    unit = f" [{signal.unit}]" if signal.unit else ""
+    both.set_ylabel(f"{signal.name.rpartition(':')[2]}{unit}")
+    if signal.first_s is not None:
+        both.axvline(signal.first_s, color="#333", lw=0.8, ls=":")
+    instants, difference = _difference(a, b)
+    apart.step(instants, difference, where="post", color="#444", lw=0.8)
+
+
+def _difference(a: Series, b: Series) -> tuple[Any, Any]:
+    instants = np.union1d(a.delivered_ns, b.delivered_ns)
+    values = []
+    for one in (a, b):
+        value, there = held(one.values, rows_in_force(one.delivered_ns, instants))
+        values.append(np.where(there, value.astype(np.float64), np.nan))
+    return instants / 1e9, values[1] - values[0]

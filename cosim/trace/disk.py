@@ -1,0 +1,184 @@
+"""The file a trace is written to: one writer at a time, `.partial` until it is finished."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
+
+from cosim.errors import InputError, LossError
+from cosim.trace.stream import McapStream
+
+if sys.platform != "win32":
+    import fcntl
+
+
+class PartialFile:
+    """`<path>.partial`, renamed to `path` by `finish`.
+
+    What is written goes to the operating system at once: a process that is killed has lost
+    nothing of it.
+
+    Parameters
+    ----------
+    path : final path.
+    fsync : hand what is flushed on to the disk itself, so that it survives a power cut.
+    suffix : of the name until it is finished.
+
+    Raises
+    ------
+    InputError : it cannot be created, or another process is writing it.
+    """
+
+    def __init__(self, path: Path, *, fsync: bool, suffix: str = ".partial") -> None:
+        self.path = path
+        self.partial_path = path.with_name(path.name + suffix)
+        self._fsync = fsync
+        if path.is_dir():
+            raise InputError("the trace's path is a directory", where=str(path))
+        try:
+            # emptied below, once it is known to be ours alone
+            handle = os.open(self.partial_path, os.O_WRONLY | os.O_CREAT | _FLAGS, 0o666)
+        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            raise InputError(
+                "the trace cannot be created",
+                where=str(self.partial_path),
+                expected="a writable folder",
+                got=str(error),
+            ) from error
+        self._raw = os.fdopen(handle, "wb", buffering=0)
+        try:
+            _lock(handle)
+        except OSError as error:
+            self._raw.close()
+            raise InputError(
+                "the trace is being written by another run",
+                where=str(self.partial_path),
+                got=str(error),
+                hint="give this run another file, or wait until the other one has ended",
+            ) from error
+        if stat.S_ISREG(os.fstat(handle).st_mode):
+            os.ftruncate(handle, 0)
+
+    def write(self, data: bytes | memoryview) -> int:
+        """Write all of it."""
+        left = memoryview(data)
+        while left:
+            left = left[self._raw.write(left) :]
+        return len(data)
+
+    def flush(self) -> None:
+        """Hand what is written on to the disk, if that was asked for."""
+        if self._fsync:
+            os.fsync(self._raw.fileno())
+
+    def finish(self) -> None:
+        """Close, and take the final name.
+
+        A file of this name is replaced only by one that is on the disk itself: a power cut
+        leaves the old one or the new one.
+        """
+        if self._fsync or self.path.exists():
+            os.fsync(self._raw.fileno())
+        self._raw.close()
+        self.partial_path.replace(self.path)
+        if self._fsync and sys.platform != "win32":
+            folder = os.open(self.path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+    def close(self) -> None:
+        """Close under the name `.partial`."""
+        self._raw.close()
+
+    def discard(self) -> None:
+        """Close and remove what is not to be finished."""
+        self._raw.close()
+        self.partial_path.unlink(missing_ok=True)
+
+    def cut(self, size: int) -> None:
+        """Close, without what lies behind `size`: half a record, when the disk has failed."""
+        try:
+            if self._raw.seek(0, os.SEEK_END) > size:
+                self._raw.truncate(size)
+        except OSError:  # what is left is a whole record and half of one: readable, too
+            pass
+        finally:
+            self._raw.close()
+
+
+_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+
+
+def _lock(handle: int) -> None:
+    """Refuse a second writer; given up when the process ends, however it ends."""
+    if sys.platform != "win32":
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+class Guard:
+    """Around every use of the file: one thread at a time, and none after the end.
+
+    A failing disk becomes a `LossError` that says so; in a thread in which nobody would hear
+    it, at the next use.
+    """
+
+    def __init__(self, file: PartialFile, stream: McapStream) -> None:
+        self.lock = threading.RLock()
+        self.open = True
+        self._file = file
+        self._stream = stream
+        self._failure: OSError | None = None
+
+    def __enter__(self) -> None:
+        self.lock.acquire()
+        if not self.open:
+            self.lock.release()
+            if self._failure is not None:
+                failure, self._failure = self._failure, None
+                raise self._loss(failure) from failure
+            raise InputError(
+                "the trace is closed",
+                where=str(self._file.path),
+                hint="write before finish() or close()",
+            )
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if isinstance(error, OSError):
+                self.fail(error)
+                self._failure = None
+                raise self._loss(error) from error
+        finally:
+            self.lock.release()
+
+    def fail(self, error: OSError) -> None:
+        """The disk has failed: keep what is whole."""
+        self.open = False
+        self._failure = error
+        self._file.cut(self._stream.position)
+
+    def forget(self) -> None:
+        """In a forked process: the file is the parent's; nothing of it is touched here."""
+        self.lock = threading.RLock()
+        self.open = False
+        self._file.close()
+
+    def _loss(self, error: OSError) -> LossError:
+        return LossError(
+            "the trace could not be written",
+            where=str(self._file.partial_path),
+            got=str(error),
+            hint="make room on the disk; what was written before is in the .partial file "
+            "(cosim trace recover)",
+        )

@@ -1,0 +1,149 @@
+"""Topics and signals as pandas DataFrames (the extra `tables`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.trace.hold import held, rows_in_force
+
+if TYPE_CHECKING:
+    from cosim.trace.reader import Trace
+    from cosim.trace.table import Table
+
+Align = str | float | NDArray[np.float64]
+"""A common base of time: "union", a topic, a period [s], or instants [s]."""
+
+_MOST_POINTS = 100_000_000
+
+
+def pandas() -> Any:
+    """The package pandas; an `InputError` if it is not installed."""
+    try:
+        import pandas as pd  # noqa: PLC0415 - optional: the extra `tables`
+    except ImportError as error:
+        raise InputError(
+            "data frames need pandas",
+            got=str(error),
+            hint="install the extra: pip install 'auv-cosim[tables]'",
+        ) from error
+    return pd
+
+
+def to_pandas(
+    trace: Trace,
+    what: str | Sequence[str],
+    *,
+    align: Align = "union",
+    start: float | None = None,
+    end: float | None = None,
+) -> Any:
+    """A DataFrame over the time of delivery, index `time_s` [s]; `attrs["units"]` by column.
+
+    Parameters
+    ----------
+    what : a topic: its rows as they are, with `sent_s` where something was sent before it was
+        delivered. Or several topics and signals (`plant.eta.x`), or one signal: columns by the
+        names `Trace.signal` takes, side by side on a common base of time.
+    align : the common base. "union": every instant at which one of them has a row. A topic: the
+        instants of its rows. A number: that period [s], from the first row to the last. An
+        array: these instants [s]. At each, a column has the value in force, the last one
+        delivered up to then (sample and hold, as the run itself held it, whatever the signal's
+        own `hold` says); before the first one it is missing, as pandas marks it.
+    start, end : as `Trace.read`; what was delivered before `start` is not in force after it.
+
+    Raises
+    ------
+    InputError : no such topic or signal, a base of time that is none, pandas is not installed.
+    LossError : as `Trace.read`.
+    """
+    if isinstance(what, str) and what in trace.topics:
+        return rows_frame(trace.read(what, start=start, end=end))
+    return _joined(trace, [what] if isinstance(what, str) else list(what), align, start, end)
+
+
+def rows_frame(table: Table) -> Any:
+    """The rows of one topic as they are; `InputError` without pandas."""
+    pd = pandas()
+    columns: dict[str, Any] = {}
+    if (table.log_time_ns != table.publish_time_ns).any():
+        columns["sent_s"] = table.sent
+    for name, values in table.columns.items():
+        columns[name] = _with_gaps(values, table.present[name])
+    index = pd.Index(table.delivered, name="time_s")
+    frame = pd.DataFrame(columns, index=index)
+    frame.attrs["units"] = {n: s.unit for n, s in table.signals.items() if s.unit is not None}
+    return frame
+
+
+def _joined(
+    trace: Trace, names: list[str], align: Align, start: float | None, end: float | None
+) -> Any:
+    pd = pandas()
+    wanted: list[tuple[str, str | None]] = [
+        (name, None) if name in trace.topics else trace.place(name) for name in names
+    ]
+    needed = dict.fromkeys(topic for topic, _ in wanted)
+    if isinstance(align, str) and align in trace.topics:
+        needed[align] = None
+    tables = trace.read_all(list(needed), start=start, end=end)
+    chosen = [
+        (table, own)
+        for topic, name in wanted
+        for table in (tables[topic],)
+        for own in ([name] if name is not None else table.columns)
+    ]
+    base = _base(align, tables, [tables[topic] for topic, _ in wanted])
+    full = {
+        place: name for name, (topic, s) in trace.signals.items() for place in ((topic, s.name),)
+    }
+    columns, units = {}, {}
+    for table, own in chosen:
+        values, there = table[own], table.present[own]
+        rows = rows_in_force(table.log_time_ns[there], base)
+        name = full.get((table.topic, own), f"{table.topic}:{own}")
+        columns[name] = _with_gaps(*held(values[there], rows))
+        if (unit := table.signals[own].unit) is not None:
+            units[name] = unit
+    frame = pd.DataFrame(columns, index=pd.Index(base / 1e9, name="time_s"))
+    frame.attrs["units"] = units
+    return frame
+
+
+def _base(align: Align, tables: dict[str, Table], chosen: Sequence[Table]) -> NDArray[np.int64]:
+    """The common instants [ns], increasing."""
+    every = np.unique(np.concatenate([t.log_time_ns for t in chosen] or [np.zeros(0, np.int64)]))
+    if isinstance(align, str):
+        if align == "union":
+            return every
+        if align in tables:
+            return np.unique(tables[align].log_time_ns)
+        raise InputError.unknown("topic to align with", align, ["union", *tables], where="align")
+    if isinstance(align, int | float):
+        period = round(align * 1e9) if np.isfinite(align) else 0
+        if period < 1:
+            raise InputError(
+                "not a period", where="align", expected="at least a nanosecond", got=f"{align:g} s"
+            )
+        if every.size and (every[-1] - every[0]) // period > _MOST_POINTS:
+            raise InputError("too many instants", where="align", expected=f"at most {_MOST_POINTS}")
+        return np.arange(every[0], every[-1] + 1, period) if every.size else every
+    given = np.asarray(align, np.float64)
+    if given.ndim != 1 or not np.isfinite(given).all() or (np.diff(given) < 0).any():
+        raise InputError("not instants", where="align", expected="finite, increasing seconds")
+    return np.rint(given * 1e9).astype(np.int64)
+
+
+def _with_gaps(values: NDArray[Any], there: NDArray[np.bool_]) -> NDArray[Any]:
+    """Values with what is missing as pandas marks it."""
+    if there.all() or values.dtype.kind == "f":
+        return values
+    if values.dtype.kind == "i":
+        return np.where(there, values.astype(np.float64), np.nan)
+    gaps = values.astype(object)
+    gaps[~there] = None
+    return gaps

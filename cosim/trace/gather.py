@@ -1,0 +1,225 @@
+"""Messages of one topic, chunk by chunk, into one table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError, LossError
+from cosim.trace.declared import Channel
+from cosim.trace.decode import RowDecoder
+from cosim.trace.json_rows import json_columns
+from cosim.trace.layout import Signal
+from cosim.trace.messages import Messages, on_channels
+from cosim.trace.table import Table
+
+_OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
+_MAX_NS = 2**63 - 1
+_ROOM = 2**28  # bytes for which nobody need ask
+
+
+def decoder_of(channel: Channel) -> RowDecoder:
+    """Decoder of a protobuf channel; `ValueError` where its schema cannot be used."""
+    return RowDecoder(channel.schema.name, channel.schema.data, channel.metadata)
+
+
+class Gathered:
+    """Rows of a topic as they are found.
+
+    Parameters
+    ----------
+    where : file and topic, for messages.
+    channels : those of the topic, by id; several are put together, column by column.
+
+    Raises
+    ------
+    InputError : neither protobuf nor JSON, or a schema that cannot be used.
+    """
+
+    def __init__(self, where: str, topic: str, channels: Mapping[int, Channel]) -> None:
+        self.channels = channels
+        self._where, self._topic = where, topic
+        self._sources = {number: _Source(channel, where) for number, channel in channels.items()}
+        self._heads: list[NDArray[Any]] = []
+        self._rows = 0
+
+    def add(self, messages: Messages, inside: NDArray[np.bool_] | None) -> None:
+        """Take the topic's own of some messages, those `inside` (all: None) alone.
+
+        Raises
+        ------
+        LossError : a row that does not fit its schema.
+        InputError : too many rows for the memory there is.
+        """
+        mine = on_channels(messages, self.channels)
+        if inside is not None:
+            mine &= inside
+        if not mine.any():
+            return
+        if not mine.all():
+            messages = messages.part(mine)
+        self._heads.append(messages.heads)
+        _check_room(self._rows + len(messages), self._sources, self._where)
+        for number, source in self._sources.items():
+            own = np.flatnonzero(messages.heads["channel"] == number)
+            if own.size == len(messages):
+                source.add(messages, self._rows + own)
+            elif own.size:
+                source.add(messages.part(own), self._rows + own)
+        self._rows += len(messages)
+
+    def table(self) -> Table:
+        """All rows so far."""
+        heads = {
+            key: np.concatenate([part[key] for part in self._heads] or [np.zeros(0, np.uint64)])
+            for key in ("log", "publish", "sequence")
+        }
+        for key in ("log", "publish"):
+            if heads[key].size and int(heads[key].max()) > _MAX_NS:
+                raise self._unreadable("a time beyond 2**63 ns")
+        columns: dict[str, NDArray[Any]] = {}
+        present: dict[str, NDArray[np.bool_]] = {}
+        signals: dict[str, Signal] = {}
+        single = len(self._sources) == 1
+        for source in self._sources.values():
+            try:
+                found, places = source.columns()
+            except ValueError as error:
+                raise self._unreadable(str(error)) from error
+            for signal, values, there in found:
+                if single:
+                    columns[signal.name], present[signal.name] = values, there
+                else:
+                    _merge(columns, present, signal.name, self._rows, places, values, there)
+                signals.setdefault(signal.name, signal)
+        return Table(
+            topic=self._topic,
+            log_time_ns=heads["log"].astype(np.int64),
+            publish_time_ns=heads["publish"].astype(np.int64),
+            sequence=heads["sequence"].astype(np.int64),
+            columns=columns,
+            present=present,
+            signals=signals,
+        )
+
+    def _unreadable(self, why: str) -> LossError:
+        return LossError("the topic's rows cannot be read", where=self._where, got=why)
+
+
+class _Source:
+    """The rows of one channel."""
+
+    def __init__(self, channel: Channel, where: str) -> None:
+        self._where = where
+        self._decoder: RowDecoder | None = None
+        self._parts: list[Any] = []
+        self._places: list[NDArray[np.int64]] = []
+        if channel.encoding == "json":
+            return
+        if not channel.encoding == channel.schema.encoding == "protobuf":
+            name = _OTHER.get(channel.encoding, channel.encoding) or "no encoding"
+            raise InputError(
+                "only protobuf and JSON topics are read as columns",
+                where=where,
+                expected="protobuf or json",
+                got=f"{name}, schema {channel.schema.name or 'without name'}",
+            )
+        try:
+            self._decoder = decoder_of(channel)
+        except ValueError as error:
+            raise InputError(
+                "the topic's schema is unusable", where=where, got=str(error)
+            ) from error
+
+    @property
+    def width(self) -> int:
+        """How many columns, as far as that is known before the rows are."""
+        return 1 if self._decoder is None else len(self._decoder.signals)
+
+    def add(self, messages: Messages, places: NDArray[np.int64]) -> None:
+        try:
+            self._parts.append(messages if self._decoder is None else self._decoder(messages))
+        except ValueError as error:
+            raise LossError(
+                "the topic's rows cannot be read", where=self._where, got=str(error)
+            ) from error
+        self._places.append(places)
+
+    def columns(
+        self,
+    ) -> tuple[list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]], NDArray[np.int64]]:
+        """Signal, values, and where there are any; and which rows of the topic they are."""
+        places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
+        everywhere = np.ones(places.size, np.bool_)
+        if self._decoder is None:
+            return self._json(places, everywhere), places
+        found = []
+        sizes = [part.size for part in self._places]
+        for i, signal in enumerate(self._decoder.signals):
+            parts = [part[i] for part in self._parts]
+            values = (
+                np.concatenate([part[0] for part in parts])
+                if parts
+                else np.zeros(0, self._decoder.dtypes[i])
+            )
+            there = everywhere
+            if any(part[1] is not None for part in parts):
+                there = np.concatenate(
+                    [
+                        np.ones(size, np.bool_) if part[1] is None else part[1]
+                        for part, size in zip(parts, sizes, strict=True)
+                    ]
+                )
+            found.append((signal, values, there))
+        return found, places
+
+    def _json(
+        self, places: NDArray[np.int64], everywhere: NDArray[np.bool_]
+    ) -> list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]]:
+        payloads = (payload for part in self._parts for payload in part.payloads())
+        signals, columns = json_columns(payloads, places.size)
+        return [
+            (signal, values, everywhere if there is None else there)
+            for signal, (values, there) in zip(signals, columns, strict=True)
+        ]
+
+
+def _merge(
+    columns: dict[str, NDArray[Any]],
+    present: dict[str, NDArray[np.bool_]],
+    name: str,
+    rows: int,
+    places: NDArray[np.int64],
+    values: NDArray[Any],
+    there: NDArray[np.bool_],
+) -> None:
+    """Enter a channel's column into the topic's; where kinds differ, both become objects."""
+    if name not in columns:
+        blank = {"f": np.nan, "i": 0, "b": False}.get(values.dtype.kind, "")
+        columns[name] = np.full(rows, blank, values.dtype)
+        present[name] = np.zeros(rows, np.bool_)
+    elif columns[name].dtype != values.dtype:
+        kinds = {columns[name].dtype.kind, values.dtype.kind}
+        columns[name] = columns[name].astype(np.float64 if kinds == {"f", "i"} else object)
+    columns[name][places] = values
+    present[name][places] = there
+
+
+def _check_room(rows: int, sources: Mapping[int, _Source], where: str) -> None:
+    """Refuse what would take more memory than the machine has."""
+    needed = rows * 9 * (4 + sum(source.width for source in sources.values()))
+    if needed < _ROOM or not hasattr(os, "sysconf"):  # Windows does not say
+        return
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > 0.8 * there:
+        raise InputError(
+            "the topic's rows do not fit into the memory of this machine",
+            where=where,
+            expected=f"less than {0.8 * there / 1e9:.3g} GB",
+            got=f"more than {rows} rows",
+            hint="read a part of it: start, end",
+        )

@@ -1,0 +1,174 @@
+"""A trace opened in Rerun, or saved for it: nothing leaves this machine."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.trace.live.rerun_recording import write_recording
+from cosim.trace.reader import Trace
+from cosim.trace.report.content import content_of
+from cosim.trace.report.series import Reals, Recording
+from cosim.trace.report.vehicle import vehicle_of
+
+_RERUN = (sys.executable, "-m", "rerun")
+_LOOPBACK = "127.0.0.1"
+_NOWHERE = f"http://{_LOOPBACK}:9"
+_PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY")
+_OFF = '"analytics_enabled": false'
+
+
+@dataclass(frozen=True)
+class Viewed:
+    """What became of a trace: `output` is the recording that was kept, None if none was."""
+
+    trace: Path
+    output: Path | None
+    charts: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, for `--json`."""
+        return {
+            "trace": str(self.trace),
+            "output": None if self.output is None else str(self.output),
+            "charts": self.charts,
+        }
+
+    def text(self) -> str:
+        """One line for people."""
+        if self.output is None:
+            return f"{self.trace}: the viewer was closed"
+        return f"recording: {self.output} ({self.charts} charts); rerun {self.output} opens it"
+
+
+def view_in_rerun(path: Path, save: Path | None = None) -> Viewed:
+    """Open a trace in the viewer and wait until it is closed, or save it for later.
+
+    Raises
+    ------
+    InputError : rerun-sdk is not installed, no trace, no display, or `save` cannot be written.
+    """
+    rr = _sdk()
+    if save is None:
+        _see_display()
+    content = content_of(path)
+    pose = _pose(path)
+    if save is not None:
+        _see_place(save)
+        write_recording(rr, content, pose, save)
+        return Viewed(path, save, len(content.charts))
+    with tempfile.TemporaryDirectory(prefix="cosim-view-") as folder:
+        recording = Path(folder, f"{path.name}.rrd")
+        write_recording(rr, content, pose, recording)
+        _open(recording, quiet_environment(Path(folder, "settings")))
+    return Viewed(path, None, len(content.charts))
+
+
+def quiet_environment(settings: Path) -> Mapping[str, str]:
+    """An environment in which the viewer sends no usage figures; it is asked whether that is so.
+
+    The viewer has no switch for it but its settings, so it gets settings of its own; and for
+    whatever else it might look up, a proxy that leads nowhere.
+
+    Raises
+    ------
+    InputError : the viewer still says that it would.
+    """
+    settings.mkdir(parents=True, exist_ok=True)
+    places = ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME")
+    environment = dict(os.environ) | dict.fromkeys(places, str(settings))
+    environment.pop("FORCE_RERUN_ANALYTICS", None)
+    for name in _PROXIES:  # it would look for newer versions of itself, too
+        environment |= {name: _NOWHERE, name.lower(): _NOWHERE}
+    _ask(environment, "disable")
+    told = _ask(environment, "config")
+    if _OFF not in told:
+        raise InputError(
+            "Rerun's usage figures could not be switched off",
+            expected=_OFF,
+            got=told.strip()[:200],
+            hint="rerun analytics disable; or --save, and open the file yourself",
+        )
+    return environment
+
+
+def _ask(environment: Mapping[str, str], what: str) -> str:
+    try:
+        done = subprocess.run(  # noqa: S603 - the viewer of the installed package
+            [*_RERUN, "analytics", what],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError("the Rerun viewer cannot be started", got=str(error)) from error
+    return done.stdout + done.stderr
+
+
+def _open(recording: Path, environment: Mapping[str, str]) -> None:
+    """The viewer, on a free port of the loopback interface alone, until it is closed."""
+    command = [*_RERUN, str(recording), "--bind", _LOOPBACK, "--port", "0"]
+    done = subprocess.run(  # noqa: S603 - the same
+        [*command, "--hide-welcome-screen"],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise InputError(
+            "the Rerun viewer ended with an error",
+            got=done.stderr.strip().rpartition("\n")[2] or f"exit code {done.returncode}",
+            hint="--save FILE.rrd writes the recording without a viewer",
+        )
+
+
+def _pose(path: Path) -> dict[str, Reals]:
+    craft = vehicle_of(Recording(Trace(path, incomplete=True)))
+    if craft is None:
+        return {}
+    pose = {name: series.values for name, series in craft.pose.items()}
+    return {"t": craft.pose["eta.x"].t, **pose}
+
+
+def _see_display() -> None:
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise InputError(
+            "there is no display to open a viewer on",
+            expected="DISPLAY or WAYLAND_DISPLAY in the environment",
+            got="neither",
+            hint="--save FILE.rrd writes the recording, to be opened elsewhere",
+        )
+
+
+def _see_place(save: Path) -> None:
+    try:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        save.write_bytes(b"")
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "the recording cannot be written", where=str(save), got=str(error)
+        ) from error
+
+
+def _sdk() -> Any:
+    try:
+        import rerun  # noqa: PLC0415 - optional: the extra `rerun`
+    except ImportError as error:
+        raise InputError(
+            "a trace is viewed with rerun-sdk",
+            got=str(error),
+            hint='install the extra: pip install "auv-cosim[rerun]"',
+        ) from error
+    return rerun

@@ -1,0 +1,185 @@
+"""The messages of one chunk, found and taken apart as arrays.
+
+The message index behind a chunk says where its messages lie. It is believed where its entries
+and the declarations between them cover the chunk without a gap; else the chunk is walked, a
+record at a time. Either way nothing in the chunk is passed over.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from cosim.trace.records import DamageError, inner_records
+
+Integers = NDArray[np.int64]
+
+HEAD = np.dtype(
+    [
+        ("opcode", "<u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+    ]
+)
+_BEFORE = 9  # opcode and length
+_INDEX = struct.Struct("<HI")
+Others = list[tuple[int, memoryview]]
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Messages side by side in a buffer.
+
+    Attributes
+    ----------
+    data : the buffer.
+    places : where each record begins, int64 (m,), in file order.
+    heads : opcode, length, channel, sequence, log and publish time, (m,) of `HEAD`.
+    """
+
+    data: bytes
+    places: Integers
+    heads: NDArray[Any]
+
+    def __len__(self) -> int:
+        return int(self.places.size)
+
+    def part(self, which: NDArray[Any]) -> Messages:
+        """Those that a mask or indices name."""
+        return Messages(self.data, self.places[which], self.heads[which])
+
+    @property
+    def sizes(self) -> Integers:
+        """Bytes of each payload, int64 (m,)."""
+        return self.heads["length"].astype(np.int64) - (HEAD.itemsize - _BEFORE)
+
+    def payloads(self) -> Iterator[memoryview]:
+        """The payloads one by one."""
+        view = memoryview(self.data)
+        starts = self.places + HEAD.itemsize
+        for start, end in zip(starts.tolist(), (starts + self.sizes).tolist(), strict=True):
+            yield view[start:end]
+
+    def by_size(self) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
+        """Payloads of one size together: which messages, and their bytes, uint8 (k, size)."""
+        sizes = self.sizes
+        if sizes.size and (sizes == sizes[0]).all():
+            yield np.arange(sizes.size), self._matrix(self.places, int(sizes[0]))
+            return
+        for size in np.unique(sizes).tolist():
+            which = np.flatnonzero(sizes == size)
+            yield which, self._matrix(self.places[which], size)
+
+    def _matrix(self, places: Integers, size: int) -> NDArray[np.uint8]:
+        if size == 0:
+            return np.zeros((places.size, 0), np.uint8)
+        found = gathered(self.data, places + HEAD.itemsize, np.dtype(f"V{size}"))
+        return found.view(np.uint8).reshape(places.size, size)
+
+
+def on_channels(messages: Messages, channels: Iterable[int]) -> NDArray[np.bool_]:
+    """Which messages are on one of these channels, by id."""
+    wanted = np.zeros(2**16, np.bool_)
+    wanted[list(channels)] = True
+    found: NDArray[np.bool_] = wanted[messages.heads["channel"]]
+    return found
+
+
+def gathered(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """What lies at some places of a buffer, each `dtype.itemsize` bytes; all must lie inside."""
+    count = len(data) - dtype.itemsize + 1
+    if count < 1:
+        return np.zeros(0, dtype)
+    everywhere = np.ndarray((count,), dtype, data, strides=(1,))
+    found: NDArray[Any] = everywhere[places]
+    return found
+
+
+def find_messages(
+    data: bytes, index: Sequence[bytes | memoryview]
+) -> tuple[Messages, Others, DamageError | None]:
+    """Messages and declarations of an opened chunk, and what ended it before its end.
+
+    Parameters
+    ----------
+    data : the records one behind the other.
+    index : contents of its message index records; none is fine.
+    """
+    places = _indexed(index)
+    if places is not None:
+        found = _tiled(data, places)
+        if found is not None:
+            return *found, None
+    return _walked(data)
+
+
+def entries_of(content: bytes | memoryview) -> tuple[int, NDArray[np.uint64]] | None:
+    """Channel of a message index record, and its (log time, place) (m, 2); None if it is none."""
+    if len(content) < _INDEX.size:
+        return None
+    channel, size = _INDEX.unpack_from(content)
+    if size != len(content) - _INDEX.size or size % 16:
+        return None
+    return channel, np.frombuffer(content, "<u8", offset=_INDEX.size).reshape(-1, 2)
+
+
+def _indexed(index: Sequence[bytes | memoryview]) -> NDArray[np.uint64] | None:
+    found = [entries_of(content) for content in index]
+    if not found or any(entry is None for entry in found):
+        return None
+    places = np.concatenate([entry[1][:, 1] for entry in found if entry is not None])
+    places.sort()
+    return places
+
+
+def _tiled(data: bytes, told: NDArray[np.uint64]) -> tuple[Messages, Others] | None:
+    """Messages at these places, if they and declarations are all there is."""
+    if told.size == 0 or int(told[-1]) > len(data) - HEAD.itemsize:
+        return None
+    places = told.astype(np.int64)
+    heads = gathered(data, places, HEAD)
+    lengths = heads["length"]
+    strange = (heads["opcode"] != Opcode.MESSAGE) | (lengths > len(data))
+    if (strange | (lengths < HEAD.itemsize - _BEFORE)).any():
+        return None
+    ends = places + _BEFORE + lengths.astype(np.int64)
+    gaps = np.append(places, len(data)) - np.append(0, ends)
+    if (gaps < 0).any():
+        return None
+    others: Others = []
+    view = memoryview(data)
+    for k in np.flatnonzero(gaps):
+        begin = int(ends[k - 1]) if k else 0
+        try:
+            between = [(o, c) for o, _, c in inner_records(view[begin : begin + int(gaps[k])])]
+        except DamageError:
+            between = [(Opcode.MESSAGE, view)]
+        if any(opcode == Opcode.MESSAGE for opcode, _ in between):
+            return None
+        others += between
+    return Messages(data, places, heads), others
+
+
+def _walked(data: bytes) -> tuple[Messages, Others, DamageError | None]:
+    places: list[int] = []
+    others: Others = []
+    damage = None
+    try:
+        for opcode, at, content in inner_records(data):
+            if opcode == Opcode.MESSAGE:
+                places.append(at)
+            else:
+                others.append((opcode, content))
+    except DamageError as error:
+        damage = error
+    found = np.array(places, np.int64)
+    return Messages(data, found, gathered(data, found, HEAD)), others, damage

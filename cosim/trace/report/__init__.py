@@ -1,0 +1,5 @@
+"""A trace as one HTML file for people: verdict, path, signals, links, provenance."""
+
+from cosim.trace.report.write import Report, write_report
+
+__all__ = ["Report", "write_report"]

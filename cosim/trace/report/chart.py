@@ -1,0 +1,147 @@
+"""A chart as plotly.js draws it: plain data, without colours, which the page's theme gives.
+
+`meta.role` of a curve is the number of its colour in the palette, or the name of what it is
+("reference", "limit"); `report.js` turns it into ink.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cosim.trace.report.packed import packed_times, packed_values
+from cosim.trace.report.series import Reals, Series
+from cosim.trace.report.thin import thinned
+
+_DASHES = ("solid", "dash", "dot", "dashdot")
+PALETTE = 7
+"""Colours of the theme; the next seven curves have another dash."""
+
+
+@dataclass
+class Curve:
+    """A line over time.
+
+    Attributes
+    ----------
+    role : number of a colour, or a name that the page knows.
+    hidden : shown in the legend alone, until it is asked for.
+    source : `/component/direction/name` of the signal, "" for what is derived.
+    """
+
+    label: str
+    t: Reals
+    values: Reals
+    held: bool = False
+    role: int | str = 0
+    unit: str = ""
+    hidden: bool = False
+    text: Sequence[str] | None = None
+    source: str = ""
+
+    def trace(self, stretches: int) -> dict[str, Any]:
+        """As plotly.js takes it, with so many stretches of time told apart."""
+        kept = thinned(self.t, self.values, stretches, held=self.held)
+        t, values = self.t[kept], self.values[kept]
+        drawn: dict[str, Any] = {
+            "type": "scatter",
+            "name": self.label,
+            "x": packed_times(t),
+            "y": packed_values(values),
+            "meta": {"role": self.role},
+            "hovertemplate": f"%{{y:.5~g}} {_plain(self.unit)}<extra>{_plain(self.label)}</extra>",
+        }
+        if self.text is not None:  # marks, not a line
+            drawn |= {"mode": "markers", "text": [self.text[i] for i in kept]}
+            drawn["hovertemplate"] = f"%{{text}}<extra>{_plain(self.label)}</extra>"
+        else:
+            number = self.role if isinstance(self.role, int) else 0
+            dash = _DASHES[number // PALETTE % len(_DASHES)]
+            drawn |= {
+                "mode": "lines",
+                "line": {"shape": "hv" if self.held else "linear", "dash": dash, "width": 1.6},
+                "connectgaps": False,
+            }
+        if self.hidden:
+            drawn["visible"] = "legendonly"
+        return drawn
+
+
+@dataclass
+class Chart:
+    """Curves on one time axis.
+
+    Attributes
+    ----------
+    key : identifier on the page.
+    bounds : label and value of level lines, such as limits.
+    """
+
+    key: str
+    title: str
+    unit: str
+    curves: list[Curve] = field(default_factory=list)
+    bounds: list[tuple[str, float]] = field(default_factory=list)
+    note: str = ""
+
+    def figure(self, stretches: int) -> dict[str, Any]:
+        """`data` and `layout` for plotly.js."""
+        data = [curve.trace(stretches) for curve in self.curves if curve.t.size]
+        data += self._levels()
+        return {
+            "data": data,
+            "layout": {
+                "xaxis": {"title": {"text": "t [s]"}},
+                "yaxis": {"title": {"text": _plain(self.unit)}},
+            },
+        }
+
+    def summary(self) -> str:
+        """The chart in words, for those who do not see it."""
+        parts = []
+        for curve in self.curves:
+            finite = curve.values[np.isfinite(curve.values)]
+            if finite.size and curve.text is None:
+                parts.append(f"{curve.label} from {finite.min():.4g} to {finite.max():.4g}")
+        return f"{self.title} [{self.unit}] over time: {'; '.join(parts) or 'no values'}"
+
+    def _levels(self) -> list[dict[str, Any]]:
+        ends = [c.t[i] for c in self.curves if c.t.size for i in (0, -1)]
+        if not ends:
+            return []
+        span = np.array([min(ends), max(ends)])
+        return [
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": label,
+                "x": packed_times(span),
+                "y": packed_values(np.array([value, value])),
+                "meta": {"role": "limit"},
+                "line": {"dash": "dot", "width": 1.4},
+                "hovertemplate": f"{value:.6g} {_plain(self.unit)}<extra>{_plain(label)}</extra>",
+            }
+            for label, value in self.bounds
+        ]
+
+
+def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool = False) -> Curve:
+    """The curve of a signal."""
+    return Curve(
+        label or series.full_name,
+        series.t,
+        series.values,
+        held=series.held,
+        role=role,
+        unit=series.unit or "",
+        hidden=hidden,
+        source=f"{series.topic}/{series.name}",
+    )
+
+
+def _plain(text: str) -> str:
+    """Text that plotly takes for nothing else: no tags, no placeholders."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace("%{", "% {")

@@ -1,0 +1,227 @@
+"""All that a report shows of a trace, put together once; the page only lays it out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.trace.info import describe
+from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.reader import Trace
+from cosim.trace.report import generic, traffic, vehicle, verdict
+from cosim.trace.report.chart import Chart
+from cosim.trace.report.packed import LARGEST
+from cosim.trace.report.parameters import Change, Settings
+from cosim.trace.report.series import Recording, Series
+from cosim.trace.report.story import Line, Moment, log_of, story_of
+
+MOST_ROWS = 400
+"""Rows of a table; a page with more is not read but searched."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A signal in numbers; None where it has none."""
+
+    topic: str
+    name: str
+    unit: str
+    count: int
+    first: float | None
+    least: float | None
+    most: float | None
+    last: float | None
+    gaps: int
+
+
+@dataclass(frozen=True)
+class Section:
+    """Charts under a heading."""
+
+    key: str
+    title: str
+    charts: list[Chart]
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a report says.
+
+    Attributes
+    ----------
+    info : as `cosim.trace.describe` has it.
+    span : first and last time shown [s].
+    log : the last lines, of all levels.
+    left_out : what could not be drawn, and why.
+    """
+
+    info: dict[str, Any]
+    name: str
+    status: verdict.Check
+    guarantee: verdict.Check | None
+    assumptions: list[verdict.Check]
+    assertions: list[verdict.Check]
+    figures: list[tuple[str, str, str]]
+    bars: list[tuple[str, float, float, str]]
+    story: list[Moment]
+    log: list[Line]
+    links: list[traffic.LinkFigures]
+    path: dict[str, Any] | None
+    sections: list[Section]
+    changes: list[Change]
+    components: list[dict[str, str]]
+    provenance: list[tuple[str, str]]
+    rows: list[Row]
+    span: tuple[float, float]
+    origin_ns: int
+    left_out: list[tuple[str, str]]
+
+    @property
+    def charts(self) -> list[Chart]:
+        """Of all sections."""
+        return [chart for section in self.sections for chart in section.charts]
+
+
+def content_of(path: Path) -> Content:
+    """Read a trace, finished or not, ours or foreign.
+
+    Raises
+    ------
+    InputError : it is not an MCAP file.
+    """
+    info = describe(path)
+    recording = Recording(Trace(path, incomplete=True))
+    settings = Settings(recording.trace)
+    metrics = verdict.metrics_of(info["result"])
+    links = traffic.figures(recording, info["links"])
+    log = log_of(recording)
+    assumptions, assertions = verdict.assumptions_of(info), verdict.assertions_of(info)
+    craft = vehicle.vehicle_of(recording)
+    sections = list(_sections(recording, settings, metrics, craft))
+    return Content(
+        info=info,
+        name=path.name,
+        status=verdict.status_of(info),
+        guarantee=verdict.guarantee_of(info, assumptions),
+        assumptions=assumptions,
+        assertions=assertions,
+        figures=list(verdict.figures_of(metrics)),
+        bars=_bars(metrics),
+        story=story_of(recording, settings, links, log, assertions, metrics),
+        log=log,
+        links=links,
+        path=None if craft is None else vehicle.path_of(craft) or None,
+        sections=sections,
+        changes=list(settings.changes()),
+        components=_components(info["run"]),
+        provenance=list(_provenance(info)),
+        rows=[_row(series) for series in recording.series[:MOST_ROWS]],
+        span=_span(recording),
+        origin_ns=recording.origin_ns,
+        left_out=list(_left_out(recording, sections)),
+    )
+
+
+def _sections(
+    recording: Recording,
+    settings: Settings,
+    metrics: Mapping[str, Any],
+    craft: vehicle.Vehicle | None,
+) -> Iterator[Section]:
+    shown: set[str] = set()
+    if craft is not None:
+        shown = vehicle.drawn(craft)
+        yield Section("vehicle", "The vehicle", list(vehicle.charts_of(craft, recording, settings)))
+    step = recording.trace.run.get("step_ns", "")
+    age = traffic.chart_of(recording, metrics, int(step) if step.isdecimal() else 0)
+    if age is not None and age.curves:
+        yield Section("age", "The links", [age])
+    rest = list(generic.charts_of(recording, shown))
+    if rest:
+        title = "All other signals" if craft is not None else "Signals"
+        yield Section("signals", title, rest, folded=craft is not None)
+
+
+def _left_out(recording: Recording, sections: list[Section]) -> Iterator[tuple[str, str]]:
+    yield from recording.unread.items()
+    wild = [s.full_name for s in recording.series if np.any(np.abs(s.values) > LARGEST)]
+    if wild:
+        yield f"values beyond {LARGEST:g}", f"drawn there: {', '.join(wild[:8])}"
+    drawn = next((len(s.charts) for s in sections if s.key == "signals"), 0)
+    if drawn == generic.MOST_CHARTS:
+        yield "further signals", f"a report has at most {generic.MOST_CHARTS} such charts"
+    if len(recording.series) > MOST_ROWS:
+        yield (
+            f"{len(recording.series) - MOST_ROWS} signals",
+            f"not in the table, which has {MOST_ROWS} rows",
+        )
+
+
+def _bars(metrics: Mapping[str, Any]) -> list[tuple[str, float, float, str]]:
+    """Gain, norm and bound next to each other: label, value, share of the greatest, how."""
+    found = [
+        (label, float(metrics[key]), how)
+        for key, label, how in (
+            ("gain", "gain of this flight", "measured"),
+            ("exact_norm", "exact norm", "computed"),
+            ("gamma", "bound γ", "certified"),
+        )
+        if isinstance(metrics.get(key), int | float)
+    ]
+    most = max((value for _, value, _ in found), default=0.0)
+    return [(label, v, v / most if most > 0 else 0.0, how) for label, v, how in found]
+
+
+def _components(run: Mapping[str, str]) -> list[dict[str, str]]:
+    names = [k.removeprefix("fmu.").removesuffix(".sha256") for k in run if k.startswith("fmu.")]
+    return [
+        {
+            "name": name,
+            "fmu": run.get(f"fmu.{name}", ""),
+            "sha256": run.get(f"fmu.{name}.sha256", ""),
+        }
+        for name in sorted(set(names))
+    ]
+
+
+def _provenance(info: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "trace", f"{Path(info['path']).name}, {info['bytes']:,} bytes"
+    yield "content hash", str(info["content_hash"])
+    yield "messages", f"{info['message_count']:,} on {len(info['topics'])} topics"
+    yield "written by", str(info["library"] or "unknown")
+    run, result = info["run"], info["result"] or {}
+    for key in sorted(run, key=lambda key: (key.startswith(HOST_PREFIX), key)):
+        if not key.startswith(("fmu.", "title", "certificate.")):
+            yield key.removeprefix(HOST_PREFIX), str(run[key])
+    for key in sorted(result):
+        if key.startswith(HOST_PREFIX) or key in {"steps", "simulated_s"}:
+            yield key.removeprefix(HOST_PREFIX), str(result[key])
+    for item in info["attachments"]:
+        yield "attached", f"{item['name']} ({item['media_type']}, {item['bytes']:,} bytes)"
+
+
+def _row(series: Series) -> Row:
+    values = series.values
+    finite = values[np.isfinite(values)]
+    ends = [float(v) if np.isfinite(v) else None for v in values[[0, -1]]]
+    return Row(
+        topic=series.topic,
+        name=series.name,
+        unit=series.unit or "",
+        count=int(values.size),
+        first=ends[0],
+        least=float(finite.min()) if finite.size else None,
+        most=float(finite.max()) if finite.size else None,
+        last=ends[1],
+        gaps=int(values.size - finite.size),
+    )
+
+
+def _span(recording: Recording) -> tuple[float, float]:
+    ends = [float(s.t[i]) for s in recording.series for i in (0, -1)]
+    return min(ends, default=0.0), max(ends, default=0.0)

@@ -1,0 +1,208 @@
+"""What may be said of the run: its status, the gain against gamma, assumptions, assertions.
+
+The words for what `cosim.scenario.verdict` measured and wrote into `cosim.result`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+GOOD, BAD, OPEN = "good", "bad", "open"
+
+_STATUS = {
+    "finished": (GOOD, "finished"),
+    "limit_cycle": (BAD, "limit cycle"),
+    "diverged": (BAD, "diverged"),
+    "failed": (BAD, "failed"),
+}
+_MEANING = {
+    "limit_cycle": "At the end commands go from limit to limit more than half of the time: the "
+    "limits, not the feedback, bound the motion.",
+}
+_HELD = {"true", "held", "holds", "passed", "pass", "met", "ok"}
+_BROKEN = {"false", "violated", "failed", "fail", "not met", "broken"}
+_SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """Something that was to hold: tone (good, bad, open), what, and the numbers behind it."""
+
+    tone: str
+    what: str
+    why: str
+    at: float | None = None
+    kind: str = ""
+
+
+def metrics_of(result: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The figures of a run; {} if it has none."""
+    metrics = (result or {}).get("metrics")
+    return metrics if isinstance(metrics, dict) else {}
+
+
+def status_of(info: Mapping[str, Any]) -> Check:
+    """How the run ended."""
+    result = info["result"]
+    if not info["complete"]:
+        return Check(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
+    if result is None:
+        if not info["run"]:
+            return Check(OPEN, "recording", "Not a run of this project: signals without a verdict.")
+        return Check(BAD, "did not finish", "There is no result: the run was ended before its end.")
+    said = str(result.get("status", "finished"))
+    tone, word = _STATUS.get(said, (OPEN, said.replace("_", " ")))
+    return Check(tone, word, str(result.get("reason", _MEANING.get(said, ""))))
+
+
+def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
+    """Whether the certified bound may be claimed for this run; None where nothing was certified."""
+    metrics = metrics_of(info["result"])
+    if not checks:
+        return None
+    gain, gamma = _number(metrics, "gain"), _number(metrics, "gamma")
+    broken = [check for check in checks if check.tone == BAD]
+    measured = (
+        f"measured gain {gain:.4g}, certified bound γ = {gamma:.4g}"
+        if gain is not None and gamma is not None
+        else "no gain was measured"
+    )
+    if gain is not None and gamma is not None and gain > gamma:
+        word = "above γ" if broken else "above γ although every assumption was met"
+        return Check(BAD, f"The measured gain is {word}", measured)
+    if broken:
+        count = f"{len(broken)} of {len(checks)} assumptions"
+        return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
+    return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
+
+
+def assumptions_of(info: Mapping[str, Any]) -> list[Check]:
+    """The certificate's assumptions, each with the numbers behind it."""
+    metrics = metrics_of(info["result"])
+    assumed = metrics.get("assumptions")
+    if not isinstance(assumed, dict):
+        return []
+    return [
+        Check(GOOD if met is True else BAD if met is False else OPEN, *_words(name, met, metrics))
+        for name, met in assumed.items()
+    ]
+
+
+def assertions_of(info: Mapping[str, Any]) -> list[Check]:
+    """What the scenario said must hold: entries of name, kind, verdict, at."""
+    result = info["result"] or {}
+    listed = metrics_of(result).get("assertions", result.get("assertions"))
+    if isinstance(listed, str):
+        try:
+            listed = json.loads(listed)
+        except (ValueError, RecursionError):
+            return []
+    entries = listed if isinstance(listed, list) else []
+    return [_assertion(entry) for entry in entries if isinstance(entry, dict)]
+
+
+def _assertion(entry: Mapping[str, Any]) -> Check:
+    word = str(entry.get("verdict", "")).lower().replace("_", " ")
+    tone = GOOD if word in _HELD else BAD if word in _BROKEN else OPEN
+    at = entry.get("at")
+    more = [
+        f"{key.replace('_', ' ')}: {value}"
+        for key, value in sorted(entry.items())
+        if key not in {"name", "kind", "verdict", "at"} and value is not None
+    ]
+    return Check(
+        tone,
+        str(entry.get("name", "assertion")),
+        "; ".join([word, *more]),
+        float(at) if isinstance(at, int | float) and not isinstance(at, bool) else None,
+        str(entry.get("kind", "")),
+    )
+
+
+def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """(figure, value, how it was obtained)."""
+    worst = metrics.get("worst_case")
+    from_rest = "measured, flight from rest"
+    if isinstance(worst, dict) and (omega := _number(worst, "omega")) is not None:
+        from_rest += f", worst case at {omega:.4g} rad/s"
+    for key, label, unit, how in (
+        ("gain", "gain", "", from_rest),
+        ("exact_norm", "exact norm", "", "computed, nominal loop"),
+        ("gamma", "bound γ", "", "certified"),
+        ("norm_reached", "gain / exact norm", "%", "measured / computed"),
+        ("position_error_m", "final position error", "m", "measured"),
+        ("message_age_s", "oldest measurement used", "s", "measured"),
+        ("designed_age_s", "age designed for", "s", "certified up to it"),
+        ("saturated_fraction", "time at a limit", "%", "measured"),
+        ("abscissa", "spectral abscissa", "1/s", "computed, nominal loop"),
+        ("coupling_delay_s", "delay the coupling adds", "s", "one step, measured"),
+    ):
+        value = _number(metrics, key)
+        if value is not None:
+            shown = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
+            yield label, shown, how
+
+
+def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
+    """An assumption in words, and its numbers."""
+    match name:
+        case "certificate_verified":
+            why = "every inequality of the proof was checked again in exact rational arithmetic"
+            return "The certificate is valid", why if met is True else "the exact check fails"
+        case "message_age_within_design":
+            return "Measurements were no older than designed for", _age(met, metrics)
+        case "state_inside_envelope":
+            return "The state stayed inside the envelope of the proof", _envelope(metrics)
+        case "limits_not_reached":
+            return "No command stood at its limit", _limits(met, metrics)
+        case "plant_as_designed":
+            same = "every parameter of the plant is that of the design's model"
+            other = "the plant that flew has other parameters than the design's model"
+            return "The plant is the one designed for", same if met is True else other
+    return name.replace("_", " ").capitalize(), "met" if met is True else "not met"
+
+
+def _age(met: Any, metrics: Mapping[str, Any]) -> str:
+    age, designed = _number(metrics, "message_age_s"), _number(metrics, "designed_age_s")
+    if age is None or designed is None:
+        return "no measurement was ever in use"
+    said = f"oldest in use {age:.6g} s, designed for any age up to {designed:.6g} s"
+    if designed == 0.0:
+        said = f"oldest in use {age:.6g} s, designed for feedback without delay"
+    if met is not True and age <= designed * (1 + 1e-12):
+        return said + "; but a link put a substitute in the place of messages that did not come"
+    return said
+
+
+def _envelope(metrics: Mapping[str, Any]) -> str:
+    use = metrics.get("envelope_use")
+    shares = {k: v for k, v in (use if isinstance(use, dict) else {}).items() if _is_number(v)}
+    if not shares:
+        return "not measured"
+    return "largest use of the bounds: " + ", ".join(
+        f"{_SITES.get(axis, axis)} {'beyond all numbers' if v >= 1e300 else f'{100 * v:.3g} %'}"
+        for axis, v in sorted(shares.items(), key=lambda item: -item[1])
+    )
+
+
+def _limits(met: Any, metrics: Mapping[str, Any]) -> str:
+    fraction = _number(metrics, "saturated_fraction")
+    if fraction is None:
+        return "not measured"
+    if fraction == 0.0 and met is not True:
+        return "not in this run, but in its companion from rest, which measures the gain"
+    if fraction == 0.0:
+        return "at a limit during none of the time"
+    return f"at a limit during {100 * fraction:.3g} % of the time"
+
+
+def _number(metrics: Mapping[str, Any], key: str) -> float | None:
+    value = metrics.get(key)
+    return float(value) if isinstance(value, int | float) and _is_number(value) else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

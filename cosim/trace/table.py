@@ -1,0 +1,135 @@
+"""Rows of a topic as columns, and one signal by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+
+if TYPE_CHECKING:
+    from cosim.trace.layout import Signal
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of a topic in file order.
+
+    Attributes
+    ----------
+    log_time_ns : instants of delivery [ns], int64 (m,).
+    publish_time_ns : instants of sending [ns], int64 (m,); the same but on links.
+    sequence : sequence numbers, int64 (m,).
+    columns : by FMI name: float64, int64, bool, or object (str).
+    present : where each has a value. Where it has none, the column holds NaN, 0, False or "".
+    signals : unit, description and hold of each column, by name.
+    """
+
+    topic: str
+    log_time_ns: Integers
+    publish_time_ns: Integers
+    sequence: Integers
+    columns: dict[str, NDArray[Any]]
+    present: dict[str, NDArray[np.bool_]]
+    signals: dict[str, Signal]
+
+    def __len__(self) -> int:
+        return int(self.log_time_ns.size)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Column of a signal; `InputError` if there is none of this name."""
+        if name not in self.columns:
+            raise InputError.unknown("signal", name, self.columns, where=f"topic {self.topic}")
+        return self.columns[name]
+
+    @property
+    def delivered(self) -> NDArray[np.float64]:
+        """Instants of delivery [s]."""
+        return self.log_time_ns / 1e9
+
+    @property
+    def sent(self) -> NDArray[np.float64]:
+        """Instants of sending [s]."""
+        return self.publish_time_ns / 1e9
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
+        from cosim.trace.frames import rows_frame  # noqa: PLC0415 - it knows tables
+
+        return rows_frame(self)
+
+    def part(self, which: NDArray[Any]) -> Table:
+        """The rows that a mask or indices name."""
+        return Table(
+            self.topic,
+            self.log_time_ns[which],
+            self.publish_time_ns[which],
+            self.sequence[which],
+            {name: column[which] for name, column in self.columns.items()},
+            {name: present[which] for name, present in self.present.items()},
+            self.signals,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One signal over time.
+
+    Attributes
+    ----------
+    name : FMI name, `eta.x`.
+    topic : where it was recorded.
+    unit, description : as in the model description; None if there is none.
+    hold : how it goes on between two values: "continuous" or "discrete" (as FMI's variability).
+    values : float64, int64, bool, or object (str), (m,).
+    delivered_ns, sent_ns : log and publish times [ns], int64 (m,).
+    """
+
+    name: str
+    topic: str
+    unit: str | None
+    description: str | None
+    hold: str
+    values: NDArray[Any]
+    delivered_ns: Integers
+    sent_ns: Integers
+
+    @property
+    def delivered(self) -> NDArray[np.float64]:
+        """Instants of delivery [s]."""
+        return self.delivered_ns / 1e9
+
+    @property
+    def sent(self) -> NDArray[np.float64]:
+        """Instants of sending [s]."""
+        return self.sent_ns / 1e9
+
+    def __len__(self) -> int:
+        return int(self.delivered_ns.size)
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> NDArray[Any]:
+        """The values: NumPy's functions take the series itself."""
+        if copy is False:
+            return np.asarray(self.values, dtype)
+        return np.array(self.values, dtype)
+
+
+def series_of(table: Table, name: str) -> Series:
+    """One column of a table, the rows where it has a value.
+
+    Raises
+    ------
+    InputError : no such column.
+    """
+    values, signal, there = table[name], table.signals[name], table.present[name]
+    log, sent = table.log_time_ns, table.publish_time_ns
+    if not there.all():
+        values, log, sent = values[there], log[there], sent[there]
+    return Series(
+        name, table.topic, signal.unit, signal.description, signal.hold, values, log, sent
+    )

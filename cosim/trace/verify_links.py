@@ -1,0 +1,155 @@
+"""The messages of a link against what was sent, and what became of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.trace.layout import output_topic
+from cosim.trace.reader import Table
+from cosim.trace.verdicts import Check, judged
+
+
+@dataclass(frozen=True)
+class Link:
+    """What the trace has of a link.
+
+    Attributes
+    ----------
+    delivered, dropped : its messages; None if it has no such topic.
+    declared : the link as `cosim.run` describes it, and its order.
+    figures : of `cosim.result`; empty without one.
+    """
+
+    name: str
+    delivered: Table
+    dropped: Table | None
+    declared: Mapping[str, Any]
+    figures: Mapping[str, str]
+
+
+def checks_of_links(
+    links: Sequence[Link], tables: Mapping[str, Table], *, whole: bool
+) -> Iterator[Check]:
+    """Name, verdict and detail; one of each kind for all links together."""
+    if not links:
+        yield Check("links", "not checked", "the run has none")
+        return
+    names = ", ".join(link.name for link in links)
+    for name, check, fine in (
+        ("link delays", _early, "nothing came before it was sent and the link's delay was over"),
+        ("link sequence", _sequence, "numbers as the order of the link has them"),
+        ("link fates", _fates, "every message was delivered, dropped or in flight, once"),
+    ):
+        problems = [f"{link.name}: {what}" for link in links for what in check(link)]
+        yield judged(name, problems, f"{names}: {fine}")
+    problems = [f"{link.name}: {what}" for link in links for what in _values(link, tables)]
+    yield judged("link values", problems, f"{names}: what was delivered is what was sent")
+    if whole:
+        problems = [f"{link.name}: {what}" for link in links for what in _figures(link)]
+        yield judged("link counts", problems, f"{names}: as many as the result says")
+
+
+def _numbers(table: Table | None) -> NDArray[np.int64]:
+    return np.zeros(0, np.int64) if table is None else table.sequence
+
+
+def _early(link: Link) -> Iterator[str]:
+    least = link.declared.get("delay_ns", 0)
+    least = least if isinstance(least, int) else 0
+    transit = link.delivered.log_time_ns - link.delivered.publish_time_ns
+    if (transit < least).any():
+        i = int(np.argmax(transit < least))
+        number = link.delivered.sequence[i]
+        yield f"message {number} took {transit[i]} ns, the link's delay is {least} ns"
+
+
+def _sequence(link: Link) -> Iterator[str]:
+    """In order of delivery the numbers grow, unless the link says as-arrived."""
+    numbers, sent = link.delivered.sequence, link.delivered.publish_time_ns
+    if link.declared.get("order") in ("newest-wins", "fifo"):
+        # of two copies newest-wins drops the later, fifo uses both
+        again = link.declared.get("order") == "fifo" and link.declared.get("duplicate")
+        least = 0 if again else 1
+        back = np.flatnonzero(np.diff(numbers) < least)
+        if back.size:
+            i = int(back[0])
+            yield f"message {numbers[i + 1]} was delivered after {numbers[i]}"
+    by_number = np.argsort(numbers, kind="stable")
+    if (np.diff(sent[by_number]) < 0).any():
+        yield "a message of a higher number was sent before one of a lower"
+
+
+def _fates(link: Link) -> Iterator[str]:
+    """A message has one fate, and its copy one, too."""
+    most = 2 if link.declared.get("duplicate") else 1
+    fates = np.concatenate([_numbers(link.delivered), _numbers(link.dropped)])
+    found, counts = np.unique(fates, return_counts=True)
+    if (counts > most).any():
+        number, count = found[counts > most][0], counts[counts > most][0]
+        yield f"message {number} was delivered or dropped {count} times"
+
+
+def _figures(link: Link) -> Iterator[str]:
+    said = {key: int(v) for key, v in link.figures.items() if v.isdecimal()}
+    delivered, dropped = _numbers(link.delivered), _numbers(link.dropped)
+    if not {"sent", "delivered", "dropped", "in_flight"} <= set(said):
+        if delivered.size + dropped.size:  # a run that ends where it begins has none
+            yield "the result has no figures of it"
+        return
+    if delivered.size != said["delivered"]:
+        yield f"{delivered.size} messages delivered, the result says {said['delivered']}"
+    if dropped.size != said["dropped"]:
+        yield f"{dropped.size} messages dropped, the result says {said['dropped']}"
+    total = said["delivered"] + said["dropped"] + said["in_flight"]
+    if said["sent"] + said.get("duplicated", 0) != total:
+        yield f"of {said['sent']} messages sent the result has the fates of {total}"
+    known = np.union1d(delivered, dropped)
+    missing = np.setdiff1d(np.arange(said["sent"]), known).size
+    copies = bool(link.declared.get("duplicate"))  # of which some may be in flight alone
+    if missing > said["in_flight"] or (missing < said["in_flight"] and not copies):
+        yield f"{missing} messages without a fate, the result says {said['in_flight']}"
+    if known.size and known[-1] >= said["sent"]:
+        yield f"message {known[-1]}, where the result says {said['sent']} were sent"
+
+
+def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
+    """Every value is the sender's at the instant of sending, quantized as the link does."""
+    step = link.declared.get("quantization", 0.0)
+    for name, values in link.delivered.columns.items():
+        sender = _sender(name, tables)
+        if sender is None:
+            yield f"{name} is no output in this trace"
+            continue
+        table, variable = sender
+        # what a component has sent holds until its next row
+        rows = np.searchsorted(table.log_time_ns, link.delivered.publish_time_ns, "right") - 1
+        there = rows >= 0
+        if not there.all():
+            i = int(np.argmin(there))
+            yield f"{name}: message {link.delivered.sequence[i]} was sent before the sender's rows"
+        expected = table.columns[variable][rows[there]]
+        if isinstance(step, int | float) and step and expected.dtype.kind == "f":
+            expected = np.rint(expected / step) * step
+        got = values[there]
+        differs = got != expected
+        if got.dtype.kind == "f":
+            differs &= ~(np.isnan(got) & np.isnan(expected))
+        if differs.any():
+            i = int(np.argmax(differs))
+            number = link.delivered.sequence[there][i]
+            yield f"{name}: message {number} has {got[i]!r}, sent was {expected[i]!r}"
+
+
+def _sender(name: str, tables: Mapping[str, Table]) -> tuple[Table, str] | None:
+    """Rows and column of `component.variable`; both may have dots."""
+    parts = name.split(".")
+    for i in range(1, len(parts)):
+        table = tables.get(output_topic(".".join(parts[:i])))
+        if table is not None and ".".join(parts[i:]) in table.columns:
+            return table, ".".join(parts[i:])
+    return None

@@ -1,0 +1,244 @@
+"""A trace of ours against what a run is: complete, and nothing in it that cannot have been."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from cosim.errors import CosimError, InputError
+from cosim.trace import layout
+from cosim.trace.pieces import McapFile, attachment_of, metadata_of
+from cosim.trace.reader import Table, Trace
+from cosim.trace.records import Cursor
+from cosim.trace.scan import Scan
+from cosim.trace.verdicts import Check, complete, judged
+from cosim.trace.verify_links import Link, checks_of_links
+
+_HASHED = {
+    "scenario.sha256": layout.SCENARIO_ATTACHMENT,
+    "design.sha256": layout.DESIGN_ATTACHMENT,
+}
+
+
+def checks_of_run(file: McapFile, found: Scan, path: Path, fmus: Path | None) -> list[Check] | None:
+    """Name, verdict and detail of each check of a run; None if the file records none of ours.
+
+    Raises
+    ------
+    InputError : there is no folder `fmus`.
+    """
+    metadata = [metadata_of(file.content(p)) for p in found.pieces if p.opcode == Opcode.METADATA]
+    run = next((entries for name, entries in metadata if name == layout.RUN), None)
+    if run is None:
+        return None
+    attached = {
+        one.name: one.data
+        for p in found.pieces
+        if p.opcode == Opcode.ATTACHMENT
+        for one in (attachment_of(file.content(p)),)
+    }
+    cut = found.ended is None
+    checks = [_beginning(file, found, run, attached), *_fmus(run, attached, fmus, cut=cut)]
+    result = next((entries for name, entries in metadata if name == layout.RESULT), None)
+    checks.append(_result(metadata, result))
+    checks.append(_certificate(run, attached, cut=cut))
+    try:
+        trace = Trace(path, incomplete=True)
+        tables = trace.read_all()
+    except CosimError as error:
+        return [*checks, Check("rows", "failed", error.text().replace("\n", ";"))]
+    checks.append(_order(trace))
+    checks.append(_steps(tables, run, result))
+    checks += checks_of_links(_links(trace, tables, run, result), tables, whole=result is not None)
+    return checks
+
+
+def _beginning(
+    file: McapFile, found: Scan, run: Mapping[str, str], attached: Mapping[str, bytes]
+) -> Check:
+    """cosim.run before all else, and the files that it names by their hashes."""
+    problems: list[str] = []
+    missing: list[str] = []
+    first = next((p for p in found.pieces if p.opcode != Opcode.HEADER), None)
+    if (
+        first is None
+        or first.opcode != Opcode.METADATA
+        or Cursor(file.content(first)).text() != layout.RUN
+    ):
+        problems.append("cosim.run is not the first record")
+    named = 0
+    for key, name in _HASHED.items():
+        if key not in run:
+            continue
+        named += 1
+        if name not in attached:
+            missing.append(f"{name} is not attached")
+        elif hashlib.sha256(attached[name]).hexdigest() != run[key]:
+            problems.append(f"{name} is not the file of the SHA-256 that cosim.run names")
+    check = judged("run", problems, f"cosim.run first; {named} attached files as named")
+    return complete(check, missing, cut=found.ended is None)
+
+
+def _fmus(
+    run: Mapping[str, str], attached: Mapping[str, bytes], folder: Path | None, *, cut: bool
+) -> Iterator[Check]:
+    suffix = ".sha256"
+    hashes = {
+        key.removeprefix("fmu.").removesuffix(suffix): value
+        for key, value in run.items()
+        if key.startswith("fmu.") and key.endswith(suffix)
+    }
+    problems = [
+        f"{name}: no SHA-256 but {value!r}"
+        for name, value in hashes.items()
+        if len(value) != 64 or set(value) - set("0123456789abcdef")
+    ]
+    problems += [
+        f"{name}: no SHA-256"
+        for key in run
+        if key.startswith("fmu.") and not key.endswith(suffix)
+        for name in (key.removeprefix("fmu."),)
+        if name not in hashes
+    ]
+    missing = [
+        f"the model description of {name} is not attached"
+        for name in hashes
+        if f"{name}.modelDescription.xml" not in attached
+    ]
+    if not hashes and not problems:
+        yield Check("FMUs", "not checked", "cosim.run names none")
+        return
+    check = judged("FMUs", problems, f"{', '.join(hashes)}: named by SHA-256, described")
+    yield complete(check, missing, cut=cut)
+    if folder is None:
+        return
+    if not folder.is_dir():
+        raise InputError("there is no such folder", where="--fmus", got=str(folder))
+    there = {
+        hashlib.sha256(path.read_bytes()).hexdigest(): path
+        for path in sorted(folder.rglob("*.fmu"))
+        if path.is_file()
+    }
+    absent = [f"{n}: no file of SHA-256 {h}" for n, h in hashes.items() if h not in there]
+    found = ", ".join(f"{n}: {there[h]}" for n, h in hashes.items() if h in there)
+    yield judged("FMU files", absent, found)
+
+
+def _certificate(run: Mapping[str, str], attached: Mapping[str, bytes], *, cut: bool) -> Check:
+    certificate = layout.certificate_of(run)
+    if certificate is None:
+        return Check("certificate", "not checked", "cosim.run names none")
+    data = attached.get(layout.CERTIFICATE_ATTACHMENT)
+    if data is None:
+        missing = [f"{layout.CERTIFICATE_ATTACHMENT} is not attached"]
+        return complete(judged("certificate", [], ""), missing, cut=cut)
+    if hashlib.sha256(data).hexdigest() != certificate["sha256"]:
+        return Check(
+            "certificate", "failed", "it is not the file of the SHA-256 that cosim.run names"
+        )
+    try:
+        claim = json.loads(data)["claim"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return Check("certificate", "failed", "it makes no claim")
+    if claim != certificate["claim"]:
+        return Check("certificate", "failed", "it claims something else than cosim.run says")
+    return Check("certificate", "ok", "the file named; its proof: cosim certificate check")
+
+
+def _result(metadata: list[tuple[str, dict[str, str]]], result: Mapping[str, str] | None) -> Check:
+    if result is None:
+        return Check("result", "incomplete", "no cosim.result: the run did not come to its end")
+    names = [name for name, _ in metadata]
+    if names.count(layout.RESULT) > 1 or names.count(layout.RUN) > 1:
+        return Check("result", "failed", "more than one cosim.run or cosim.result")
+    if names[-1] != layout.RESULT:
+        return Check("result", "failed", f"{names[-1]} comes after cosim.result")
+    return Check("result", "ok", f"cosim.result last; status {result.get('status', 'not named')}")
+
+
+def _order(trace: Trace) -> Check:
+    last, count = 0, 0
+    for channel, _, log, publish, _ in trace.messages():
+        count += 1
+        if log < last:
+            return Check("order", "failed", f"{channel.topic} at {log} ns comes after {last} ns")
+        if publish > log:
+            what = f"{channel.topic}: delivered at {log} ns, sent at {publish} ns"
+            return Check("order", "failed", what)
+        last = log
+    return Check("order", "ok", f"{count} messages in order of delivery, none before it was sent")
+
+
+def _steps(
+    tables: Mapping[str, Table], run: Mapping[str, str], result: Mapping[str, str] | None
+) -> Check:
+    """Every component has a row at each communication point, or at each of its own."""
+    topics = {
+        topic: table.log_time_ns
+        for topic, table in tables.items()
+        if topic.endswith(("/output", "/input")) and len(table)
+    }
+    if not topics:
+        return Check("rows", "not checked", "no component has rows")
+    problems = [
+        f"{topic}: two rows at one instant"
+        for topic, t in topics.items()
+        if (np.diff(t) <= 0).any()
+    ]
+    most = max(times.size for times in topics.values())
+    status = "" if result is None else result.get("status", "")
+    if result is not None and status != "failed":
+        steps = result.get("steps", "")
+        points = int(steps) + 1 if steps.isdecimal() else most
+        for topic, times in topics.items():
+            # a component with a step of its own has its rows at its multiples, and at the end
+            own = np.unique(np.diff(times[:-1])).size <= 1
+            if times.size > points or (times.size < points and not own):
+                problems.append(f"{topic}: {times.size} rows, {points} communication points")
+    if status in ("finished", "limit_cycle") and "end_ns" in run:
+        late = [t for t, times in topics.items() if str(int(times[-1])) != run["end_ns"]]
+        problems += [f"{topic} does not reach the end, {run['end_ns']} ns" for topic in late]
+    return judged("rows", problems, f"{len(topics)} topics, up to {most} communication points")
+
+
+def _links(
+    trace: Trace,
+    tables: Mapping[str, Table],
+    run: Mapping[str, str],
+    result: Mapping[str, str] | None,
+) -> list[Link]:
+    prefix = layout.link_topic("")
+    links = []
+    for topic, info in trace.topics.items():
+        name = topic.removeprefix(prefix)
+        if not topic.startswith(prefix) or "/" in name or topic not in tables:
+            continue
+        figures = {
+            key.removeprefix(f"link.{name}."): value
+            for key, value in (result or {}).items()
+            if key.startswith(f"link.{name}.")
+        }
+        links.append(
+            Link(
+                name,
+                tables[topic],
+                tables.get(layout.dropped_topic(name)),
+                {**_declared(run.get(f"link.{name}")), "order": info.metadata.get("order")},
+                figures,
+            )
+        )
+    return links
+
+
+def _declared(text: str | None) -> dict[str, Any]:
+    try:
+        declared = json.loads(text or "{}")
+    except (ValueError, RecursionError):
+        return {}
+    return declared if isinstance(declared, dict) else {}

@@ -1,0 +1,166 @@
+"""What the loop costs where the work is real: auv-acoustic, 120 s at 10 ms, native FMUs.
+
+The time of the whole loop (three FMUs, two links, everything recorded in memory) beside the time
+that each component alone takes for the same motion: its doStep over the same points and inputs,
+called from machine code; what setting the inputs costs is taken off. Alone, each must end where
+it ended in the loop, to the bit. What is left is the master's, with the sets and gets. Neither a
+trace nor a companion run is part of it.
+
+CPU time, the least of several runs that take turns. `python -m tests.benchmarks.acoustic --json`
+prints {"acoustic": {"points", "alone_s": {COMPONENT: x}, "engines": {ENGINE: {"loop_s",
+"ratio"}}}}, the ratio being that to the plant alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from rich.table import Table
+
+from cosim.fmu import FmuSlave
+from cosim.master import EngineName, Run, Session, System
+from cosim.master.engine.calls import exchange_2, step_2
+from cosim.scenario.assemble import Hangar, assemble
+from cosim.scenario.execute import prepare
+from cosim.scenario.gain import gain_parameters
+from cosim.scenario.read import load
+
+from ._show import show
+
+END, STEP, REPEATS = 120.0, 0.01, 15
+PLANT = "plant"
+ENGINES: tuple[EngineName, ...] = ("compiled", "python")
+
+
+def the_system(folder: Path, end: float = END) -> System:
+    """The scenario's, at another step and end, of native FMUs."""
+    loaded = load("auv-acoustic")
+    run = loaded.scenario.run.model_copy(update={"end": end, "step": STEP})
+    shortened = loaded.scenario.model_copy(update={"run": run})
+    prepared = prepare(loaded, Hangar(folder, loaded.folder, flavour="native"))
+    if prepared.design is None or loaded.scenario.design is None:
+        raise SystemExit("the scenario has no design")
+    controller = loaded.scenario.design.controller
+    gain = gain_parameters(prepared.design.K, prepared.fmus[controller])
+    return assemble(shortened, prepared.fmus, parameters={controller: gain})
+
+
+def the_loop(system: System, engine: EngineName) -> tuple[float, Run]:
+    """Seconds from the first point to the last, and the run."""
+    with Session(system, engine=engine) as session:
+        began = time.process_time()
+        session.run_until()
+        spent = time.process_time() - began
+        run = session.result()
+    if run.ending != "finished":
+        raise SystemExit(f"the run {run.ending}: {run.reason}")
+    return spent, run
+
+
+@njit  # type: ignore[untyped-decorator]
+def _fly(
+    calls: Any,
+    component: int,
+    references: Any,
+    inputs: Any,
+    seconds: Any,
+    sizes: Any,
+    *,
+    stepping: bool,
+) -> int:
+    """Set and step; or set alone. Whether anything was refused."""
+    count, refused = references.size, 0
+    for k in range(sizes.size):
+        values = inputs.ctypes.data + k * inputs.strides[0]
+        if count > 0:
+            refused |= exchange_2(calls[0], component, references.ctypes.data, count, values) > 1
+        if stepping:
+            refused |= step_2(calls[1], component, seconds[k], sizes[k], np.int32(1)) > 1
+    return int(refused)
+
+
+class Alone:
+    """A component without the others, flown as it was flown in a run."""
+
+    def __init__(self, system: System, run: Run, name: str) -> None:
+        self._name = name
+        self._component = system.components[name]
+        (station,) = (s for s in run.stations if s.name == name)
+        none = np.zeros(0, np.uint32)
+        self._references = np.concatenate([none, *(group.references for group in station.takes)])
+        self._inputs = np.ascontiguousarray(station.inputs(run.points_ns.size))
+        self._seconds = run.points_ns / 1e9
+        self._sizes = np.diff(run.points_ns) / 1e9
+        self._end: NDArray[np.float64] = station.outputs[run.points_ns.size - 1]
+        self._outputs = [column.name for column in station.output_columns]
+
+    def seconds(self) -> float:
+        """What its doSteps take."""
+        both, ended = self._flown(stepping=True)
+        if [ended[name] for name in self._outputs] != self._end.tolist():
+            raise SystemExit(f"alone, {self._name} ends elsewhere")
+        setting, _ = self._flown(stepping=False)
+        return both - setting
+
+    def _flown(self, *, stepping: bool) -> tuple[float, dict[str, Any]]:
+        with FmuSlave(self._component.description, self._name, lambda *_: None) as slave:
+            slave.initialise(self._component.parameters, 0.0, float(self._seconds[-1]))
+            calls = np.array([slave.address("set", "Real"), slave.address("step")])
+            began = time.process_time()
+            refused = _fly(
+                calls,
+                slave.component,
+                self._references,
+                self._inputs,
+                self._seconds,
+                self._sizes,
+                stepping=stepping,
+            )
+            spent = time.process_time() - began
+            if refused:
+                raise SystemExit(f"{self._name} refused")
+            return spent, slave.read(self._outputs)
+
+
+def main() -> None:
+    """Measure, print."""
+    with tempfile.TemporaryDirectory() as folder:
+        system = the_system(Path(folder))
+        run = the_loop(system, "compiled")[1]
+        alone = {name: Alone(system, run, name) for name in system.components}
+        alone[PLANT].seconds()  # compiled now
+        least = dict.fromkeys((*ENGINES, *alone), float("inf"))
+        for _ in range(REPEATS):
+            for engine in ENGINES:
+                least[engine] = min(least[engine], the_loop(system, engine)[0])
+            for name, one in alone.items():
+                least[name] = min(least[name], one.seconds())
+    figures = {
+        "points": run.points_ns.size,
+        "alone_s": {name: least[name] for name in alone},
+        "engines": {
+            engine: {"loop_s": least[engine], "ratio": least[engine] / least[PLANT]}
+            for engine in ENGINES
+        },
+    }
+    title = f"auv-acoustic, {END:g} s at {STEP:g} s, {run.points_ns.size} points"
+    view = Table(title=title, title_justify="left")
+    for column in ("", "time", "per point", "to the plant"):
+        view.add_column(column, justify="right" if column else "left")
+    for name, spent in least.items():
+        label = f"{name} alone" if name in alone else f"the loop, engine {name}"
+        each = 1e6 * spent / run.points_ns.size
+        view.add_row(
+            label, f"{1e3 * spent:.1f} ms", f"{each:.2f} us", f"{spent / least[PLANT]:.2f}"
+        )
+    show(view, {"acoustic": figures})
+
+
+if __name__ == "__main__":
+    main()

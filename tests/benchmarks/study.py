@@ -1,0 +1,157 @@
+"""Ten thousand short scenarios on two processes: throughput, memory over time, efficiency.
+
+Each run is section 5's loop over a link of random delay, 1 s in 100 steps, native FMUs, no trace.
+
+* throughput: runs per second of wall time, from the first to the last, two processes;
+* memory: resident set of the two worker processes over the runs done, and its growth;
+* efficiency: rounds of the same number of runs, in this process and on the two processes, one
+  after the other; `wall`: speed-up by two, halved, which tells little while others compute on
+  the machine; `cpu`: CPU seconds of a run here over those of a run there, everything counted
+  (workers, scheduler, this process), which bounds it from above on an idle machine.
+
+`python -m tests.benchmarks.study [--runs 10000] [--json]`
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+from rich.console import Console
+from rich.table import Table
+
+from cosim.study.conduct import conduct
+from cosim.study.flight import Base
+from cosim.study.plan import Plan, make_plan
+from cosim.study.read import load_study
+from cosim.study.schema import Study
+from cosim.study.workers import HereAlone, local
+
+WORKERS = 2
+ROUNDS = 3
+SAMPLES_OF_MEMORY = 20
+MIB = 2**20
+
+
+def plan_of(runs: int, seed: int, fmus: Path) -> Plan:
+    """So many runs; another seed is another study."""
+    base = load_study("delay-margin").base
+    study = Study(
+        title="short",
+        scenario=base.name,
+        set={"run.end": 1.0, "run.step": 0.01},
+        vary=[{"kind": "random", "name": "d", "path": "links.uplink.delay", "uniform": [0.0, 0.3]}],
+        samples=runs,
+        seed=seed,
+        metrics={
+            "x": "final.plant.x[1]",
+            "rms": {"signal": ["plant.x[1]", "plant.x[2]"], "reduce": "rms"},
+        },
+    )
+    of = Base(base.name, base.scenario, base.text, base.folder, fmus, "native")
+    return make_plan(study, of)
+
+
+def processes(crew: Any) -> list[psutil.Process]:
+    """The worker processes."""
+    return [psutil.Process(pid) for pid in crew._client.run(os.getpid).values()]
+
+
+def cpu(workers: list[psutil.Process]) -> float:
+    """CPU seconds of the workers and of this process, so far."""
+    times = [p.cpu_times() for p in (*workers, psutil.Process())]
+    return sum(t.user + t.system for t in times)
+
+
+def memory_over_runs(plan: Plan, crew: Any, folder: Path) -> dict[str, Any]:
+    """Fly a study and look at the workers' memory as it goes."""
+    workers = processes(crew)
+    seen: list[tuple[int, float]] = []
+
+    def look(_what: str, share: float) -> None:
+        if share * SAMPLES_OF_MEMORY >= len(seen):
+            size = max(p.memory_info().rss for p in workers) / MIB
+            seen.append((round(share * plan.count), round(size, 1)))
+
+    began = time.perf_counter()
+    conduct(plan, folder, lambda: contextlib.nullcontext(crew), progress=look)
+    spent = time.perf_counter() - began
+    half = [size for _, size in seen[len(seen) // 2 :]]
+    done = seen[-1][0] - seen[len(seen) // 2][0]
+    return {
+        "runs": plan.count,
+        "seconds": round(spent, 2),
+        "runs_per_second": round(plan.count / spent, 2),
+        "memory_mib": seen,
+        "growth_mib_per_1000_runs": round(1000 * (half[-1] - half[0]) / max(done, 1), 3),
+    }
+
+
+def efficiency(runs: int, crew: Any, fmus: Path, folder: Path) -> dict[str, float]:
+    """Two processes against one, in turns."""
+    workers = processes(crew)
+    crews: dict[str, Any] = {"one": HereAlone(), "two": crew}
+    wall: dict[str, list[float]] = {"one": [], "two": []}
+    used: dict[str, list[float]] = {"one": [], "two": []}
+    for turn in range(ROUNDS):
+        plan = plan_of(runs, 100 + turn, fmus)
+        # the same design for all, made before the clock starts
+        plan.flyer.problem_and_design(0)
+        for name, who in crews.items():
+            out = folder / f"{name}-{turn}"
+            began, before = time.perf_counter(), cpu(workers)
+            conduct(plan, out, lambda who=who: contextlib.nullcontext(who))
+            wall[name].append(time.perf_counter() - began)
+            used[name].append(cpu(workers) - before)
+    middle = {name: statistics.median(times) for name, times in wall.items()}
+    work = {name: statistics.median(times) for name, times in used.items()}
+    return {
+        "wall": round(middle["one"] / middle["two"] / WORKERS, 3),
+        "cpu": round(work["one"] / work["two"], 3),
+        "ms_per_run_here": round(1e3 * work["one"] / runs, 2),
+    }
+
+
+@contextlib.contextmanager
+def scratch() -> Iterator[Path]:
+    """A folder that is gone afterwards."""
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
+def main() -> None:
+    """Measure, print."""
+    runs = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else 10_000
+    with scratch() as folder, local(WORKERS) as crew:
+        fmus = folder / "fmus"
+        found = {
+            "workers": WORKERS,
+            "cores": os.cpu_count(),
+            "load_before": round(os.getloadavg()[0], 2),
+            "efficiency": efficiency(max(runs // 5, 20), crew, fmus, folder),
+            "study": memory_over_runs(plan_of(runs, 1, fmus), crew, folder / "long"),
+        }
+    if "--json" in sys.argv:
+        print(json.dumps(found, indent=1))
+        return
+    view = Table(title="a study of short scenarios", title_justify="left", show_header=False)
+    for part in ("efficiency", "study"):
+        for key, value in found[part].items():
+            if key != "memory_mib":
+                view.add_row(f"{part}: {key}", str(value))
+    for done, size in found["study"]["memory_mib"]:
+        view.add_row(f"largest worker after {done} runs", f"{size} MiB")
+    Console().print(view)
+
+
+if __name__ == "__main__":
+    main()

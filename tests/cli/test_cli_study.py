@@ -1,0 +1,142 @@
+"""The verbs about studies, as a user types them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli.shell import cosim
+from study.deadly import folder
+
+from cosim.study import batch
+from cosim.study.flight import Flyer
+
+STUDY = """
+title = "x follows u"
+scenario = "{scenario}"
+[[vary]]
+kind = "grid"
+name = "u"
+path = "components.tiny.parameters.u[1]"
+values = [0.0, 1.0, 2.0]
+[[vary]]
+kind = "replicates"
+name = "seed"
+count = 2
+[metrics]
+x = "final.tiny.x[1]"
+small = {{ path = "final.tiny.x[1]", below = 1.5 }}
+"""
+
+
+def study(path: Path) -> Path:
+    """A study of six short runs."""
+    file = path / "follows.toml"
+    file.write_text(STUDY.format(scenario=folder() / "tiny.toml"))
+    return file
+
+
+def test_studies_are_listed_and_checked(tmp_path: Path) -> None:
+    """Names and titles; and what one would do, without doing it."""
+    rows = cosim("study", "list", "--json", cwd=tmp_path).json["studies"]
+    assert {"delay-loss", "delay-margin", "sea-states"} <= {row["name"] for row in rows}
+    assert "delay-margin" in cosim("study", "list", cwd=tmp_path).out
+    study(tmp_path)
+    told = cosim("study", "check", "follows.toml", "--json", cwd=tmp_path).json
+    assert told["runs"] == 6
+    assert told["first"] == {"u": 0.0, "seed": 1}
+    assert not (tmp_path / "studies").exists()
+    assert "6 runs" in cosim("study", "check", "follows.toml", cwd=tmp_path).out
+
+
+def test_a_study_is_run_resumed_and_shown(tmp_path: Path) -> None:
+    """One JSON object each; the second time nothing is flown."""
+    study(tmp_path)
+    done = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json
+    assert (done["runs"], done["flown"], done["resumed"]) == (6, 6, 0)
+    assert done["statuses"] == {"finished": 6}
+    again = cosim(
+        "study", "run", "follows.toml", "--traces", "worst:1 by x", "--json", cwd=tmp_path
+    )
+    assert (again.json["flown"], again.json["resumed"]) == (0, 6)
+    assert list(again.json["traces"]) == ["4"]
+    found = cosim("study", "show", "studies/follows", "--json", cwd=tmp_path).json
+    assert found["complete"] is True
+    assert [g["where"]["u"] for g in found["groups"]] == [0.0, 1.0, 2.0]
+    assert [g["numbers"]["x"]["mean"] for g in found["groups"]] == pytest.approx(
+        [0.9**20, 1.0, 2.0 - 0.9**20], rel=1e-14
+    )
+    assert [g["shares"]["small"]["share"] for g in found["groups"]] == [1.0, 1.0, 0.0]
+    seen = cosim("study", "show", "studies/follows/results.parquet", cwd=tmp_path)
+    assert seen.code == 0
+    assert "x follows u" in seen.out
+    drawn = cosim(
+        *("study", "show", "studies/follows", "--metric", "x", "--over", "u"),
+        *("--picture", "x.png", "--json"),
+        cwd=tmp_path,
+    )
+    assert drawn.json["picture"] == "x.png"
+    assert (tmp_path / "x.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "follows.toml", "--workers", "none"), "not a number of workers"),
+        (("run", "follows.toml", "--workers", "0"), "not a number of workers"),
+        (("run", "follows.toml", "--traces", "best"), "not a choice of traces"),
+        (("run", "folows"), "there is no study 'folows'"),
+        (("run", "follows.toml", "--scheduler", "tcp://127.0.0.1:9"), "no scheduler answers"),
+        (("check", "nowhere.toml"), "cannot be read"),
+        (("show", "nowhere"), "not the results of a study"),
+        (("show", "."), "not the folder of a study"),
+    ],
+)
+def test_bad_usage_is_named(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    """Exit code 2, and the same in JSON."""
+    study(tmp_path)
+    result = cosim("study", *arguments, "--json", cwd=tmp_path)
+    assert result.code == 2
+    assert words in result.error["what"]
+
+
+def test_what_does_not_belong_together_is_said(tmp_path: Path) -> None:
+    """Options of `show`, an axis that is none, a picture of its own where there is none."""
+    study(tmp_path)
+    cosim("study", "run", "follows.toml", cwd=tmp_path)
+    for arguments, words in (
+        (("--metric", "x"), "belong together"),
+        (("--by", "v"), "there is no axis 'v'"),
+        (("--by", "u,"), "not a list of names"),
+        (("--picture", "a.png"), "no picture of its own"),
+        (("--picture", "a.png", "--metric", "y", "--over", "u"), "there is no metric 'y'"),
+        (("--picture", "a.txt", "--metric", "x", "--over", "u"), "cannot be written"),
+        (("--confidence", "95"), "not a confidence"),
+    ):
+        result = cosim("study", "show", "studies/follows", *arguments, "--json", cwd=tmp_path)
+        assert result.code == 2
+        assert words in result.error["what"]
+
+
+def test_an_interruption_says_what_is_kept_and_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 130; the same command flies the rest."""
+    study(tmp_path)
+    original = batch.taken
+
+    def interrupted(flyer: Flyer, run: int) -> Any:
+        if run == 4:
+            raise KeyboardInterrupt
+        return original(flyer, run)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(batch, "taken", interrupted)
+        stopped = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path)
+    assert stopped.code == 130
+    assert stopped.error["got"] == "4 of 6 runs are done, and kept"
+    assert stopped.error["hint"] == "the same command goes on"
+    part = cosim("study", "show", "studies/follows", cwd=tmp_path)
+    assert "4 runs of 6: the study is not finished" in part.out
+    assert cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json["flown"] == 2

@@ -1,0 +1,82 @@
+"""Many runs in one process: nothing is left of a run when it is over; a long one is no slower."""
+
+from __future__ import annotations
+
+import gc
+import tempfile
+import weakref
+from typing import TYPE_CHECKING, Any
+
+import psutil
+import pytest
+from benchmarks._tiny import tiny_fmu
+from benchmarks.endurance import kinds, state
+from benchmarks.loop import system_of
+
+from cosim.master import Session, TraceRecorder
+from cosim.trace import TraceWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny_fmu(6, tmp_path_factory.mktemp("tiny"))
+
+
+@pytest.mark.parametrize("engine", ["python", "compiled"])
+def test_run_goes_when_nobody_holds_it(tiny: Path, tmp_path: Path, engine: Any) -> None:
+    """Rows, slaves, engine and recorder, without waiting for the garbage collector."""
+    system = system_of(tiny, 6, steps=100, links=True)
+    gc.collect()
+    gc.disable()
+    try:
+        with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+            recorder = TraceRecorder(writer, system)
+            with Session(system, [recorder], engine=engine) as session:
+                session.bias("a", "x[1]", 0.5)
+                session.run_until()
+            writer.finish({})
+        station = session.result().stations[0]
+        held = [session, recorder, station, station.rows, station.slave, session._engine]
+        left = {type(one).__name__: weakref.ref(one) for one in held}
+        del session, recorder, station, held, writer
+        assert [name for name, found in left.items() if found() is not None] == []
+    finally:
+        gc.enable()
+
+
+@pytest.mark.slow
+def test_three_hundred_runs_leave_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of every kind: no object, open file, thread, mapping or folder more, and no memory."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    for name, run in kinds(tmp_path).items():
+        for _ in range(8):
+            run()
+        gc.collect()
+        objects, before = len(gc.get_objects()), state()
+        for _ in range(30):
+            run()
+        gc.collect()
+        after = state()
+        assert abs(len(gc.get_objects()) - objects) < 30, name
+        assert after[1:] == before[1:], name
+        assert after.rss - before.rss < 8 << 20, name
+
+
+def test_memory_of_a_long_run_is_that_of_its_rows_and_tables(tiny: Path) -> None:
+    """300 000 points: what they need beside the rows is less than the rows themselves."""
+    process = psutil.Process()
+    system = system_of(tiny, 6, steps=300_000, links=True)
+    gc.collect()
+    before = process.memory_info().rss
+    with Session(system, engine="compiled") as session:
+        session.run_until()
+        grown = process.memory_info().rss - before
+        rows = session.result().stations[0].rows.nbytes
+    assert rows == 300_001 * 24 * 8
+    assert grown < 2 * rows

@@ -1,0 +1,228 @@
+"""A slave fails: who, when and in which words; what the trace holds; that the others are ended."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from faulty import CALLS, faulty_fmu
+from scalar import end, ns
+
+from cosim.errors import ComponentError
+from cosim.fmu import describe_fmu
+from cosim.master import (
+    Component,
+    Connection,
+    Observer,
+    Session,
+    System,
+    TraceRecorder,
+    make_timetable,
+    simulate,
+)
+from cosim.trace import Trace, TraceWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.master import Run
+
+STEP, LAST, FAIL_AT = 0.1, 0.8, 0.3
+DISCARD, ERROR, FATAL = 2, 3, 4
+WORDS = {DISCARD: "Discard", ERROR: "Error", FATAL: "Fatal"}
+MESSAGE = "the pump has lost its prime"
+ORDER = ("first", "middle", "last")
+ENGINES, ALGORITHMS, VERSIONS = ("python", "compiled"), ("jacobi", "gauss-seidel"), ("2.0", "3.0")
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The FMU that fails, of each version, and another one of the same code that does not."""
+    folder = tmp_path_factory.mktemp("faulty")
+    found = {version: faulty_fmu(folder, version, f"pump{version[0]}") for version in VERSIONS}
+    return found | {"sound": faulty_fmu(folder, "2.0", "sound")}
+
+
+def ring(fmus: dict[str, Path], version: str, algorithm: Any, **told: float) -> System:
+    """first -> middle -> last -> first; the middle one is told to fail."""
+    sound = describe_fmu(fmus["sound"])
+    parts = {
+        "first": Component(sound, {"u": 1.0}),
+        "middle": Component(describe_fmu(fmus[version]), told),
+        "last": Component(sound, {}),
+    }
+    pairs = (("first", "middle"), ("middle", "last"), ("last", "first"))
+    connections = [Connection(end(f"{a}.x"), end(f"{b}.u")) for a, b in pairs]
+    timetable = make_timetable({}, ns(STEP), ns(LAST), "grid")
+    more = {"order": ORDER} if algorithm == "gauss-seidel" else {}
+    return System(parts, connections, {}, {}, timetable, 1e6, algorithm=algorithm, **more)
+
+
+def told(what: str, status: int, at: float = FAIL_AT) -> dict[str, float]:
+    return {"fail_in": CALLS.index(what), "status": status, "fail_at": at}
+
+
+def recorded(system: System, path: Path, engine: Any) -> Run:
+    with TraceWriter(path, run={}) as writer:
+        run = simulate(system, [TraceRecorder(writer, system)], engine=engine)
+        writer.finish({"ending": run.ending})
+    return run
+
+
+def lines(trace: Trace) -> list[tuple[str, str]]:
+    """(component, text) of every line of the log."""
+    table = trace.read("/log")
+    return list(zip(table["name"], table["message"], strict=True))
+
+
+@pytest.mark.parametrize("status", WORDS)
+@pytest.mark.parametrize("what", ["step", "get", "set"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_failure_is_named_recorded_and_the_others_are_ended(
+    faulty: dict[str, Path],
+    tmp_path: Path,
+    engine: str,
+    version: str,
+    algorithm: str,
+    what: str,
+    status: int,
+) -> None:
+    """The component, the call, the time, the status and the FMU's words; then the slaves' ends."""
+    system = ring(faulty, version, algorithm, **told(what, status))
+    run = recorded(system, tmp_path / "a.mcap", engine)
+    assert run.ending == "failed"
+    assert run.reason is not None
+    # under Gauss-Seidel an output is read when its step is done, into the row of the next point
+    early = algorithm == "gauss-seidel" and what == "get"
+    time = FAIL_AT - STEP if early else FAIL_AT
+    at = "from" if what == "step" else "at"
+    for part in ("'middle'", f"{what} {at} t = {time:g} s", WORDS[status], MESSAGE):
+        assert part in run.reason
+    trace = Trace(tmp_path / "a.mcap")
+    assert trace.finished
+    log = lines(trace)
+    assert ("middle", MESSAGE) in log
+    assert any(name == "master" and MESSAGE in text for name, text in log)
+    for name in ("first", "last"):
+        assert log.index((name, "terminated")) < log.index((name, "freed"))
+        assert log.count((name, "freed")) == 1
+    # what has failed is not terminated, only freed; after Fatal it is left alone
+    assert ("middle", "terminated") not in log
+    assert log.count(("middle", "freed")) == (status != FATAL)
+
+
+@pytest.mark.parametrize("what", ["step", "get", "set"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_trace_holds_everything_up_to_the_failure(
+    faulty: dict[str, Path], tmp_path: Path, engine: str, algorithm: str, what: str
+) -> None:
+    """Every complete row, with the values of a run that does not fail; nothing made up after it.
+
+    Under Gauss-Seidel the last row has all outputs, and where a turn did not come, the inputs
+    that were there to be received.
+    """
+    whole = simulate(seeded(ring(faulty, "2.0", algorithm)), engine="python")
+    failing = seeded(ring(faulty, "2.0", algorithm, **told(what, ERROR)))
+    run = recorded(failing, tmp_path / "a.mcap", engine)
+    k = round(FAIL_AT / STEP)
+    complete = what != "get" if algorithm == "gauss-seidel" else what == "step"
+    rows = k + complete
+    assert run.points_ns.size == rows
+    trace = Trace(tmp_path / "a.mcap")
+    for name in ORDER:
+        outputs, inputs = trace.read(f"/{name}/output")["x"], trace.read(f"/{name}/input")["u"]
+        assert len(outputs) == len(inputs) == rows
+        assert np.array_equal(outputs, whole.signal(name, "x")[:rows])
+        assert np.array_equal(inputs[: rows - 1], whole.signal(name, "u")[: rows - 1])
+        assert np.array_equal(run.signal(name, "u"), inputs)
+    last = {name: trace.read(f"/{name}/input")["u"][-1] for name in ORDER}
+    known = {name: whole.signal(name, "x") for name in ORDER}
+    if algorithm == "jacobi":
+        assert last == {n: whole.signal(n, "u")[rows - 1] for n in ORDER}
+    else:
+        # first has stepped, so that middle has its new value; middle has not: last has the old one
+        assert last["first"] == whole.signal("first", "u")[rows - 1]
+        assert last["middle"] == known["first"][rows]
+        assert last["last"] == known["middle"][rows - 1]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_bias_is_on_an_input_whose_turn_did_not_come(faulty: dict[str, Path], engine: Any) -> None:
+    """The last row shows it as it would have been received, once biased."""
+    system = ring(faulty, "2.0", "gauss-seidel", **told("step", ERROR))
+    with Session(seeded(system), engine=engine) as session:
+        session.bias("last", "u", 10.0)
+        session.run_until()
+        run = session.result()
+    assert run.signal("middle", "x")[-1] > 0
+    assert run.signal("last", "u")[-1] == run.signal("middle", "x")[-1] + 10.0
+
+
+def seeded(system: System) -> System:
+    """The ring with something that goes round: the first input is given, not connected."""
+    return System(
+        system.components,
+        system.connections[:-1],
+        {},
+        {end("first.u"): 1.0 + np.arange(system.timetable.points_ns.size)},
+        system.timetable,
+        system.divergence,
+        algorithm=system.algorithm,
+        order=system.order,
+    )
+
+
+@pytest.mark.parametrize("status", [ERROR, FATAL])
+@pytest.mark.parametrize("what", ["enter", "exit"])
+@pytest.mark.parametrize("version", VERSIONS)
+def test_failure_in_initialisation_is_named_logged_and_the_others_are_freed(
+    faulty: dict[str, Path], tmp_path: Path, version: str, what: str, status: int
+) -> None:
+    """No row has come about; the trace has the words of the FMU, and of the master."""
+    system = ring(faulty, version, "jacobi", **told(what, status, at=0.0))
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        with pytest.raises(ComponentError, match=MESSAGE) as caught:
+            simulate(system, [TraceRecorder(writer, system)])
+        writer.finish({"ending": "failed"})
+    assert "'middle'" in caught.value.text()
+    assert "initialisation" in caught.value.text()
+    log = lines(Trace(tmp_path / "a.mcap"))
+    assert ("middle", MESSAGE) in log
+    assert any(name == "master" and MESSAGE in text for name, text in log)
+    for name in ("first", "last"):
+        assert log.count((name, "freed")) == 1
+    assert log.count(("middle", "freed")) == (status != FATAL)
+
+
+def test_after_fatal_no_instance_of_that_fmu_is_called(faulty: dict[str, Path]) -> None:
+    """Its twin is neither terminated nor freed; an instance of another FMU is."""
+    ear = Ear()
+    system = ring(faulty, "2.0", "jacobi", **told("step", FATAL))
+    twin = Component(system.components["middle"].description, {})
+    parts = {**system.components, "first": twin}
+    given = System(parts, system.connections, {}, {}, system.timetable, 1e6)
+    with Session(given, [ear]) as session:
+        session.run_until()
+    assert ("last", "freed") in ear.heard
+    assert not any(name in ("first", "middle") and text == "freed" for name, text in ear.heard)
+
+
+class Ear(Observer):
+    """Hears what is said."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[str, str]] = []
+
+    def begin(self, stations: Any) -> None:
+        """Look on."""
+
+    def span(self, first: int, last: int) -> None:
+        """Look on."""
+
+    def log(self, _time_ns: int, _level: str, name: str, message: str) -> None:
+        """Listen."""
+        self.heard.append((name, message))

@@ -1,0 +1,85 @@
+"""Dotted paths and expressions."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from cosim.errors import InputError
+from cosim.study.dotted import look, put, split
+from cosim.study.expression import Expression
+
+
+def test_paths_are_split_at_dots_outside_quotes() -> None:
+    """Names with dots in quotes; parameters of a component need none."""
+    assert split("links.uplink.delay") == ("links", "uplink", "delay")
+    assert split("design.gain[0][12]") == ("design", "gain", 0, 12)
+    hydro = ("components", "plant", "parameters", "hydro.X_udot")
+    assert split('components.plant.parameters."hydro.X_udot"') == hydro
+    assert split("components.plant.parameters.hydro.X_udot") == hydro
+    assert split("components.c.parameters.K[1,2]")[-1] == "K[1,2]"
+
+
+@pytest.mark.parametrize("path", ["", ".a", "a.", "a..b", "[0]", "a[b]", 'a."b', "a b]", "a.[0]"])
+def test_what_is_no_path_is_refused(path: str) -> None:
+    """With the path."""
+    with pytest.raises(InputError, match="not a path"):
+        split(path)
+
+
+def test_values_are_put_where_the_path_leads() -> None:
+    """Tables on the way are made; places in lists must be there."""
+    data = {"design": {"gain": [[1.0, 2.0]]}}
+    put(data, "design.gain[0][1]", 9.0)
+    put(data, "links.up.jitter.width", 0.1)
+    assert data == {"design": {"gain": [[1.0, 9.0]]}, "links": {"up": {"jitter": {"width": 0.1}}}}
+    with pytest.raises(InputError, match="no place 1"):
+        put(data, "design.gain[1][0]", 1.0)
+    with pytest.raises(InputError, match="no table"):
+        put(data, "design.gain.x", 1.0)
+
+
+def test_figures_are_found_under_names_with_dots() -> None:
+    """`final` is one table by `component.variable`; a missing figure names the nearest."""
+    data = {"final": {"plant.eta.x": 1.5, "plant.x[1]": 2.5}, "metrics": {"gain": None}}
+    assert look(data, "final.plant.eta.x") == 1.5
+    assert look(data, "final.plant.x[1]") == 2.5
+    assert look(data, "metrics.gain") is None
+    with pytest.raises(InputError, match=r"did you mean plant\.eta\.x"):
+        look(data, "final.plant.eta.y")
+
+
+@pytest.mark.parametrize(
+    ("text", "x", "value"),
+    [
+        ("x - 1.5 * 0.005", 0.02, 0.02 - 1.5 * 0.005),
+        ("max(0, x) ** 2 / 4", 6.0, 9.0),
+        ("-sin(pi * x) + sqrt(2)", 0.5, math.sqrt(2) - 1.0),
+    ],
+)
+def test_expressions_are_arithmetic(text: str, x: float, value: float) -> None:
+    """Compared with the same, written in Python."""
+    assert Expression(text)(x) == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "y", "x +", "__import__('os')", "x.real", "[x]", "lambda: 1", "x if x else 1",
+        "abs(x, key=1)", "open('f')", "'a'", "True", "x < 1", "(" * 500 + "x" + ")" * 500,
+    ],
+)  # fmt: skip
+def test_anything_else_is_no_expression(text: str) -> None:
+    """Whatever Python makes of it."""
+    with pytest.raises(InputError, match="not an expression"):
+        Expression(text)
+
+
+@pytest.mark.parametrize(("text", "x"), [("1 / x", 0.0), ("log(x)", -1.0), ("x", "a"),
+                                         ("exp(x)", 1e4), ("x ** 0.5", -1.0)])  # fmt: skip
+def test_an_expression_without_a_value_says_where(text: str, x: object) -> None:
+    """The argument is in the message."""
+    with pytest.raises(InputError, match="not an expression") as refused:
+        Expression(text)(x)
+    assert repr(x) in refused.value.text()

@@ -1,0 +1,69 @@
+"""Intervals against published ones."""
+
+from __future__ import annotations
+
+import pytest
+from study.deadly import plan
+
+from cosim.errors import InputError
+from cosim.study.batch import Row
+from cosim.study.manifest import manifest_of
+from cosim.study.summary import mean_of, share, summarise
+from cosim.study.table import make_table
+
+
+@pytest.mark.parametrize(
+    ("count", "of", "low", "high"),
+    [
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ],
+)
+def test_shares_have_wilsons_interval(count: int, of: int, low: float, high: float) -> None:
+    """Newcombe, Statistics in Medicine 17 (1998), table I, method 3."""
+    found = share(count, of)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_means_have_students_interval() -> None:
+    """1 to 10: 5.5 +- t(0.975; 9) s / sqrt 10 = 2.262157 * 3.027650 / 3.162278."""
+    found = mean_of([float(i) for i in range(1, 11)], 12)
+    reach = 2.262157 * 3.027650 / 3.162278
+    assert found.mean == 5.5
+    assert (found.low, found.high) == pytest.approx((5.5 - reach, 5.5 + reach), rel=1e-6)
+    assert (found.count, found.missing, found.median) == (10, 2, 5.5)
+    alone = mean_of([1.0], 1)
+    assert (alone.low, alone.high) == (None, None)
+
+
+def test_the_bootstrap_is_wider_where_the_tail_is() -> None:
+    """One outlier to the right: the interval reaches further right; the same at each call."""
+    values = [1.0] * 9 + [1.5] * 9 + [20.0]
+    found = mean_of(values, 19, bootstrap=True)
+    assert found.low is not None
+    assert found.high is not None
+    assert found.mean is not None
+    assert found.high - found.mean > found.mean - found.low
+    assert mean_of(values, 19, bootstrap=True) == found
+
+
+def test_groups_are_those_of_the_axes_asked_for() -> None:
+    """Two values of u, two seeds each; means per group are of that group alone."""
+    seeds = {"kind": "replicates", "name": "seed", "count": 2}
+    grid = {"kind": "grid", "name": "u", "path": "run.divergence", "values": [1.0, 2.0]}
+    made = plan([1.0], vary=[grid, seeds])
+    rows = [Row(i, "finished" if i else "failed", None, 0.0, (float(i),)) for i in range(4)]
+    manifest = manifest_of(made)
+    table = make_table(manifest, reversed(rows))
+    assert table["run"].to_pylist() == [0, 1, 2, 3]
+    found = summarise(table, manifest)
+    assert found.by == ("u",)
+    assert [g.where for g in found.groups] == [{"u": 1.0}, {"u": 2.0}]
+    assert [g.numbers["x"].mean for g in found.groups] == [0.5, 2.5]
+    assert found.groups[0].shares["status = failed"].share == 0.5
+    together = summarise(table, manifest, [])
+    assert together.groups[0].runs == 4
+    with pytest.raises(InputError, match="there is no axis 'sed'"):
+        summarise(table, manifest, ["sed"])

@@ -1,0 +1,106 @@
+"""The same table whoever flies it: one process, several, a cluster, and some of them killed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from study.deadly import DEADLY, SLOW, plan, truth
+
+from cosim.errors import InputError
+from cosim.study.conduct import conduct
+from cosim.study.folder import RESULTS
+from cosim.study.table import read_table
+from cosim.study.workers import Died, cluster, local
+
+
+def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None:
+    """And the scheduler of the same cluster, asked by its address, as well."""
+    values = [0.1 * i for i in range(24)]
+    conduct(plan(values), tmp_path / "here")
+    with local(2) as crew:
+        conduct(plan(values), tmp_path / "local", lambda: contextlib.nullcontext(crew))
+        address = crew._client.scheduler.address
+        conduct(plan(values), tmp_path / "cluster", lambda: cluster(address))
+    tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "local", "cluster")]
+    assert tables[0] == tables[1] == tables[2]
+
+
+def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """As what was asked for; what was flown for a start stays."""
+    wrong = "no address at all://"
+    with pytest.raises(InputError, match="no scheduler answers") as refused:
+        conduct(plan([0.0, 1.0]), tmp_path, lambda: cluster(wrong))
+    assert wrong in refused.value.text()
+    assert read_table(tmp_path)[0]["run"].to_pylist() == [0]
+
+
+@pytest.mark.slow
+def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
+    """Three processes, one ended by -9 after a third of the runs: the undisturbed table."""
+    values = [SLOW + 0.1 * i for i in range(150)]
+    conduct(plan(values), tmp_path / "undisturbed")
+    killed: list[int] = []
+    with local(3) as crew:
+        pids = list(crew._client.run(os.getpid).values())
+
+        def kill(_what: str, share: float) -> None:
+            if share > 0.3 and not killed:
+                killed.append(pids[0])
+                os.kill(pids[0], signal.SIGKILL)
+
+        done = conduct(
+            plan(values), tmp_path / "hit", lambda: contextlib.nullcontext(crew), progress=kill
+        )
+    assert len(killed) == 1
+    assert (done.runs, done.flown) == (150, 150)
+    tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("undisturbed", "hit")]
+    assert tables[0] == tables[1]
+
+
+@pytest.mark.slow
+def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Path) -> None:
+    """Each time that it is tried; all others are the closed form."""
+    values = [0.0, 1.0, DEADLY, *(0.1 * i for i in range(12))]
+
+    @contextlib.contextmanager
+    def two() -> Iterator[Any]:
+        with local(2) as crew:
+            yield crew
+
+    done = conduct(plan(values), tmp_path, two)
+    found = read_table(tmp_path)[0].to_pydict()
+    assert done.statuses == {"finished": 14, "failed": 1}
+    assert found["status"][2] == "failed"
+    assert "died" in found["reason"][2]
+    others = [i for i in range(15) if i != 2]
+    assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
+
+
+def test_of_a_batch_that_kills_all_but_one_run_are_kept(tmp_path: Path) -> None:
+    """Halved down to the one that kills; a crew that dies on it, in this process."""
+    flown: list[int] = []
+
+    class Fragile:
+        size = 2
+
+        def work(self, do: Any, job: Any, take: Any) -> Iterator[Any]:
+            while (runs := take()) is not None:
+                if 7 in runs:
+                    yield runs, Died(2)
+                else:
+                    flown.extend(runs)
+                    yield runs, do(job, runs)
+
+    done = conduct(
+        plan([0.1 * i for i in range(100)]), tmp_path, lambda: contextlib.nullcontext(Fragile())
+    )
+    assert done.statuses == {"finished": 99, "failed": 1}
+    assert sorted([0, *flown]) == [i for i in range(100) if i != 7]
+    found = read_table(tmp_path)[0].to_pydict()
+    assert found["status"][7] == "failed"

@@ -1,0 +1,265 @@
+"""The live server, by a client that speaks Foxglove's protocol and shares no code with it."""
+
+from __future__ import annotations
+
+import base64
+import builtins
+import json
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli.shell import cosim, trace_of
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+from websockets.sync.client import connect
+
+from cosim.errors import InputError
+from cosim.trace.layout import message_class
+from cosim.trace.live import Player
+
+MESSAGE, TIME, STATE = 1, 2, 5
+PLAY, PAUSE = 0, 1
+S = 10**9
+
+
+class Client:
+    """Channels by topic; events in the order in which they came: (kind, what)."""
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+        self.info: dict[str, Any] = {}
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.before: list[int] = []
+        while not self.channels:
+            told = socket.recv(timeout=20)
+            if isinstance(told, bytes):
+                self.before.append(told[0])
+                continue
+            data = json.loads(told)
+            if data["op"] == "serverInfo":
+                self.info = data
+            elif data["op"] == "advertise":
+                self.channels = {c["topic"]: c for c in data["channels"]}
+
+    def subscribe(self, *topics: str) -> None:
+        self.topics = list(topics)
+        wanted = [{"id": i, "channelId": self.channels[t]["id"]} for i, t in enumerate(topics)]
+        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def control(
+        self, command: int, rate: float, seek_ns: int | None = None, name: str = "r"
+    ) -> None:
+        body = struct.pack(
+            "<BBfBQI", 3, command, rate, seek_ns is not None, seek_ns or 0, len(name)
+        )
+        self._socket.send(body + name.encode())
+
+    def event(self, timeout: float = 20) -> tuple[str, Any]:
+        """The next message (topic, log time [ns], payload), time or state."""
+        while True:
+            told = self._socket.recv(timeout=timeout)
+            if isinstance(told, str):
+                continue
+            if told[0] == MESSAGE:
+                number, at = struct.unpack_from("<IQ", told, 1)
+                return "message", (self.topics[number], at, told[13:])
+            if told[0] == TIME:
+                return "time", struct.unpack_from("<Q", told, 1)[0]
+            if told[0] == STATE:
+                status, at, rate, jumped, size = struct.unpack_from("<BQfBI", told, 1)
+                state = {"status": status, "at": at, "rate": rate, "jumped": bool(jumped)}
+                return "state", {**state, "name": told[19 : 19 + size].decode()}
+
+    def until(self, kind: str, enough: Any = lambda _: True) -> tuple[list[Any], Any]:
+        """Messages on the way to the first event of a kind that is enough; and that event."""
+        messages = []
+        for _ in range(200_000):
+            what, event = self.event()
+            if what == "message":
+                messages.append(event)
+            if what == kind and enough(event):
+                return messages, event
+        raise AssertionError("it never came")
+
+
+@contextmanager
+def client(url: str) -> Iterator[Client]:
+    names = ["foxglove.sdk.v1"]
+    with connect(url, subprotocols=names, max_size=None) as socket:  # type: ignore[arg-type]
+        assert socket.subprotocol == names[0]
+        yield Client(socket)
+
+
+def recorded(path: Path) -> list[tuple[str, int, bytes]]:
+    """Messages by the official reader, in order of log time."""
+    with path.open("rb") as stream:
+        return [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in make_reader(stream).iter_messages()
+        ]
+
+
+def test_every_channel_is_advertised_with_its_schema() -> None:
+    """Also those without a message, before anything is sent; times of the whole trace."""
+    path = trace_of("auv-direct")
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    with Player(path, port=0) as player, client(player.url) as seen:
+        assert set(seen.before) <= {TIME}
+        assert {"time", "playbackControl"} <= set(seen.info["capabilities"])
+        assert seen.info["dataStartTime"] == {"sec": 0, "nsec": 0}
+        assert seen.info["dataEndTime"] == {"sec": 180, "nsec": 0}
+        assert set(seen.channels) == {c.topic for c in summary.channels.values()}
+        for channel in summary.channels.values():
+            schema, told = summary.schemas[channel.schema_id], seen.channels[channel.topic]
+            assert told["encoding"] == channel.message_encoding
+            assert (told["schemaName"], told["schemaEncoding"]) == (schema.name, schema.encoding)
+            assert base64.b64decode(told["schema"]) == schema.data
+
+
+def test_all_of_it_arrives_as_it_was_recorded() -> None:
+    """Every message of every topic, byte for byte, in order; at the end it says so."""
+    path = trace_of("paper-example")
+    wanted = recorded(path)
+    with Player(path, port=0, rate=20) as player, client(player.url) as seen:
+        seen.subscribe(*seen.channels)
+        messages, state = seen.until("state", lambda s: s["status"] == 3)
+        while len(messages) < len(wanted):  # the end may overtake what is on its way
+            messages.append(seen.until("message")[1])
+    times = [at for _, at, _ in messages]
+    assert times == sorted(times)
+    for topic in seen.channels:
+        mine = [(at, data) for t, at, data in messages if t == topic]
+        assert mine == [(at, data) for t, at, data in wanted if t == topic]
+    assert state["at"] == times[-1]
+    schema = base64.b64decode(seen.channels["/plant/output"]["schema"])
+    row = message_class(FileDescriptorSet.FromString(schema), "cosim.plant.Output")
+    last = row.FromString([data for t, _, data in messages if t == "/plant/output"][-1])
+    assert last.x_1 == pytest.approx(-0.2848937800327617)
+
+
+def test_pause_seek_and_rate_are_the_clients() -> None:
+    """After a pause nothing newer comes; after a seek the state there, then what follows."""
+    path = trace_of("auv-acoustic")
+    with Player(path, port=0, rate=8) as player, client(player.url) as seen:
+        seen.subscribe("/plant/output", "/auv/pose", "/link/uplink")
+        seen.until("message", lambda m: m[1] > 1 * S)
+        seen.control(PAUSE, 8, name="stop")
+        _, state = seen.until("state", lambda s: s["name"] == "stop")
+        assert (state["status"], state["rate"], state["jumped"]) == (1, 8.0, False)
+        for _ in range(20):  # of these there are fifty per second
+            late, at = seen.until("time")
+            assert at == state["at"]
+            assert all(m[1] <= state["at"] for m in late)
+        # there is nothing left on the way any more
+        late, _ = seen.until("time")
+        assert late == []
+        seen.control(PAUSE, 8, seek_ns=90 * S + 1, name="there")
+        _, state = seen.until("state", lambda s: s["name"] == "there")
+        assert (state["status"], state["at"], state["jumped"]) == (1, 90 * S + 1, True)
+        shown: list[Any] = []
+        while len(shown) < 3:
+            shown += seen.until("message")[0]
+        rows = recorded(path)
+        for topic in ("/plant/output", "/auv/pose", "/link/uplink"):
+            latest = [(at, data) for t, at, data in rows if t == topic and at <= 90 * S + 1][-1]
+            assert [(at, data) for t, at, data in shown if t == topic] == [latest]
+        seen.control(PLAY, 4, name="on")
+        _, state = seen.until("state", lambda s: s["name"] == "on")
+        assert (state["status"], state["rate"]) == (0, 4.0)
+        played, _ = seen.until("message", lambda m: m[1] > 92 * S)
+        times = [at for t, at, _ in played if t == "/plant/output"]
+        wanted = [at for t, at, _ in rows if t == "/plant/output" and at > 90 * S + 1]
+        assert times == wanted[: len(times)]
+        assert len(times) > 30
+        assert player.playback.rate == 4.0
+
+
+def test_two_clients_and_one_that_leaves() -> None:
+    """Whoever goes takes nothing with him; the rest go on."""
+    with Player(trace_of("auv-acoustic"), port=0, rate=4) as player, client(player.url) as stays:
+        with client(player.url) as leaves:
+            leaves.subscribe("/plant/output")
+            leaves.until("message", lambda m: m[1] > S)
+        stays.subscribe("/plant/output")
+        messages, _ = stays.until("message", lambda m: m[1] > 3 * S)
+        assert messages
+
+
+def test_a_loop_starts_again_where_it_was_told() -> None:
+    """--start and --loop: the state there, the end, and the state there again."""
+    path = trace_of("paper-example")
+    with (
+        Player(path, port=0, rate=20, start_s=8.0, loop=True) as player,
+        client(player.url) as seen,
+    ):
+        seen.subscribe("/plant/output")
+        first, _ = seen.until("message", lambda m: m[1] == 10 * S)
+        assert [at for _, at, _ in first] == [round((8 + k / 100) * S) for k in range(201)]
+        before, state = seen.until("state", lambda s: s["jumped"])  # may be told after the first
+        assert 8 * S <= state["at"] < 10 * S
+        again, _ = seen.until("message", lambda m: m[1] == 9 * S)
+        times = [at for _, at, _ in (*before, *again)]
+        assert times == [round((8 + k / 100) * S) for k in range(101)]
+
+
+def test_the_verb_plays_until_it_is_told_to_stop(tmp_path: Path) -> None:
+    """One JSON object, then it serves; on Ctrl-C it ends with exit code 0 and says nothing more."""
+    path = trace_of("paper-example")
+    command = [sys.executable, "-m", "cosim", "trace", "play", str(path), "--port", "0", "--json"]
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with subprocess.Popen(  # noqa: S603 - ourselves
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        ) as process:
+            assert process.stdout is not None
+            told = json.loads(process.stdout.readline())
+            assert told["url"] == f"ws://127.0.0.1:{told['port']}"
+            with client(told["url"]) as seen:
+                assert set(told["topics"]) == set(seen.channels)
+                seen.subscribe("/plant/output")
+                seen.until("message")
+                process.send_signal(number)
+                out, err = process.communicate(timeout=30)
+        assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
+    """Bad numbers, no trace, a port in use: exit code 2 and a message."""
+    path = trace_of("paper-example")
+    with Player(path, port=0) as player:
+        taken = ("--port", str(player.port))
+        for arguments in (
+            (path, *taken),
+            (path, "--rate", "0"),
+            (path, "--rate", "nan"),
+            (path, "--rate", "1e9"),
+            (path, "--port", "70000"),
+            (path, "--start", "-1"),
+            (path, "--start", "inf"),
+            ("none.mcap",),
+        ):
+            refused = cosim("trace", "play", *arguments, "--json", cwd=tmp_path)
+            assert refused.code == 2, arguments
+            assert refused.error["got"]
+
+
+def test_without_the_sdk_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message says what to install."""
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.startswith("foxglove"):
+            raise ImportError("No module named 'foxglove'")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"auv-cosim\[foxglove\]"):
+        Player(trace_of("paper-example"), port=0)

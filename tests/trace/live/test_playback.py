@@ -1,0 +1,128 @@
+"""Play, pause, seek and rate, by a clock that the test turns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.trace.live.playback import Playback, Status
+
+S = 10**9
+
+
+class Clock:
+    """Stands still until it is turned."""
+
+    now = 0
+
+    def __call__(self) -> int:
+        return self.now
+
+    def turn(self, seconds: float) -> None:
+        self.now += round(seconds * S)
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def playback(clock: Clock, **more: object) -> Playback:
+    """Channel 0 each second from 0 to 10 s, channel 1 at 2.5 s and 7.5 s."""
+    times = np.sort(np.array([*range(11), 2.5, 7.5]) * S).astype(np.int64)
+    channels = np.where(times % S == 0, 0, 1)
+    return Playback(times, channels, clock=clock, **more)  # type: ignore[arg-type]
+
+
+def sent(player: Playback) -> list[float]:
+    times = np.sort(np.array([*range(11), 2.5, 7.5]))
+    return times[player.due().messages].tolist()  # type: ignore[no-any-return]
+
+
+def test_it_waits_and_then_keeps_time(clock: Clock) -> None:
+    """Nothing before play; afterwards what is due by the clock, at the rate, each once."""
+    player = playback(clock, rate=2.0)
+    clock.turn(5)
+    assert sent(player) == []
+    player.play()
+    assert sent(player) == [0]
+    clock.turn(1.25)
+    assert sent(player) == [1, 2, 2.5]
+    assert sent(player) == []
+    assert player.position_ns == 2.5 * S
+
+
+def test_a_pause_is_a_pause(clock: Clock) -> None:
+    """However long; and it goes on where it stood."""
+    player = playback(clock)
+    player.play()
+    clock.turn(3.2)
+    player.pause()
+    assert player.status is Status.paused
+    clock.turn(100)
+    assert sent(player) == []
+    player.play()
+    assert sent(player) == [0, 1, 2, 2.5, 3]
+    clock.turn(1)
+    assert sent(player) == [4]
+
+
+def test_a_seek_shows_the_state_there(clock: Clock) -> None:
+    """The last message of each channel up to that time, also while paused, in order."""
+    player = playback(clock)
+    player.seek(6 * S + 1)
+    due = player.due()
+    assert due.jumped
+    assert np.sort(np.array([*range(11), 2.5, 7.5]))[due.messages].tolist() == [2.5, 6]
+    assert not player.due().jumped
+    player.play()
+    clock.turn(2)
+    assert sent(player) == [7, 7.5, 8]
+    player.seek(-5 * S)
+    assert player.position_ns == 0
+    assert sent(player) == [0]
+    player.seek(99 * S)
+    assert player.position_ns == 10 * S
+
+
+def test_another_rate_goes_on_from_here(clock: Clock) -> None:
+    """No jump; and what is no rate changes nothing."""
+    player = playback(clock)
+    player.play()
+    clock.turn(2)
+    player.set_rate(4)
+    assert player.position_ns == 2 * S
+    clock.turn(1)
+    assert player.position_ns == 6 * S
+    for nonsense in (0.0, -1.0, float("nan"), float("inf")):
+        player.set_rate(nonsense)
+    assert player.rate == 4
+
+
+def test_at_the_end_it_ends_and_may_begin_again(clock: Clock) -> None:
+    """Every message was sent; play begins at the start."""
+    player = playback(clock)
+    player.play()
+    clock.turn(60)
+    assert len(sent(player)) == 13
+    assert player.status is Status.ended
+    assert player.position_ns == 10 * S
+    clock.turn(1)
+    player.play()
+    assert sent(player) == [0]
+    clock.turn(1)
+    assert sent(player) == [1]
+
+
+def test_a_loop_comes_back(clock: Clock) -> None:
+    """To where it was told to start."""
+    player = playback(clock, loop=True, start_ns=8 * S)
+    player.play()
+    assert sent(player) == [7.5, 8]
+    clock.turn(2)
+    assert sent(player) == [9, 10]
+    assert player.status is Status.playing
+    due = player.due()
+    assert due.jumped
+    clock.turn(1)
+    assert sent(player) == [9]

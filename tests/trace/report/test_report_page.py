@@ -1,0 +1,156 @@
+"""The report in a browser: drawn, quiet, without the network, in the dark and on a phone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cli.shell import trace_of
+from report_browser import Page, browser, needs_chromium
+from report_files import foreign, wild
+
+from cosim.trace.report import write_report
+
+pytestmark = needs_chromium
+
+DRAWN = """[...document.querySelectorAll('.plot')].filter(
+    (div) => !div.closest('details:not([open])') && !div.querySelector('.main-svg, canvas')
+).map((div) => div.id)"""
+RANGES = """[...document.querySelectorAll('[data-chart]')].filter((div) => div.layout)
+    .map((div) => div.layout.xaxis.range.map(Number))"""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """One browser for all tests of this file."""
+    with browser(tmp_path_factory.mktemp("browser")) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Reports of every kind of trace."""
+    folder = tmp_path_factory.mktemp("reports")
+    flown = trace_of("auv-acoustic-naive")
+    cut = folder / "cut.mcap.partial"
+    cut.write_bytes(flown.read_bytes()[: flown.stat().st_size // 2])
+    traces = {
+        "vehicle": flown,
+        "paper": trace_of("paper-example"),
+        "cut": cut,
+        "wild": wild(folder / "wild.mcap"),
+        "foreign": foreign(folder / "foreign.mcap"),
+    }
+    return {
+        name: write_report(path, folder / f"{name}.html").output for name, path in traces.items()
+    }
+
+
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("paper", "cut", "foreign")]
+
+
+@pytest.mark.parametrize("name", ["vehicle", "wild", *SLOW])
+def test_every_chart_is_drawn_in_silence(name: str, page: Page, reports: dict[str, Path]) -> None:
+    """No error on the console, no request to anywhere, nothing left empty, light and dark."""
+    page.errors.clear()
+    page.asked.clear()
+    page.open(reports[name], scheme="dark" if name == "wild" else "light")
+    assert page.ask(DRAWN) == []
+    assert page.ask("document.querySelectorAll('.plot .main-svg').length") > 0
+    page.ask("document.getElementById('theme').click()")
+    page.ask("window.dispatchEvent(new Event('beforeprint'))")
+    page.ask("window.dispatchEvent(new Event('afterprint'))")
+    assert page.errors == []
+    assert page.asked == []
+
+
+def test_the_test_would_notice(page: Page, tmp_path: Path) -> None:
+    """A page that throws, and one that asks for something outside, are noted."""
+    bad = tmp_path / "bad.html"
+    bad.write_text(
+        "<!doctype html><html data-ready=yes><img src='http://127.0.0.1:9/x.png'>"
+        "<script>console.error('oh'); throw new Error('no')</script></html>"
+    )
+    page.errors.clear()
+    page.asked.clear()
+    page.open(bad)
+    page.ask("new Promise((done) => setTimeout(done, 200))")
+    assert any("oh" in error for error in page.errors)
+    assert any("no" in error for error in page.errors)
+    assert page.asked == ["http://127.0.0.1:9/x.png"]
+    page.errors.clear()
+    page.asked.clear()
+
+
+def test_a_phone_shows_all_of_it(page: Page, reports: dict[str, Path]) -> None:
+    """At 360 pixels nothing sticks out sideways."""
+    page.open(reports["vehicle"], width=360)
+    assert page.ask("document.documentElement.scrollWidth") <= 360
+    assert page.ask(DRAWN) == []
+
+
+def test_dark_and_light_change_charts_too(page: Page, reports: dict[str, Path]) -> None:
+    """The system's wish is followed, and the button has the last word; the zoom is kept."""
+    colours = """(() => { const div = document.querySelector('[data-chart]');
+        return [getComputedStyle(document.body).backgroundColor, div.layout.font.color,
+                div.data[0].line.color]; })()"""
+    page.open(reports["paper"], scheme="light")
+    light = page.ask(colours)
+    page.call(
+        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}]
+    )
+    page.ask("new Promise((done) => setTimeout(done, 300))")
+    dark = page.ask(colours)
+    assert all(a != b for a, b in zip(light, dark, strict=True))
+    page.ask("document.querySelector('[data-move=in]').click()")
+    page.ask("new Promise((done) => setTimeout(done, 300))")
+    page.ask("document.getElementById('theme').click()")
+    assert page.ask(colours) == light
+    assert page.ask(RANGES)[0] == [2.5, 7.5]
+
+
+def test_all_time_axes_move_together(page: Page, reports: dict[str, Path]) -> None:
+    """Zooming one chart, typing a time, and the buttons: every chart over time follows."""
+    page.open(reports["vehicle"])
+    charts = page.ask("document.querySelectorAll('[data-chart]').length")
+    settled = "new Promise((done) => setTimeout(done, 500))"
+    page.ask("""Plotly.relayout(document.querySelectorAll('[data-chart]')[3],
+        {'xaxis.range[0]': 10, 'xaxis.range[1]': 20}).then(() => true)""")
+    page.ask(settled)
+    ranges = page.ask(RANGES)
+    assert 1 < len(ranges) <= charts
+    assert all(r == [10, 20] for r in ranges)
+    page.ask("""(() => { const field = document.getElementById('to'); field.value = 30;
+        field.dispatchEvent(new Event('change', {bubbles: true})); })()""")
+    page.ask(settled)
+    assert all(r == [10, 30] for r in page.ask(RANGES))
+    # what was folded away comes with the same window
+    page.ask("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
+    page.ask(settled)
+    assert len(page.ask(RANGES)) == charts
+    assert all(r == [10, 30] for r in page.ask(RANGES))
+    page.ask("document.querySelector('[data-move=all]').click()")
+    page.ask(settled)
+    assert all(r == [0, 180] for r in page.ask(RANGES))
+
+
+def test_everything_is_reached_by_keyboard(page: Page, reports: dict[str, Path]) -> None:
+    """Links, buttons, fields and folds take the focus; every chart has a text in its place."""
+    page.open(reports["paper"])
+    reached = page.ask("""[...document.querySelectorAll('a[href], button, input, summary')].filter(
+        (part) => !part.closest('.plot') && part.tabIndex < 0).length""")
+    assert reached == 0
+    assert page.ask("""[...document.querySelectorAll('.plot')].every(
+        (div) => div.getAttribute('aria-label').length > 20)""")
+    assert page.ask("""[...document.querySelectorAll('a[href^="#"]')].every(
+        (link) => document.getElementById(link.hash.slice(1)))""")
+
+
+def test_without_webgl_the_path_is_still_there(tmp_path: Path, reports: dict[str, Path]) -> None:
+    """A browser that cannot draw in space shows the path from one side."""
+    with browser(tmp_path / "profile", "--disable-3d-apis") as page:
+        page.open(reports["vehicle"])
+        assert page.ask("document.getElementById('space').data.map((d) => d.type)[0]") == "scatter"
+        assert page.ask("document.querySelectorAll('#space .scatterlayer path').length") > 0
+        assert page.errors == []

@@ -1,0 +1,151 @@
+"""Topics side by side: the value in force, the age of messages, what was dropped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.errors import InputError
+from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
+from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, TraceWriter
+from cosim.trace.hold import held, rows_in_force
+
+S = 10**9
+
+
+def recorded(path: Path) -> Trace:
+    """Positions each second, an integer and a text now and then, a link of half a second."""
+    with TraceWriter(path, run={}) as writer:
+        plant = writer.add_topic(
+            "/plant/output",
+            [Signal("eta.x", unit="m"), Signal("eta.y", unit="m")],
+            schema_name="t.P",
+        )
+        mode = writer.add_topic(
+            "/pilot/output",
+            [Signal("mode", kind="int"), Signal("word", kind="string"), Signal("on", kind="bool")],
+            schema_name="t.M",
+        )
+        link = writer.add_topic("/link/up", [Signal("plant.eta.x", unit="m")], schema_name="t.L")
+        times = np.arange(5) * S
+        writer.write_rows([Rows(plant, times, np.column_stack([times / S, -times / S]))])
+        for t, row in ((int(1.5 * S), [7, "a", True]), (3 * S, [8, "b", False])):
+            writer.write(mode, t, row)
+        for k in range(3):
+            writer.write(link, k * S + S // 2, [float(k)], publish_time_ns=k * S, sequence=k)
+        writer.finish({})
+    return Trace(path)
+
+
+def test_a_topic_is_a_frame_over_time(tmp_path: Path) -> None:
+    trace = recorded(tmp_path / "a.mcap")
+    frame = trace.to_pandas("/plant/output")
+    assert frame.index.name == "time_s"
+    assert frame["eta.y"].to_dict() == {float(t): -float(t) for t in range(5)}
+    assert frame.attrs["units"] == {"eta.x": "m", "eta.y": "m"}
+    assert trace.to_pandas("/link/up")["sent_s"].tolist() == [0.0, 1.0, 2.0]
+    assert list(trace.to_pandas("/plant/output", start=3.0).index) == [3.0, 4.0]
+    assert trace.read("/plant/output").to_pandas().equals(frame)
+    assert list(trace.to_pandas().columns) == [
+        "plant.eta.x", "plant.eta.y", "pilot.mode", "pilot.word", "pilot.on",
+    ]  # fmt: skip
+
+
+def test_signals_are_joined_as_they_were_held(tmp_path: Path) -> None:
+    trace = recorded(tmp_path / "a.mcap")
+    frame = trace.to_pandas(["plant.eta.x", "/pilot/output", "/link/up:plant.eta.x"])
+    assert list(frame.columns) == [
+        "plant.eta.x", "pilot.mode", "pilot.word", "pilot.on", "/link/up:plant.eta.x",
+    ]  # fmt: skip
+    assert list(frame.index) == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0]
+    assert frame["plant.eta.x"].tolist() == [0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 4.0]
+    assert frame["pilot.mode"].tolist()[3:] == [7.0] * 3 + [8.0] * 2
+    assert frame["pilot.mode"].isna().tolist() == [True] * 3 + [False] * 5
+    assert frame["pilot.word"].isna().tolist() == [True] * 3 + [False] * 5
+    assert frame["pilot.word"].tolist()[3:] == ["a"] * 3 + ["b"] * 2
+    assert frame["pilot.on"].tolist()[:4] == [None] * 3 + [True]
+    late = frame["/link/up:plant.eta.x"]
+    assert np.isnan(late.iloc[0])
+    assert late.tolist()[1:] == [0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+
+
+def test_bases_of_time(tmp_path: Path) -> None:
+    trace = recorded(tmp_path / "a.mcap")
+    names = ["plant.eta.x", "pilot.mode"]
+    assert list(trace.to_pandas(names, align="/link/up").index) == [0.5, 1.5, 2.5]
+    assert list(trace.to_pandas(names, align=2.0).index) == [0.0, 2.0, 4.0]
+    frame = trace.to_pandas(names, align=np.array([2.9, 3.0, 9.0]))
+    assert frame["plant.eta.x"].tolist() == [2.0, 3.0, 4.0]
+    assert frame["pilot.mode"].tolist() == [7.0, 8.0, 8.0]
+    for wrong in ("nonsense", 0.0, float("nan"), np.array([2.0, 1.0])):
+        with pytest.raises(InputError):
+            trace.to_pandas(names, align=wrong)
+    with pytest.raises(InputError):
+        trace.to_pandas(["plant.eta.z"])
+
+
+@given(st.lists(st.integers(0, 20), max_size=30), st.lists(st.integers(-3, 25), max_size=30))
+def test_rows_in_force_as_pandas_has_them(times: list[int], at: list[int]) -> None:
+    """The last row up to an instant; of several at once the last; in any order of rows."""
+    stamps = np.array(times, np.int64)
+    values = np.arange(len(times), dtype=np.float64)
+    found, there = held(values, rows_in_force(stamps, np.array(at, np.int64)))
+    series = pd.Series(values, index=times, dtype=float).sort_index(kind="stable")
+    for value, known, t in zip(found, there, at, strict=True):
+        before = series[series.index <= t]
+        assert known == (len(before) > 0)
+        assert not known or value == before.iloc[-1]
+
+
+LINKS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "jittery": {"jitter": Jitter("uniform", width_ns=700)},
+    "lossy": {"loss": 0.4, "jitter": Jitter("uniform", width_ns=300), "order": "fifo"},
+    "zeroed": {"loss": GilbertElliott(0.2, 0.3), "on_loss": "zero"},
+    "as-arrived": {"jitter": Jitter("uniform", width_ns=900), "order": "as-arrived"},
+}
+
+
+@pytest.mark.parametrize("kind", LINKS)
+def test_age_is_that_of_the_schedule(tmp_path: Path, kind: str) -> None:
+    """Against the link's own schedule, at every instant from before the first to the end."""
+    link = PacketLink("up", sample_time_ns=200, delay_ns=150, seed=4, **LINKS[kind])
+    truth = schedule(link, 20_000)
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        topic = writer.add_topic(
+            "/link/up", [Signal("x")], schema_name="t.L", metadata={"on_loss": str(link.on_loss)}
+        )
+        drops = writer.add_topic("/link/up/dropped", DROPPED_SIGNALS, schema_name="t.D")
+        for k in np.argsort(truth.arrival_ns, kind="stable"):
+            at, sent, number = (
+                int(a[k]) for a in (truth.arrival_ns, truth.sent_ns, truth.sequence)
+            )
+            if truth.delivered_ns[k] >= 0:
+                writer.write(topic, at, [1.0], publish_time_ns=sent, sequence=number)
+            elif at <= truth.end_ns:
+                reason = "lost" if truth.lost[k] else "overtaken"
+                writer.write(drops, at, [reason], publish_time_ns=sent, sequence=number)
+        writer.finish({})
+    trace = Trace(tmp_path / "a.mcap")
+    at = np.arange(0, 20_000, 7)
+    expected = truth.age_ns(at).astype(float)
+    expected[expected < 0] = np.nan
+    times, ages = trace.age("up", at / 1e9)
+    assert np.array_equal(np.rint(ages * 1e9), expected, equal_nan=True)
+    assert times == pytest.approx(at / 1e9)
+    lost = int(((truth.delivered_ns < 0) & (truth.arrival_ns <= truth.end_ns)).sum())
+    assert len(trace.dropped("up")) == lost
+
+
+def test_corners_of_the_age(tmp_path: Path) -> None:
+    times, ages = recorded(tmp_path / "a.mcap").age("up")
+    assert times.tolist() == [0.5, 0.5, 1.5, 1.5, 2.5, 2.5]
+    assert np.array_equal(ages, [np.nan, 0.5, 1.5, 0.5, 1.5, 0.5], equal_nan=True)
+    with pytest.raises(InputError, match="up"):
+        recorded(tmp_path / "b.mcap").age("down")

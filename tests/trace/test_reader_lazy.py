@@ -1,0 +1,255 @@
+"""Opening reads no data; reading reads what is asked for; a summary is believed if it adds up."""
+
+from __future__ import annotations
+
+import random
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.writer import CompressionType, Writer
+from written import ETA, write
+
+from cosim.errors import CosimError, InputError, LossError
+from cosim.trace import Rows, Trace, TraceWriter, content_hash, opening
+from cosim.trace.contents_scan import by_scan
+from cosim.trace.summary import from_summary
+
+
+def two_topics(path: Path) -> Path:
+    """A topic in the first half, another in the second, in many chunks."""
+    with TraceWriter(path, run={}, chunk_bytes=2000) as writer:
+        first = writer.add_topic("/plant/output", ETA, schema_name="t.A")
+        second = writer.add_topic("/link/up", ETA, schema_name="t.B")
+        times = np.arange(1000) * 10**9
+        values = np.column_stack([np.arange(1000.0), -np.arange(1000.0)])
+        writer.write_rows([Rows(first, times, values)])
+        later = times + 1000 * 10**9
+        writer.write_rows([Rows(second, later, values, later - 10**8, np.arange(1000))])
+        writer.finish({})
+    return path
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Positions of the chunks opened so far."""
+    positions: list[int] = []
+    real = opening.opened
+
+    def counting(stream: Any, stretch: Any, declared: Any) -> Any:
+        positions.append(stretch.position)
+        return real(stream, stretch, declared)
+
+    monkeypatch.setattr("cosim.trace.reader.opened", counting)
+    return positions
+
+
+def test_only_the_chunks_that_are_needed_are_opened(tmp_path: Path, opened: list[int]) -> None:
+    trace = Trace(two_topics(tmp_path / "a.mcap"))
+    info = trace.topics["/link/up"]
+    assert (info.count, info.start_ns, info.end_ns) == (1000, 1000 * 10**9, 1999 * 10**9)
+    assert not opened
+    assert len(trace.read("/plant/output")) == 1000
+    half = len(opened)
+    assert half < 0.6 * len(by_scan(trace.path).stretches)
+    assert trace.read("/link/up", start=1500.0, end=1501.0)["eta.x"].tolist() == [500.0, 501.0]
+    assert len(opened) - half <= 2
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "rows"),
+    [
+        (None, 2.0, [0, 1, 2]),
+        (997.5, None, [998, 999]),
+        (3.0, 3.0, [3]),
+        (-5.0, 0.5, [0]),
+        (5000.0, None, []),
+        (0.5, 0.6, []),
+    ],
+)
+def test_windows_include_their_ends(
+    tmp_path: Path, start: float | None, end: float | None, rows: list[int]
+) -> None:
+    trace = Trace(two_topics(tmp_path / "a.mcap"))
+    table = trace.read("/plant/output", start=start, end=end)
+    assert table["eta.x"].tolist() == rows
+    assert table["eta.psi"].dtype == np.float64
+
+
+@pytest.mark.parametrize("window", [{"start": float("nan")}, {"start": 2.0, "end": 1.0}])
+def test_windows_that_are_none(tmp_path: Path, window: dict[str, float]) -> None:
+    trace = Trace(two_topics(tmp_path / "a.mcap"))
+    with pytest.raises(InputError):
+        trace.read("/plant/output", **window)
+
+
+def test_signals_by_name(tmp_path: Path) -> None:
+    """Unit, description, hold, both times; NumPy takes the series itself."""
+    trace = Trace(two_topics(tmp_path / "a.mcap"))
+    assert list(trace.signals) == [
+        "plant.eta.x",
+        "plant.eta.psi",
+        "/link/up:eta.x",
+        "/link/up:eta.psi",
+    ]
+    series = trace["plant.eta.psi"]
+    assert (series.unit, series.hold, series.topic) == ("rad", "discrete", "/plant/output")
+    assert float(np.max(series)) == 0.0
+    late = trace.signal("/link/up:eta.x", end=1000.0)
+    assert late.delivered.tolist() == [1000.0]
+    assert late.sent.tolist() == [999.9]
+    assert (late.delivered_ns - late.sent_ns).tolist() == [10**8]
+    for name in ("plant.eta.y", "eta.x", "/link/up:z", "/nothing:x"):
+        with pytest.raises(InputError):
+            trace.signal(name)
+    with pytest.raises(InputError, match=r"plant\.eta\.x"):
+        trace.signal("plant.eta.xx")
+
+
+def test_the_summary_says_what_the_scan_finds(tmp_path: Path) -> None:
+    told, found = from_summary(path := two_topics(tmp_path / "a.mcap")), by_scan(path)
+    assert told is not None
+    assert [(s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in told.stretches] == [
+        (s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in found.stretches
+    ]
+    assert (told.counts, told.metadata) == (found.counts, found.metadata)
+    assert (told.attachments, told.library) == (found.attachments, found.library)
+
+
+def without_summary_checksum(whole: bytes) -> bytearray:
+    changed = bytearray(whole)
+    changed[-12:-8] = bytes(4)
+    return changed
+
+
+def test_a_summary_that_lies_is_not_believed(tmp_path: Path) -> None:
+    """No byte of the summary, checksum switched off, makes a reader miss or invent a row."""
+    path = two_topics(tmp_path / "a.mcap")
+    truth = Trace(path).read("/plant/output")["eta.x"].tolist()
+    whole = without_summary_checksum(path.read_bytes())
+    start = struct.unpack_from("<Q", whole, len(whole) - 28)[0]
+    choose = random.Random(3)  # noqa: S311 - to be repeatable
+    read = refused = 0
+    for _ in range(150):
+        damaged = bytearray(whole)
+        damaged[choose.randrange(start, len(whole) - 28)] ^= 1 << choose.randrange(8)
+        path.write_bytes(damaged)
+        try:
+            got = Trace(path).read("/plant/output")["eta.x"].tolist()
+        except CosimError:
+            refused += 1
+            continue
+        read += 1
+        assert got == truth
+    assert read > 20
+
+
+def test_a_message_outside_what_the_summary_names_is_found(tmp_path: Path) -> None:
+    """Chunks and, between them, messages without a chunk."""
+    path = tmp_path / "m.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start("", "judge")
+        channel = writer.register_channel("/j", "json", 0)
+        writer.add_message(channel, 5, b'{"k": 1}', 5)
+        writer.finish()
+    whole = path.read_bytes()
+    loose = b"\x05" + struct.pack("<QHIQQ", 22 + 8, channel, 0, 9, 9) + b'{"k": 2}'
+    end = whole.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")
+    grown = bytearray(whole[:end] + loose + whole[end:])
+    footer = len(grown) - 37
+    start, offsets = struct.unpack_from("<QQ", grown, footer + 9)
+    struct.pack_into("<QQI", grown, footer + 9, start + len(loose), offsets + len(loose), 0)
+    struct.pack_into("<I", grown, end + len(loose) + 9, 0)
+    path.write_bytes(grown)
+    assert Trace(path).read("/j")["k"].tolist() == [1, 2]
+
+
+def test_damage_behind_a_whole_summary_is_told_when_it_is_read(tmp_path: Path) -> None:
+    path = two_topics(tmp_path / "a.mcap")
+    damaged = bytearray(path.read_bytes())
+    position = by_scan(path).stretches[3].position
+    damaged[position + 80] ^= 1
+    path.write_bytes(damaged)
+    trace = Trace(path)
+    assert len(trace.read("/link/up")) == 1000
+    with pytest.raises(LossError, match=str(path)):
+        trace.read("/plant/output")
+    with pytest.raises(LossError):
+        content_hash(path)
+    read = Trace(path, incomplete=True)
+    assert read.damage
+    assert 0 < len(read.read("/plant/output")) < 1000
+
+
+def bomb(size: int, claimed: int) -> bytes:
+    """A chunk that unpacks to `size` zeros and claims `claimed`."""
+    packed = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(size))
+    head = struct.pack("<QQQI", 0, 0, claimed, 0) + struct.pack("<I", 4) + b"zstd"
+    content = head + struct.pack("<Q", len(packed)) + packed
+    return b"\x06" + struct.pack("<Q", len(content)) + content
+
+
+@pytest.mark.parametrize(("size", "claimed"), [(2**28 + 1, 2**28 + 1), (2**28, 100), (100, 2**60)])
+def test_bombs_are_refused(tmp_path: Path, size: int, claimed: int) -> None:
+    """What unpacks to more than it claims, or claims more than a chunk may have."""
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + bomb(size, claimed))
+    with pytest.raises(LossError):
+        Trace(path)
+
+
+def test_more_rows_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sysconf", lambda _name: 1)
+    monkeypatch.setattr("cosim.trace.gather._ROOM", 1000)
+    with pytest.raises(InputError, match="memory"):
+        Trace(two_topics(tmp_path / "a.mcap")).read("/plant/output")
+
+
+@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.slow)])
+def test_cut_at_every_byte(tmp_path: Path, every: int) -> None:
+    """A prefix or a clear error, whatever the name; never anything else."""
+    rows = [(k, k, k, [k, -k]) for k in range(12)]
+    whole = write(tmp_path / "a.mcap", rows=rows, chunk_bytes=200).read_bytes()
+    for name in ("cut.mcap", "cut.mcap.partial"):
+        path = tmp_path / name
+        for length in range(0, len(whole), every):
+            path.write_bytes(whole[:length])
+            try:
+                trace = Trace(path)
+                rows_read = trace.read("/plant/output")["eta.x"].tolist()
+            except CosimError as error:
+                assert name in str(error)  # noqa: PT017 - most lengths of one name raise nothing
+                continue
+            assert rows_read == list(range(len(rows_read)))
+
+
+def test_wall_clock_stamps(tmp_path: Path) -> None:
+    """Instants of this century to the nanosecond; beyond 292 years a clear error."""
+    now = 1_790_000_000_123_456_789
+    path = write(tmp_path / "a.mcap", rows=[(now, now, 0, [1, 2])])
+    assert Trace(path).read("/plant/output").log_time_ns.tolist() == [now]
+    path = tmp_path / "far.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("", "judge")
+        writer.add_message(writer.register_channel("/j", "json", 0), 2**63, b"{}", 0)
+        writer.finish()
+    with pytest.raises(LossError, match="2\\*\\*63"):
+        Trace(path).read("/j")
+
+
+def test_checksum_of_the_summary_is_checked(tmp_path: Path) -> None:
+    path = two_topics(tmp_path / "a.mcap")
+    whole = path.read_bytes()
+    section = struct.unpack_from("<Q", whole, len(whole) - 28)[0]
+    covered = whole[section : len(whole) - 12]
+    assert zlib.crc32(covered) == struct.unpack_from("<I", whole, len(whole) - 12)[0]
+    damaged = bytearray(whole)
+    damaged[section + 12] ^= 1
+    path.write_bytes(damaged)
+    assert from_summary(path) is None

@@ -1,0 +1,328 @@
+"""What is on the disk when a run is slow, killed, told to go, forked, or out of room."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import gc
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+
+from cosim.errors import InputError, LossError
+from cosim.trace import Rows, Signal, Trace, TraceWriter
+from cosim.trace.compress import Compressor
+
+X = [Signal("x")]
+ROOT = str(Path(__file__).resolve().parents[2])
+
+
+def started(script: str, *arguments: str | Path) -> subprocess.Popen[str]:
+    """A script of our own; its first line of output is its sign that it is ready."""
+    process = subprocess.Popen(  # noqa: S603 - our own script
+        [sys.executable, "-c", script, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": ROOT},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n", process.communicate()
+    return process
+
+
+def rows_of(path: Path) -> list[float]:
+    """Values of the one topic, by the official streaming reader, as far as it gets."""
+    found = []
+    with path.open("rb") as stream, contextlib.suppress(Exception):  # cut short, it ends there
+        for record in StreamReader(stream, validate_crcs=True).records:
+            found += [record.data] if isinstance(record, Message) else []
+    return [float(np.frombuffer(data, "<f8", offset=1)[0]) for data in found]
+
+
+def fill(writer: TraceWriter) -> None:
+    """A thousand rows, unless something comes in between."""
+    topic = writer.add_topic("/x", X, schema_name="t.X")
+    for k in range(1000):
+        writer.write(topic, k, [k])
+
+
+def test_row_is_on_the_disk_though_no_other_follows(tmp_path: Path) -> None:
+    """A step that takes long: the rows before it do not wait for its end."""
+    with TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=0.2) as writer:
+        topic = writer.add_topic("/x", X, schema_name="t.X")
+        for k in range(3):
+            writer.write(topic, k, [k])
+            until = time.monotonic() + 20.0
+            while len(rows_of(writer.partial_path)) <= k:
+                assert time.monotonic() < until, "never flushed"
+                time.sleep(0.01)
+        writer.finish({})
+    assert rows_of(tmp_path / "a.mcap") == [0.0, 1.0, 2.0]
+
+
+def test_flushing_changes_no_message(tmp_path: Path) -> None:
+    """Rows from one thread while the clock flushes from another: all there, once, in order."""
+    with TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=1e-4) as writer:
+        topic = writer.add_topic("/x", X, schema_name="t.X")
+        for k in range(3000):
+            if k % 3:
+                writer.write(topic, k, [k])
+            else:
+                writer.write_rows([Rows(topic, np.array([k]), np.array([[float(k)]]))])
+        writer.finish({})
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = [m.log_time for _, _, m in reader.iter_messages(log_time_order=False)]
+        summary = reader.get_summary()
+    assert found == list(range(3000))
+    assert summary is not None
+    assert len(summary.chunk_indexes) > 3
+
+
+def test_closed_writer_leaves_no_thread(tmp_path: Path) -> None:
+    before = threading.active_count()
+    writer = TraceWriter(tmp_path / "a.mcap", run={})
+    writer.write(writer.add_topic("/x", X, schema_name="t.X"), 0, [0.0])
+    assert threading.active_count() == before + 1
+    writer.finish({})
+    assert threading.active_count() == before
+
+
+def test_writer_that_nobody_holds_any_more(tmp_path: Path) -> None:
+    """Its rows are on the disk, its file and thread are given back."""
+    before = threading.active_count()
+    writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=1e9)
+    fill(writer)
+    del writer
+    gc.collect()
+    assert threading.active_count() == before
+    assert rows_of(tmp_path / "a.mcap.partial") == list(range(1000))
+    TraceWriter(tmp_path / "a.mcap", run={}).close()
+
+
+WRITES = """
+import sys, time
+from cosim.trace import Signal, TraceWriter
+writer = TraceWriter(sys.argv[1], run={"seed": "1"}, flush_interval_s=1e9)
+topic = writer.add_topic("/x", [Signal("x")], schema_name="t.X")
+for k in range(1000):
+    writer.write(topic, k, [k])
+print("ready", flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, None)],
+    ids=["terminated", "hung up", "Ctrl-C"],
+)
+def test_told_to_go(tmp_path: Path, number: signal.Signals, code: int | None) -> None:
+    """Nothing that was handed over is lost, and the file is well-formed, without a result."""
+    process = started(WRITES + "time.sleep(60)", tmp_path / "a.mcap")
+    process.send_signal(number)
+    process.communicate(timeout=30)
+    assert process.returncode == (-number if code is None else code)
+    trace = Trace(tmp_path / "a.mcap.partial")
+    assert (trace.complete, trace.finished) == (True, False)
+    assert rows_of(trace.path) == list(range(1000))
+
+
+def test_whoever_handles_the_signal_keeps_it(tmp_path: Path) -> None:
+    """A handler of the program's own stays, and the default comes back after the last trace."""
+
+    def own(number: int, frame: Any) -> None:
+        del number, frame
+
+    before = signal.signal(signal.SIGTERM, own)
+    try:
+        with TraceWriter(tmp_path / "a.mcap", run={}):
+            assert signal.getsignal(signal.SIGTERM) is own
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with TraceWriter(tmp_path / "b.mcap", run={}), TraceWriter(tmp_path / "c.mcap", run={}):
+            assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_program_that_forgets_to_close(tmp_path: Path) -> None:
+    """The end of the program, also by an exception, closes the trace."""
+    for end in ("", "raise ValueError('no')", "sys.exit(3)"):
+        process = started(WRITES + end, tmp_path / "a.mcap")
+        process.communicate(timeout=30)
+        assert Trace(tmp_path / "a.mcap.partial").complete
+        assert rows_of(tmp_path / "a.mcap.partial") == list(range(1000))
+
+
+def test_forked_child_leaves_the_trace_alone(tmp_path: Path) -> None:
+    """A copy of the process that ends, or writes, changes nothing in the parent's file."""
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        topic = writer.add_topic("/x", X, schema_name="t.X")
+        times = np.arange(20_000)
+        writer.write_rows([Rows(topic, times, times[:, None] * 1.0)])
+
+        def child() -> None:
+            try:
+                writer.write(topic, 0, [0.0])
+            except InputError:
+                writer.close()
+                other = tmp_path / "b.mcap"
+                with TraceWriter(other, run={}) as own:
+                    place = own.add_topic("/x", X, schema_name="t.X")
+                    own.write_rows([Rows(place, times, times[:, None] * 1.0)])
+                    own.finish({})
+
+        process = multiprocessing.get_context("fork").Process(target=child)
+        process.start()
+        process.join(60)
+        assert process.exitcode == 0
+        writer.write(topic, 20_000, [20_000.0])
+        writer.finish({})
+    assert rows_of(tmp_path / "a.mcap") == list(range(20_001))
+    assert rows_of(tmp_path / "b.mcap") == list(range(20_000))
+
+
+def test_finished_trace_stays_until_the_new_one_is_finished(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with TraceWriter(path, run={"n": "1"}) as writer:
+        writer.finish({})
+    first = path.read_bytes()
+    writer = TraceWriter(path, run={"n": "2"})
+    assert path.read_bytes() == first
+    writer.close()
+    assert path.read_bytes() == first
+    assert Trace(writer.partial_path).run == {"n": "2"}
+    with TraceWriter(path, run={"n": "3"}, fsync=True) as writer:
+        writer.flush()
+        writer.finish({})
+    assert Trace(path).run == {"n": "3"}
+    assert not writer.partial_path.exists()
+
+
+def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
+    """The second is refused, and spoils nothing; the next after the end is welcome."""
+    with TraceWriter(tmp_path / "a.mcap", run={"n": "1"}) as writer:
+        topic = writer.add_topic("/x", X, schema_name="t.X")
+        writer.write(topic, 0, [1.0])
+        with pytest.raises(InputError, match="another run"):
+            TraceWriter(tmp_path / "a.mcap", run={"n": "2"})
+        writer.finish({})
+    assert rows_of(tmp_path / "a.mcap") == [1.0]
+    TraceWriter(tmp_path / "a.mcap", run={}).close()
+    TraceWriter(tmp_path / "a.mcap", run={}).close()
+
+
+class Full:
+    """A disk with room for so many bytes: the last write gets as far as it goes."""
+
+    def __init__(self, raw: Any, room: int) -> None:
+        self._raw, self._room = raw, room
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._raw, name)
+
+    def write(self, data: memoryview) -> int:
+        """Write what there is room for."""
+        if self._room == 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        done: int = self._raw.write(data[: self._room])
+        self._room -= done
+        return done
+
+
+@pytest.mark.parametrize("room", range(0, 6000, 211))
+def test_disk_that_is_full(tmp_path: Path, room: int) -> None:
+    """Whatever was being written: an error in words, then whole records that all read."""
+    writer = TraceWriter(tmp_path / "a.mcap", run={"k": "v"}, chunk_bytes=500, compression="none")
+    writer._file._raw = Full(writer._file._raw, room)  # type: ignore[assignment]
+    with pytest.raises(LossError, match="No space left") as caught:
+        fill(writer)
+    assert "recover" in str(caught.value)
+    with pytest.raises(InputError, match="closed"):
+        writer.flush()
+    writer.close()
+    trace = Trace(writer.partial_path)
+    assert trace.run == {"k": "v"}
+    assert trace.damage is not None
+    assert "ends after" in trace.damage  # between two records, not within one
+    found = rows_of(writer.partial_path)
+    assert found == list(range(len(found)))
+    assert len(found) * 40 <= room
+
+
+def test_disk_that_is_full_while_nobody_writes(tmp_path: Path) -> None:
+    """What fails in the background is told at the next use."""
+    writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=0.02)
+    topic = writer.add_topic("/x", X, schema_name="t.X")
+    writer._file._raw = Full(writer._file._raw, 30)  # type: ignore[assignment]
+    writer.write(topic, 0, [0.0])
+    until = time.monotonic() + 20.0
+    while writer._guard.open:
+        assert time.monotonic() < until, "never flushed"
+        time.sleep(0.01)
+    with pytest.raises(LossError, match="No space left"):
+        writer.finish({})
+    assert writer.partial_path.exists()
+
+
+class Struck(BaseException):
+    """An interruption that strikes anywhere."""
+
+
+@pytest.mark.parametrize("strike", range(1, 60))
+def test_interruption_anywhere_leaves_a_true_file(
+    tmp_path: Path, strike: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between any two writes: what is there reads, in order, and no summary says otherwise."""
+    writer = TraceWriter(tmp_path / "a.mcap", run={"k": "v"}, chunk_bytes=400)
+    left = [strike]
+    write = writer._file.write
+
+    def strikes(data: Any) -> int:
+        left[0] -= 1
+        if left[0] == 0:
+            raise Struck
+        done = write(data)
+        left[0] -= 1
+        if left[0] == 0:
+            raise Struck
+        return done
+
+    monkeypatch.setattr(writer._file, "write", strikes)
+    with pytest.raises(Struck), writer:
+        fill(writer)
+    found = rows_of(writer.partial_path)
+    assert found == list(range(len(found)))
+    trace = Trace(writer.partial_path)
+    assert sum(info.count for info in trace.topics.values()) == len(found)
+    if trace.complete:
+        with writer.partial_path.open("rb") as stream:
+            indexed = make_reader(stream, validate_crcs=True).iter_messages()
+            assert len(list(indexed)) == len(found)
+
+
+def test_level_depends_on_the_chunks_alone() -> None:
+    """However chunks come together, each has the same bytes; what shrinks is shrunk well."""
+    draw = np.random.default_rng(1)
+    noise = [draw.normal(size=4000).tobytes() for _ in range(30)]
+    plain = [(np.arange(4000) // 7).tobytes() for _ in range(30)]
+    chunks = [*noise, *plain, *noise]
+    one = Compressor("zstd")
+    single = [bytes(one([chunk])[0]) for chunk in chunks]
+    for size in (2, 7, 90):
+        many = Compressor("zstd")
+        packed = [x for i in range(0, 90, size) for x in many(chunks[i : i + size])]
+        assert [bytes(x) for x in packed] == single
