@@ -22,6 +22,7 @@ from cosim.verbs.fmu import fmu_app
 from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
+from cosim.verbs.scenario import scenario_app
 from cosim.verbs.study import study_app
 from cosim.verbs.trace import trace_app
 from cosim.verbs.trace_diff import diff
@@ -42,6 +43,7 @@ app = typer.Typer(
 )
 for verb in (demo, scenarios, design, analyse, paper, run):
     app.command()(verb)
+app.add_typer(scenario_app, name="scenario")
 app.add_typer(trace_app, name="trace")
 for shown in (report, play, view):
     trace_app.command()(shown)

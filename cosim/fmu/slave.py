@@ -82,6 +82,16 @@ class FmuSlave(WithStates):
         self.enter_initialisation(start, stop)
         self.exit_initialisation()
 
+    def reset(self) -> None:
+        """Go back to where instantiation ended.
+
+        Raises
+        ------
+        ComponentError : the slave refuses, or has no such function.
+        """
+        self.call("a reset", "Reset")
+        self.phase = "instantiated"
+
     def enter_initialisation(self, start: float, stop: float | None) -> None:
         """Enter initialization mode of a run from `start` to `stop` [s], None: without end."""
         has_stop, end = stop is not None, stop if stop is not None else 0.0

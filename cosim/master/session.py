@@ -44,6 +44,7 @@ from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.stations import Station
 from cosim.master.system import LogLevel, System
 from cosim.master.wiring import wire
+from cosim.network import LinkState
 
 _STRETCH_S = 0.05
 _LONGEST = 1 << 16
@@ -241,6 +242,34 @@ class Session:
     def release(self, component: str, variable: str) -> None:
         """From now on, an output or connected input as it comes."""
         self._adjust(component, variable, None)
+
+    def reset(self, component: str) -> None:
+        """Put one component back to how it started, parameters and all; its time goes on.
+
+        Raises
+        ------
+        ComponentError : its FMU cannot be reset.
+        """
+        station = self._station(component)
+        end = float(self.system.timetable.points_ns[-1]) / 1e9
+        station.slave.reset()
+        station.slave.initialise(station.component.parameters, self.time_s, end)
+
+    def note(self, level: str, name: str, message: str) -> None:
+        """Say something to the observers, at the point where the slaves stand."""
+        before = self._journal.where
+        self._journal.where = lambda: (self._complete, self.time_ns)
+        self._journal.note(name, level, message)
+        self._journal.where = before
+
+    def link_state(self, link: str) -> LinkState:
+        """State of a packet link at the last complete row, arrays of shape (1,)."""
+        return self._course.state(link, self._complete - 1, self._complete)
+
+    @property
+    def row_time_ns(self) -> int:
+        """Instant of the last complete row [ns]."""
+        return int(self._course.points_ns[max(self._complete - 1, 0)])
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """The whole run as it stands: every slave's state, the rows, what is overridden.

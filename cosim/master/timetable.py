@@ -69,8 +69,11 @@ def make_timetable(
     end_ns: int,
     events: Events,
     every_ns: Iterable[int] = (),
+    instants_ns: Iterable[int] = (),
 ) -> Timetable:
     """Lay out the whole run in time before it starts.
+
+    `instants_ns` : more instants in [0, end] that become points under "align".
 
     `every_ns` : steps of components that have their own [ns]; under "align" their multiples
     become points, on the grid they are to be multiples of the step.
@@ -105,6 +108,8 @@ def make_timetable(
             )
         if events == "align":
             grid = np.union1d(grid, own_instants(every, end_ns))
+    if events == "align":
+        grid = np.union1d(grid, np.array([*instants_ns], np.int64))
     live = {link.name: link for link in _packets(links) if isinstance(link.delay, DelaySignal)}
     known = [schedule(link, end_ns) for link in _packets(links) if link.name not in live]
     if events == "align":

@@ -3,7 +3,7 @@
 from cosim.network.alignment import Alignment, align
 from cosim.network.checks import MAX_NS
 from cosim.network.delay_signal import DelaySignal
-from cosim.network.impairment import GilbertElliott, Jitter
+from cosim.network.impairment import GilbertElliott, Jitter, LossWindow
 from cosim.network.live import LiveSchedule
 from cosim.network.messages import sending_instants
 from cosim.network.packet import PacketLink
@@ -42,6 +42,7 @@ __all__ = [
     "Jitter",
     "LinkState",
     "LiveSchedule",
+    "LossWindow",
     "PacketLink",
     "PacketSchedule",
     "TransportLink",

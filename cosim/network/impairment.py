@@ -11,6 +11,21 @@ from typing import Literal, get_args
 from cosim.errors import InputError
 from cosim.network.checks import check_duration, check_probability
 
+
+@dataclass(frozen=True, slots=True)
+class LossWindow:
+    """Another loss for what is sent in [from_ns, until_ns): 1 is an outage."""
+
+    from_ns: int
+    until_ns: int
+    loss: float
+
+    def __post_init__(self) -> None:
+        check_duration("loss window: from_ns", self.from_ns)
+        check_duration("loss window: until_ns", self.until_ns, minimum=self.from_ns)
+        check_probability("loss window: loss", self.loss)
+
+
 JitterKind = Literal["none", "uniform", "exponential", "normal"]
 
 

@@ -91,7 +91,7 @@ def drawn(link: PacketLink, sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int
         sent_ns=sent_ns,
         delay_ns=delay_ns,
         jitter_ns=draws.jitter_ns(link.jitter, seed, name, count),
-        lost=draws.lost(link.loss, seed, name, count),
+        lost=_lost(link, sent_ns),
         copied=draws.duplicated(link.duplicate, seed, name, count)
         if copies
         else np.zeros(count, np.bool_),
@@ -99,6 +99,16 @@ def drawn(link: PacketLink, sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int
         if copies
         else np.zeros(count, np.int64),
     )
+
+
+def _lost(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which messages the channel loses: as drawn, and in a window by the window's loss."""
+    lost = draws.lost(link.loss, link.seed, link.name, sent_ns.size)
+    for window in link.windows:
+        inside = (sent_ns >= window.from_ns) & (sent_ns < window.until_ns)
+        other = draws.lost(window.loss, link.seed, link.name, sent_ns.size)
+        lost = np.where(inside, other, lost)
+    return lost
 
 
 def delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:

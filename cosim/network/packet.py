@@ -24,7 +24,7 @@ from cosim.network.checks import (
     is_integer,
 )
 from cosim.network.delay_signal import DelaySignal
-from cosim.network.impairment import GilbertElliott, Jitter
+from cosim.network.impairment import GilbertElliott, Jitter, LossWindow
 from cosim.network.profile import DelayProfile
 
 if TYPE_CHECKING:
@@ -66,6 +66,8 @@ class PacketLink:
         ("queue full", drop-tail) at the instant of sending. It was never on the link: the
         receiver does not miss it, `on_loss` does not act. None: as many as there are. Only
         with a `data_rate`.
+    windows : times with another loss; the last one that holds counts. Jitter, and the losses
+        outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
     seed : seed of the run (0 to 2**63 - 1). Two links of one run share it and still draw
         independently, since their names differ.
@@ -90,6 +92,7 @@ class PacketLink:
     delay: DelayProfile | DelaySignal | None = None
     duplicate: float = 0.0
     queue_limit: int | None = None
+    windows: tuple[LossWindow, ...] = ()
 
     def __post_init__(self) -> None:
         check_name("link", self.name)

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 
 from cosim.errors import CosimError
-from cosim.scenario.assemble import Hangar
+from cosim.scenario.hangar import Hangar
 from fmu_src.build import FMI_VERSION, ensure_fmu
 from fmu_src.catalogue import CATALOGUE
 

@@ -17,9 +17,9 @@ from cosim.hinf import Design, design_from_json
 from cosim.hinf.system_json import system_to_json
 from cosim.replay.attached import design_in, scenario_in
 from cosim.replay.provide import provide
-from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import Prepared, Progress, fly, prepare
 from cosim.scenario.gain import Problem, is_file, problem_of
+from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.schema import DesignPart
 from cosim.trace import DESIGN_ATTACHMENT, Trace, content_hash, diff

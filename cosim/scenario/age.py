@@ -2,8 +2,8 @@
 
 At each instant the command in force was computed from a measurement taken earlier; the time
 since is what a design "for any age up to d" is about. It holds the link to the controller,
-the wait for its sample instant, the step that the coupling adds, the link back, and the hold
-until the next command arrives.
+the wait for its sample instant and its own communication step, the step that the coupling adds,
+the link back, and the hold until the next command arrives.
 """
 
 from __future__ import annotations
@@ -11,14 +11,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Run
+from cosim.master import Algorithm, Run
 from cosim.master.routes import Route
 from cosim.master.stations import Station
 
 NONE_IN_USE = -1
+Integers = NDArray[np.int64]
 
 
-def measurement_age_ns(run: Run, plant: str, controller: str) -> NDArray[np.int64]:
+def measurement_age_ns(
+    run: Run, plant: str, controller: str, algorithm: Algorithm = "jacobi"
+) -> Integers:
     """Largest age within each interval [t_k, t_{k+1}) [ns], int64 (points - 1,).
 
     `NONE_IN_USE` (-1) where no measurement acts yet, or a link's substitute stands in for
@@ -29,44 +32,59 @@ def measurement_age_ns(run: Run, plant: str, controller: str) -> NDArray[np.int6
     ages = np.full(max(points.size - 1, 0), NONE_IN_USE, np.int64)
     if plant not in by_name or controller not in by_name or ages.size == 0:
         return ages
+    station = by_name[controller]
     down = [r for r in by_name[plant].routes if r.source == controller]
-    up = [r for r in by_name[controller].routes if r.source == plant]
-    if not down or not up:
-        return ages
-    sampled = _sampled_row(by_name[controller], points)
+    up = [r for r in station.routes if r.source == plant]
     missing = np.zeros(ages.size, bool)
     for back in down:
+        at_once = algorithm == "jacobi" and _feedthrough(station, back)
+        read = np.arange(points.size) if at_once else _read_row(station, points)
         for forth in up:
-            origin = _origin_ns(back, forth, sampled, points)
+            origin = _origin_ns(back, forth, read, points)
             missing |= origin < 0
             ages = np.maximum(ages, points[1:] - origin)
-    ages[missing] = NONE_IN_USE
+    ages[missing | (not (down and up))] = NONE_IN_USE
     return ages
 
 
-def _sampled_row(controller: Station, points: NDArray[np.int64]) -> NDArray[np.int64]:
-    """For each row, the row whose inputs the controller's outputs there come from; -1: none."""
+def _feedthrough(controller: Station, back: Route) -> bool:
+    """Whether these commands follow the inputs of the same point.
+
+    Under Gauss-Seidel they are read after the step, before whose beginning the inputs were set.
+    """
+    first = min(group.column for group in (*controller.sends, *controller.answers))
+    ports = [controller.output_columns[int(c) - first].port for c in back.columns]
+    return all(port.feedthrough for port in ports)
+
+
+def _read_row(controller: Station, points: Integers) -> Integers:
+    """For each row, the point whose inputs the controller's outputs there come from; -1: none.
+
+    What is computed in a step is seen at its end; of its own points, those count at whose steps
+    it samples.
+    """
+    own = controller.beat.own[controller.beat.own < points.size]
+    times = points[own]
     parameters = controller.component.parameters
     port = controller.component.description.ports.get("sample_time")
     default = port.start if port is not None else 0.0
     period = round(float(parameters.get("sample_time", default or 0.0)) * 1e9)
-    rows = np.arange(points.size) - 1  # what is computed in a step is seen at its end
-    if period <= 0:
-        return rows
-    # step j, from point j to j+1, samples when it contains a multiple of the period
-    first = -(-points[:-1] // period) * period
-    samples = first < points[1:]
-    latest = np.maximum.accumulate(np.where(samples, np.arange(points.size - 1), -1))
-    return np.append([-1], latest)
+    steps = np.arange(max(own.size - 1, 0))
+    if period > 0:
+        # step j, from own point j to j+1, samples when it contains a multiple of the period
+        first = -(-times[:-1] // period) * period
+        steps = np.maximum.accumulate(np.where(first < times[1:], steps, -1))
+    read = np.full(points.size, -1, np.int64)
+    read[own[1:]] = np.where(steps >= 0, own[np.maximum(steps, 0)], -1)
+    return read
 
 
-def _origin_ns(
-    back: Route, forth: Route, sampled: NDArray[np.int64], points: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _origin_ns(back: Route, forth: Route, read: Integers, points: Integers) -> Integers:
     """When the measurement behind the plant's input was taken, per interval; -1: none."""
-    intervals = points.size - 1
-    command = back.row[:intervals]
-    inputs = np.where(command >= 0, sampled[np.maximum(command, 0)], -1)
+    command = np.minimum(back.row[: points.size - 1], points.size - 1)
+    inputs = np.where(command >= 0, read[np.maximum(command, 0)], -1)
     row = np.where(inputs >= 0, forth.row[np.maximum(inputs, 0)], -1)
-    origin: NDArray[np.int64] = np.where(row >= 0, points[np.maximum(row, 0)], -1)
+    origin: Integers = np.where(
+        row >= 0, points[np.minimum(np.maximum(row, 0), points.size - 1)], -1
+    )
     return origin

@@ -1,76 +1,77 @@
-"""From a scenario to what the master runs: FMUs found, links in nanoseconds, inputs driven."""
+"""From a scenario to what the master runs: links in nanoseconds, connections, inputs driven."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
-from cosim.fmu import FmuDescription, Port, describe_fmu
+from cosim.fmu import FmuDescription, Port
 from cosim.hinf import WorstCase
-from cosim.master import Component, Endpoint, Link, System, make_timetable
-from cosim.network import GilbertElliott, Jitter, PacketLink, TransportLink
+from cosim.master import (
+    Component,
+    Connection,
+    DelaySource,
+    Endpoint,
+    Link,
+    System,
+    Timetable,
+    make_timetable,
+)
+from cosim.master.system import LogLevel
+from cosim.scenario.channels import delay_source, link_of, nanoseconds
+from cosim.scenario.hangar import Hangar
 from cosim.scenario.matching import endpoint, matched
-from cosim.scenario.schema import ComponentPart, LinkPart, PacketPart, Scenario
-from cosim.scenario.signals import Signals, along_path, pushed
-from fmu_src.build import FLAVOUR, ensure_fmu
-from fmu_src.catalogue import CATALOGUE
+from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
+from cosim.scenario.parameters import numbers_of
+from cosim.scenario.schema import ComponentLogPart, Scenario
+from cosim.scenario.script import changes_of, instants_ns
+from cosim.scenario.signals import Signals, along_path, pushed, reference_inputs
+
+__all__ = [
+    "Hangar",
+    "Parts",
+    "Wires",
+    "assemble",
+    "delay_sources",
+    "find_fmus",
+    "parts_of",
+    "same_start",
+    "system_of",
+]
+
+Wires = list[tuple[Connection, Path]]
+"""Connections, each with the part of the scenario that it comes from."""
+
+
+def find_fmus(
+    scenario: Scenario, hangar: Hangar, findings: Findings | None = None
+) -> dict[str, FmuDescription]:
+    """The FMU of every component, built if the catalogue has it and it is missing."""
+    findings = findings or Findings()
+    found = {}
+    for name, part in scenario.components.items():
+        with findings.at("components", name, "fmu"):
+            found[name] = hangar.find(part.fmu)
+    return found
 
 
 @dataclass(frozen=True)
-class Hangar:
-    """Where FMUs are found and built.
+class Parts:
+    """What a system is made of.
 
-    Attributes
-    ----------
-    root : folder with FLAVOUR/NAME.fmu; what the catalogue has and is missing is built there.
-    folder : where relative paths of a scenario begin.
-    wanted : FMU reference -> SHA-256 that its file must have, wherever below `root` it lies
-        and whatever it is called; if there is none, the reference is followed as usual.
-    flavour : which FMUs a catalogue name means, a key of `fmu_src.build.FMI_VERSION`.
+    wires : connections, each with the place in the scenario that it comes from.
     """
 
-    root: Path
-    folder: Path
-    wanted: Mapping[str, str] = field(default_factory=dict)
-    flavour: str = FLAVOUR
-
-    def find(self, fmu: str) -> FmuDescription:
-        """An FMU by its hash if one is wanted, else by catalogue name or path."""
-        if fmu in self.wanted:
-            for path in sorted(self.root.rglob("*.fmu")):
-                if hashlib.sha256(path.read_bytes()).hexdigest() == self.wanted[fmu]:
-                    return describe_fmu(path)
-        if fmu in CATALOGUE:
-            try:
-                return describe_fmu(ensure_fmu(fmu, self.root, flavour=self.flavour).path)
-            except OSError as error:
-                raise InputError(
-                    f"the FMU {fmu} cannot be built",
-                    where=str(self.root),
-                    expected="a folder that can be written",
-                    got=str(error),
-                    hint="another folder: --fmus",
-                ) from error
-        if not fmu.endswith(".fmu"):
-            raise InputError.unknown("FMU", fmu, CATALOGUE, where="components")
-        path = Path(fmu)
-        return describe_fmu(path if path.is_absolute() else self.folder / path)
-
-
-def nanoseconds(seconds: float) -> int:
-    """Seconds to the nearest nanosecond."""
-    return round(seconds * 1e9)
-
-
-def find_fmus(scenario: Scenario, hangar: Hangar) -> dict[str, FmuDescription]:
-    """The FMU of every component, built if the catalogue has it and it is missing."""
-    return {name: hangar.find(part.fmu) for name, part in scenario.components.items()}
+    components: Mapping[str, Component]
+    wires: Wires
+    links: Mapping[str, Link]
+    driven: Signals
+    timetable: Timetable
 
 
 def assemble(
@@ -80,6 +81,7 @@ def assemble(
     parameters: Mapping[str, Mapping[str, float]],
     push: WorstCase | None = None,
     at_rest: bool = False,
+    origin: Origin = NOWHERE,
 ) -> System:
     """The system of a scenario.
 
@@ -90,58 +92,181 @@ def assemble(
     push : what the scenario's disturbance is, found from its design.
     at_rest : the companion run: from the zero state, the reference at zero, everything else
         the same; the gain from disturbance to output is defined there.
+    origin : where the parts of the scenario stand, for messages.
 
     Raises
     ------
     InputError : a connection that matches nothing, names that do not exist.
     """
-    links = {name: link_of(name, part, scenario.run.seed) for name, part in scenario.links.items()}
-    timetable = make_timetable(
-        links,
-        nanoseconds(scenario.run.step),
-        nanoseconds(scenario.run.end),
-        scenario.run.events,
-    )
-    connections = [
-        connection
-        for i, part in enumerate(scenario.connections)
-        for connection in matched(fmus, endpoint(part.source), endpoint(part.target), part.link, i)
-    ]
-    driven: Signals = {}
-    if scenario.reference is not None:
-        goal = endpoint(scenario.reference.target).component
-        if goal not in fmus:
-            raise InputError.unknown("component", goal, fmus, where="reference.target")
-        driven |= along_path(scenario.reference, timetable.points_ns / 1e9, at_rest=at_rest)
-    if scenario.disturbance is not None and push is not None:
-        signals = pushed(scenario.disturbance, push, fmus, timetable.points_ns / 1e9)
-        for end in signals:
-            if end in driven:
-                raise InputError(
-                    "an input has two sources",
-                    where=str(end),
-                    got="the disturbance, and the reference",
-                )
-        driven |= signals
-    reached = {c.target for c in connections} | set(driven)
+    findings = Findings(origin)
+    parts = parts_of(scenario, fmus, findings, parameters=parameters, push=push, at_rest=at_rest)
+    return system_of(scenario, parts, findings)
+
+
+def parts_of(
+    scenario: Scenario,
+    fmus: Mapping[str, FmuDescription],
+    findings: Findings,
+    *,
+    parameters: Mapping[str, Mapping[str, float]],
+    push: WorstCase | None = None,
+    at_rest: bool = False,
+) -> Parts:
+    """The parts of a system, as `assemble`; faults go to `findings`."""
+    links = _links(scenario, findings)
+    timetable = _timetable(scenario, links, findings)
+    own = {
+        name: numbers_of(name, fmus[name], part.parameters, findings)
+        for name, part in scenario.components.items()
+        if name in fmus
+    }
+    for name in scenario.log.components if scenario.log is not None else ():
+        if name not in scenario.components:
+            with findings.at("log", "components", name):
+                raise InputError.unknown("component", name, scenario.components)
+    shaped = {name: fmus[name].resized(values) for name, values in own.items()}
+    wires = _wires(scenario, shaped, findings)
+    driven = _driven(scenario, shaped, timetable, push, findings, at_rest=at_rest)
+    reached = {c.target for c, _ in wires} | set(driven)
     components = {}
-    for name, part in scenario.components.items():
-        own = _own(part)
+    for name, fmu in shaped.items():
         if at_rest:
-            own |= {
-                p.name: 0.0
-                for p in fmus[name].ports.values()
+            own[name] |= {
+                p.name: [0.0] * p.size if p.shape else 0.0
+                for p in fmu.ports.values()
                 if _of_the_start(p, Endpoint(name, p.name) in reached)
             }
-        components[name] = Component(fmus[name], {**own, **parameters.get(name, {})})
-    return System(components, connections, links, driven, timetable, scenario.run.divergence)
+        step = scenario.components[name].step
+        components[name] = Component(
+            fmu,
+            {**own[name], **parameters.get(name, {})},
+            None if step is None else nanoseconds(step),
+            *_wanted_log(scenario, name),
+        )
+    return Parts(components, wires, links, driven, timetable)
+
+
+def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str] | None]:
+    """From which level on a component is recorded, and which of its categories."""
+    if scenario.log is None:
+        return "debug", None
+    part = scenario.log.components.get(component, ComponentLogPart())
+    return part.level or scenario.log.level, part.categories
+
+
+def _links(scenario: Scenario, findings: Findings) -> dict[str, Link]:
+    links: dict[str, Link] = {}
+    changes = changes_of(scenario, findings)
+    for name, part in scenario.links.items():
+        with findings.at("links", name):
+            links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()))
+    return links
+
+
+def _timetable(scenario: Scenario, links: Mapping[str, Link], findings: Findings) -> Timetable:
+    run = scenario.run
+    step, end = nanoseconds(run.step), nanoseconds(run.end)
+    every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
+    with findings.at("run"):
+        return make_timetable(links, step, end, run.events, every, instants_ns(scenario))
+    # what can still be looked at is looked at over two points
+    return Timetable(np.array([0, 1_000_000_000], np.int64), {}, 1_000_000_000)
+
+
+def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Findings) -> Wires:
+    wires: Wires = []
+    for path, part in scenario.wires():
+        with findings.at(*path):
+            ends = endpoint(part.source), endpoint(part.target)
+            found = (
+                [Connection(*ends, part.link, part.policy)]
+                if ends[0].component in scenario.links and ends[0].component not in fmus
+                else matched(fmus, *ends, part.link, part.policy, scenario.components)
+            )
+            wires += [(connection, path) for connection in found]
+        if part.link is not None and part.link not in scenario.links:
+            with findings.at(*path, "link"):
+                raise InputError.unknown("link", part.link, scenario.links)
+    return wires
+
+
+def _driven(
+    scenario: Scenario,
+    fmus: Mapping[str, FmuDescription],
+    timetable: Timetable,
+    push: WorstCase | None,
+    findings: Findings,
+    *,
+    at_rest: bool,
+) -> Signals:
+    seconds = timetable.points_ns / 1e9
+    driven: Signals = {}
+    if scenario.reference is not None:
+        with findings.at("reference"):
+            path = reference_inputs(scenario.reference, fmus)
+            driven |= along_path(path, at_rest=at_rest)
+    if scenario.disturbance is not None and push is not None:
+        with findings.at("disturbance"):
+            signals = pushed(scenario.disturbance, push, fmus, seconds)
+            for end in signals:
+                if end in driven:
+                    raise InputError(
+                        "an input has two sources",
+                        where=str(end),
+                        got="the disturbance, and the reference",
+                    )
+            driven |= signals
+    return driven
+
+
+def system_of(scenario: Scenario, parts: Parts, findings: Findings) -> System:
+    """The system; where it does not fit together, the part that the master names is blamed.
+
+    Raises
+    ------
+    InputError : see `System`.
+    """
+    run = scenario.run
+    try:
+        return System(
+            parts.components,
+            [connection for connection, _ in parts.wires],
+            parts.links,
+            parts.driven,
+            parts.timetable,
+            run.divergence,
+            run.algorithm,
+            run.order,
+            delay_sources(scenario),
+        )
+    except InputError as error:
+        raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
+
+
+def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
+    """What decides the delays of links that the run yields."""
+    found = {name: delay_source(part) for name, part in scenario.links.items()}
+    return {name: source for name, source in found.items() if source is not None}
+
+
+def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
+    where = error.where or ""
+    for connection, path in reversed(wires):
+        if (
+            f"{connection.source} -> {connection.target}" in where
+            or str(connection.target) == where
+        ):
+            return path
+    for name in scenario.components:
+        if where.startswith(f"component {name!r}"):
+            return ("components", name)
+    return ("run", "order") if where == "order" else ("run",)
 
 
 def same_start(one: System, other: System) -> bool:
     """Whether two systems of one scenario are the same run, their inputs included."""
     return all(
-        one.components[name].parameters.get(port.name, port.start)
-        == other.components[name].parameters.get(port.name, port.start)
+        _start(one.components[name], port) == _start(other.components[name], port)
         for name, component in one.components.items()
         for port in component.description.ports.values()
     ) and all(np.array_equal(_values(one, end), _values(other, end)) for end in one.driven)
@@ -153,52 +278,19 @@ def _values(system: System, end: Endpoint) -> NDArray[np.float64]:
     return signal(system.timetable.points_ns / 1e9) if callable(signal) else signal
 
 
+def _start(component: Component, port: Port) -> Any:
+    value = component.parameters.get(port.name, port.start)
+    return np.ravel(value).tolist() if port.shape and value is not None else value
+
+
 def _of_the_start(port: Port, reached: bool) -> bool:  # noqa: FBT001 - a predicate of both
     """Whether a variable says where a run starts.
 
     That is an initial state, or an input until something reaches it; the start value of an
     input that nothing reaches holds for the whole run.
     """
+    if port.kind != "float":
+        return False
     if port.causality == "parameter":
         return port.name.startswith("initial.")
-    return reached and port.causality == "input" and port.kind == "float"
-
-
-def _own(part: ComponentPart) -> dict[str, float]:
-    return {name: float(value) for name, value in part.parameters.items()}
-
-
-def link_of(name: str, part: LinkPart, seed: int) -> Link:
-    """A link of a scenario in nanoseconds; `seed`: of the run, for one without its own."""
-    if not isinstance(part, PacketPart):
-        return TransportLink(name, nanoseconds(part.delay))
-    jitter = Jitter()
-    if part.jitter is not None:
-        jitter = Jitter(
-            kind=part.jitter.kind,
-            width_ns=nanoseconds(part.jitter.width),
-            mean_ns=nanoseconds(part.jitter.mean),
-            sigma_ns=nanoseconds(part.jitter.sigma),
-            max_ns=None if part.jitter.max is None else nanoseconds(part.jitter.max),
-        )
-    loss: float | GilbertElliott
-    if isinstance(part.loss, float):
-        loss = part.loss
-    else:
-        loss = GilbertElliott(
-            part.loss.p_enter, part.loss.p_exit, part.loss.loss_good, part.loss.loss_bad
-        )
-    return PacketLink(
-        name=name,
-        sample_time_ns=nanoseconds(part.sample_time),
-        offset_ns=nanoseconds(part.offset),
-        delay_ns=nanoseconds(part.delay),
-        jitter=jitter,
-        loss=loss,
-        order=part.order,
-        on_loss=part.on_loss,
-        quantization=part.quantization,
-        data_rate=part.data_rate,
-        frame_size=part.frame_size,
-        seed=seed if part.seed is None else part.seed,
-    )
+    return reached and port.causality == "input"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import Progress, check_room, fly, prepare
+from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import load
 from cosim.trace.picture import Labelled, compare_flights, pyplot

@@ -1,91 +1,31 @@
-"""Fly a scenario: gain, FMUs, run, companion run, figures, trace."""
+"""Fly a scenario: run, companion run, figures, trace."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from cosim.errors import InputError
-from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase
-from cosim.master import (
-    EngineName,
-    Observer,
-    Run,
-    System,
-    TraceRecorder,
-    simulate,
-)
+from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
-from cosim.scenario.assemble import Hangar, assemble, find_fmus, same_start
-from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
+from cosim.scenario.assemble import assemble, same_start
+from cosim.scenario.assertions import verdicts_of
+from cosim.scenario.conduct import Flown, conduct
+from cosim.scenario.gain import gain_parameters
 from cosim.scenario.identity import identity_of
-from cosim.scenario.interrupt import Interruptible
+from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
-from cosim.scenario.read import LoadedScenario
-from cosim.scenario.signals import blank_push, worst_case_of
+from cosim.scenario.prepare import Prepared, Progress, prepare, silent
+from cosim.scenario.script import Event, script_of
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done."""
+__all__ = ["Prepared", "Progress", "check_room", "fly", "fly_unrecorded", "prepare"]
 
-
-@dataclass(frozen=True)
-class Prepared:
-    """A scenario with everything found that it needs, before anything runs."""
-
-    loaded: LoadedScenario
-    fmus: Mapping[str, FmuDescription]
-    problem: Problem | None
-    design: Design | None
-    push: WorstCase | None = None
-
-
-def prepare(
-    loaded: LoadedScenario,
-    hangar: Hangar,
-    *,
-    saved: tuple[Problem, Design] | None = None,
-    progress: Progress | None = None,
-) -> Prepared:
-    """Find or build the FMUs and make the gain, unless a `saved` one is given.
-
-    Raises
-    ------
-    InputError, NotAchievableError : see `assemble`, `gain` and `signals`.
-    """
-    tell = progress or _silent
-    tell("FMUs", 0.0)
-    fmus = find_fmus(loaded.scenario, hangar)
-    part, disturbance = loaded.scenario.design, loaded.scenario.disturbance
-    if part is None:
-        if disturbance is not None:
-            raise InputError(
-                "a worst case is that of a design, and this scenario has none",
-                where="disturbance",
-                expected="[design]",
-                hint="a wave field as a component needs no design",
-            )
-        return Prepared(loaded, fmus, None, None)
-    for role, name in (("controller", part.controller), ("plant", part.plant)):
-        if name not in fmus:
-            raise InputError.unknown("component", name, fmus, where=f"design.{role}")
-    # fit everything together before the design, which takes longest: what cannot run says so
-    problem = problem_of(part, loaded.folder) if saved is None else saved[0]
-    blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
-    still = None if disturbance is None else blank_push(problem.system)
-    assemble(loaded.scenario, fmus, parameters={part.controller: blank}, push=still)
-    tell("design", 0.0)
-    found = solve(problem, part.gain, part.order) if saved is None else saved[1]
-    push = None if disturbance is None else worst_case_of(disturbance, found)
-    return Prepared(loaded, fmus, problem, found, push)
+_Parameters = Mapping[str, Mapping[str, float]]
 
 
 def fly(
@@ -94,22 +34,23 @@ def fly(
     *,
     progress: Progress | None = None,
     engine: EngineName = "auto",
+    pace: Pace | None = None,
     fsync: bool = False,
 ) -> Outcome:
     """Run the scenario and its companion from rest; write the trace.
 
-    `engine` is a matter of speed alone: "python", "compiled", or "auto"; `fsync` as for
-    `TraceWriter`.
+    `engine` is a matter of speed alone: "python", "compiled", or "auto". `pace` holds the run
+    back to the clock on the wall (the companion is not held back); `fsync` as for `TraceWriter`.
 
     Raises
     ------
     InputError, ComponentError, LossError : what was recorded before is on disk.
     """
     if trace is None:
-        return fly_unrecorded(prepared, progress=progress, engine=engine)[0]
-    tell = progress or _silent
+        return fly_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
+    tell = progress or silent
     began = time.perf_counter()
-    system, parameters = _flown_system(prepared)
+    system, parameters, events = _flown_system(prepared)
     check_room(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -119,9 +60,10 @@ def fly(
         ) from error
     entries, attachments = identity_of(prepared, system)
     with TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer:
-        run = _simulate(system, "flight", tell, engine, TraceRecorder(writer, system))
-        companion = _companion(prepared, system, run, parameters, tell)
-        outcome, schedules = _outcome(prepared, run, companion, trace, began)
+        recorder = TraceRecorder(writer, system)
+        flown = conduct(system, "flight", tell, engine, recorder, events=events, pace=pace)
+        companion = _companion(prepared, system, flown.run, parameters, tell)
+        outcome, schedules = _outcome(prepared, system, flown, companion, trace, began, pace)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
@@ -135,6 +77,7 @@ def fly_unrecorded(
     companion: bool = True,
     progress: Progress | None = None,
     engine: EngineName = "auto",
+    pace: Pace | None = None,
 ) -> tuple[Outcome, Run]:
     """Run the scenario without a trace, for who looks at its rows.
 
@@ -145,12 +88,12 @@ def fly_unrecorded(
     ------
     InputError, ComponentError : see `fly`.
     """
-    tell = progress or _silent
+    tell = progress or silent
     began = time.perf_counter()
-    system, parameters = _flown_system(prepared)
-    run = _simulate(system, "flight", tell, engine)
-    beside = _companion(prepared, system, run, parameters, tell) if companion else None
-    return _outcome(prepared, run, beside, None, began)[0], run
+    system, parameters, events = _flown_system(prepared)
+    flown = conduct(system, "flight", tell, engine, events=events, pace=pace)
+    beside = _companion(prepared, system, flown.run, parameters, tell) if companion else None
+    return _outcome(prepared, system, flown, beside, None, began, pace)[0], flown.run
 
 
 def check_room(trace: Path) -> None:
@@ -170,18 +113,25 @@ def check_room(trace: Path) -> None:
         )
 
 
-_Parameters = Mapping[str, Mapping[str, float]]
-
-
-def _flown_system(prepared: Prepared) -> tuple[System, _Parameters]:
-    """What flies, and the parameters that its design sets."""
-    scenario = prepared.loaded.scenario
+def _flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Event]]:
+    """What flies, the parameters that its design sets, and what happens on the way."""
+    loaded = prepared.loaded
+    scenario = loaded.scenario
     parameters = {}
     if scenario.design is not None and prepared.design is not None:
         controller = prepared.fmus[scenario.design.controller]
         parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
-    system = assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
-    return system, parameters
+    system = assemble(
+        scenario,
+        prepared.fmus,
+        parameters=parameters,
+        push=prepared.push,
+        origin=loaded.origin,
+    )
+    findings = Findings(loaded.origin)
+    events = script_of(scenario, system, findings)
+    verdicts_of(scenario, system, None, findings)
+    return system, parameters, events
 
 
 def _companion(
@@ -198,20 +148,33 @@ def _companion(
         at_rest=True,
     )
     # a run that starts from rest is its own companion
-    return run if same_start(system, at_rest) else _simulate(at_rest, "companion", tell, "auto")
+    if same_start(system, at_rest):
+        return run
+    events = script_of(prepared.loaded.scenario, at_rest, Findings())
+    return conduct(at_rest, "companion", tell, "auto", events=events).run
 
 
 def _outcome(
     prepared: Prepared,
-    run: Run,
+    system: System,
+    flown: Flown,
     companion: Run | None,
     trace: Path | None,
     began: float,
+    pace: Pace | None,
 ) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
-    scenario = prepared.loaded.scenario
+    scenario, run = prepared.loaded.scenario, flown.run
     schedules = run.schedules
     flight = Flight(
-        scenario, prepared.problem, prepared.design, run, companion, schedules, prepared.push
+        scenario,
+        prepared.problem,
+        prepared.design,
+        run,
+        companion,
+        schedules,
+        prepared.push,
+        system,
+        touched=flown.touched,
     )
     outcome = Outcome(
         scenario=prepared.loaded.name,
@@ -227,39 +190,7 @@ def _outcome(
         metrics=metrics_of(flight),
         links={name: s.statistics() for name, s in schedules.items()},
         engine=run.engine,
+        pace=pace,
+        assertions=verdicts_of(scenario, system, run, Findings(prepared.loaded.origin)),
     )
     return outcome, schedules
-
-
-def _simulate(
-    system: System, what: str, tell: Progress, engine: EngineName, *observers: Observer
-) -> Run:
-    """A run that says how far it is and can be interrupted between two steps."""
-    with Interruptible() as wish:
-        watcher = _Watcher(system, lambda share: tell(what, share), wish)
-        return simulate(system, [*observers, watcher], engine=engine)
-
-
-def _silent(_what: str, _share: float) -> None:
-    """No progress asked for."""
-
-
-class _Watcher(Observer):
-    """Reports how far a run has come, and ends it on request."""
-
-    def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
-        self._wish = wish
-        self._points = system.timetable.points_ns.size
-        self._tell = tell
-
-    def begin(self, stations: Sequence[Any]) -> None:
-        del stations
-        self._tell(0.0)
-
-    def span(self, first: int, last: int) -> None:
-        del first
-        self._wish.obey()
-        self._tell(last / self._points)
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Log lines go to the trace; nothing to do here."""

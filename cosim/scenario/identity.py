@@ -8,13 +8,14 @@ import json
 import platform
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cosim.hinf import Design, certificate_bytes, design_to_json
-from cosim.master import System
+from cosim.master import Link, System
+from cosim.network import DelayProfile
 from cosim.scenario.gain import starts_with
 from cosim.trace import (
     CERTIFICATE_ATTACHMENT,
@@ -48,12 +49,14 @@ def identity_of(prepared: Prepared, system: System) -> tuple[dict[str, str], Seq
         "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
         "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
     }
+    if loaded.source_sha256 is not None:
+        entries["host.scenario.source.sha256"] = loaded.source_sha256
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
         entries[f"host.{package}"] = importlib.metadata.version(package)
     if prepared.push is not None:
         entries["disturbance"] = json.dumps(asdict(prepared.push), sort_keys=True)
     for name, link in system.links.items():
-        entries[f"link.{name}"] = json.dumps(asdict(link), sort_keys=True)
+        entries[f"link.{name}"] = json.dumps(_link_entry(link), sort_keys=True)
     for name, fmu in prepared.fmus.items():
         entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
         entries[f"fmu.{name}.sha256"] = fmu.sha256
@@ -66,6 +69,32 @@ def identity_of(prepared: Prepared, system: System) -> tuple[dict[str, str], Seq
         entries |= named
         attachments.append(proof)
     return entries, attachments
+
+
+_LATER = {"delay": None, "duplicate": 0.0, "queue_limit": None, "windows": ()}
+"""What links came to have, and what it is where it is not used: then it is not named, and the
+trace is the one that it was before."""
+
+
+def _link_entry(link: Link) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for each in fields(link):
+        value = getattr(link, each.name)
+        if isinstance(value, DelayProfile):
+            found[each.name] = {
+                "times_ns": value.times_ns.tolist(),
+                "delays_ns": value.delays_ns.tolist(),
+                "interpolation": value.interpolation,
+            }
+        elif isinstance(value, tuple):
+            found[each.name] = [asdict(item) for item in value]
+        elif is_dataclass(value) and not isinstance(value, type):
+            found[each.name] = asdict(value)
+        else:
+            found[each.name] = value
+        if each.name in _LATER and value == _LATER[each.name]:
+            del found[each.name]
+    return found
 
 
 def _certificate(prepared: Prepared, design: Design) -> tuple[dict[str, str], Attachment]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Sequence
+from typing import NamedTuple
 
 _HEADER = re.compile(r"^\s*(\[\[|\[)\s*(?P<keys>[^\]]+?)\s*\]")
 _ASSIGNMENT = re.compile(
@@ -18,8 +19,15 @@ _ASSIGNMENT = re.compile(
 _PART = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
 
 
-def line_of(text: str, path: Sequence[str | int]) -> int | None:
-    """Line (from 1) of the longest prefix of `path` that stands in `text`; None if none does.
+class Place(NamedTuple):
+    """A line (from 1), and how much of the path stands there."""
+
+    line: int
+    depth: int
+
+
+def place_of(text: str, path: Sequence[str | int]) -> Place | None:
+    """Place of the longest prefix of `path` that stands in `text`; None if none does.
 
     `path` has a string per key and an integer per place in an array of tables.
     """
@@ -45,7 +53,13 @@ def line_of(text: str, path: Sequence[str | int]) -> int | None:
         depth = _common(found, path)
         if depth == len(found) and (best is None or depth > best[0]):
             best = (depth, number)
-    return best[1] if best else None
+    return Place(best[1], best[0]) if best else None
+
+
+def line_of(text: str, path: Sequence[str | int]) -> int | None:
+    """Line (from 1) of the longest prefix of `path` that stands in `text`; None if none does."""
+    found = place_of(text, path)
+    return found.line if found else None
 
 
 def _statements(text: str) -> list[tuple[int, str]]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
-from cosim.master import Connection, Endpoint
+from cosim.master import Connection, Endpoint, Policy
 
 
 def endpoint(text: str) -> Endpoint:
@@ -36,31 +36,34 @@ def matched(
     fmus: Mapping[str, FmuDescription],
     source: Endpoint,
     target: Endpoint,
-    link: str | None,
-    number: int,
+    link: str | None = None,
+    policy: Policy = "hold",
+    components: Iterable[str] = (),
 ) -> list[Connection]:
     """One connection per variable: the names themselves, or two groups with equal endings.
 
+    `components` : names that exist, though their FMUs were not found.
+
     Raises
     ------
-    InputError : components, variables or members that do not exist; `number` stands in it.
+    InputError : components, variables or members that do not exist.
     """
-    where = f"connections[{number}], {source} -> {target}"
+    where = f"{source} -> {target}"
     for end in (source, target):
         if end.component not in fmus:
+            if end.component in components:
+                return []
             raise InputError.unknown("component", end.component, fmus, where=where)
     sources = members(fmus[source.component], source.variable, "output")
     targets = members(fmus[target.component], target.variable, "input")
     if "" in sources and "" in targets:
-        return [Connection(source, target, link)]
+        return [Connection(source, target, link, policy)]
     common = [ending for ending in sources if ending in targets and ending]
     if not common:
-        for end, kind, found in ((source, "output", sources), (target, "input", targets)):
-            if not found:
-                ports = [p.name for p in fmus[end.component].ports.values() if p.causality == kind]
-                raise InputError.unknown(
-                    kind, end.variable, ports, where=f"{where}: component {end.component!r}"
-                )
+        if not sources:
+            raise _no_member(fmus[source.component], source, "output", where)
+        if not targets:
+            raise _no_member(fmus[target.component], target, "input", where)
     if not common or set(sources) != set(targets):
         raise InputError(
             "the two groups do not have the same members",
@@ -74,6 +77,35 @@ def matched(
             Endpoint(source.component, source.variable + ending),
             Endpoint(target.component, target.variable + ending),
             link,
+            policy,
         )
         for ending in common
     ]
+
+
+_Kind = Literal["output", "input"]
+
+
+def _no_member(fmu: FmuDescription, end: Endpoint, kind: _Kind, where: str) -> InputError:
+    """The error for an end that is no output, or no input."""
+    other: _Kind = "input" if kind == "output" else "output"
+    if members(fmu, end.variable, other):
+        said = "two outputs cannot be connected" if kind == "input" else "nothing comes from it"
+        return InputError(
+            f"{end} is an {other}: {said}",
+            where=where,
+            expected="an output on the left, an input on the right",
+            hint="the ends may be the wrong way round",
+        )
+    ports = [p.name for p in fmu.ports.values() if p.causality == kind]
+    inside = fmu.ports.get(end.variable)
+    if inside is not None:
+        return InputError(
+            f"{end} is neither input nor output",
+            where=where,
+            expected=f"an {kind} of component {end.component!r}",
+            got=f"a {inside.causality}",
+        )
+    return InputError.unknown(
+        kind, end.variable, ports, where=f"{where}: component {end.component!r}"
+    )

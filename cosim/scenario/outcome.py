@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.master import EngineChoice
+from cosim.master import EngineChoice, Pace
+from cosim.scenario.assertions import Verdict
 
 
 @dataclass(frozen=True)
@@ -16,10 +17,12 @@ class Outcome:
 
     Attributes
     ----------
-    status : finished, limit_cycle, diverged or failed.
+    status : finished, limit_cycle, stopped, diverged or failed.
     reason : why, None when finished.
     trace : the file, None if none was asked for.
     engine : which engine carried it out, and why that one.
+    pace : how the clock on the wall was kept, None for a run that was not held back to it.
+    assertions : a verdict on each, in the order of the scenario.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
         them, `final` the last value of every output by `component.variable`.
@@ -38,10 +41,17 @@ class Outcome:
     metrics: dict[str, Any]
     links: dict[str, dict[str, Any]]
     engine: EngineChoice
+    pace: Pace | None = None
+    assertions: tuple[Verdict, ...] = ()
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether no assertion came out otherwise than it was expected to."""
+        return all(verdict.as_expected for verdict in self.assertions)
 
     def to_json(self) -> dict[str, Any]:
         """Everything, for `--json`."""
-        return {
+        data: dict[str, Any] = {
             "scenario": self.scenario,
             "title": self.title,
             "status": self.status,
@@ -56,6 +66,22 @@ class Outcome:
             "links": self.links,
             "engine": {"name": self.engine.name, "reason": self.engine.reason},
         }
+        if self.assertions:
+            data["assertions"] = [verdict.to_json() for verdict in self.assertions]
+        if self.pace is not None:
+            data["pace"] = pace_figures(self.pace)
+        return data
+
+
+def pace_figures(pace: Pace) -> dict[str, float | int]:
+    """How well a run kept to real time times a factor."""
+    return {
+        "factor": pace.factor,
+        "points": pace.points,
+        "overruns": pace.late,
+        "largest_overrun_s": pace.largest_s,
+        "mean_lateness_s": pace.mean_s,
+    }
 
 
 def result_entries(outcome: Outcome) -> dict[str, str]:
@@ -69,6 +95,11 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
         "host.engine": f"{outcome.engine.name}: {outcome.engine.reason}",
         "host.wall_s": repr(round(outcome.wall_s, 3)),
     }
+    if outcome.assertions:
+        verdicts = [verdict.to_json() for verdict in outcome.assertions]
+        entries["assertions"] = json.dumps(verdicts, sort_keys=True, allow_nan=False)
+    if outcome.pace is not None:
+        entries["host.pace"] = json.dumps(pace_figures(outcome.pace), sort_keys=True)
     if outcome.reason is not None:
         entries["reason"] = outcome.reason
     return entries

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import difflib
-from dataclasses import dataclass
-from importlib.resources import files
+import copy
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from cosim.errors import InputError
-from cosim.hinf.files import parse_toml
-from cosim.scenario.locate import line_of
-from cosim.scenario.schema import NAME_PATTERN, REFERENCE_PATTERN, Scenario
+from cosim.network import DelayProfile
+from cosim.scenario.dotted import put, setting
+from cosim.scenario.extend import Source, builtin_names, open_source, read_text, source_of
+from cosim.scenario.links import ProfileFilePart, ProfilePart
+from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
+from cosim.scenario.refused import refusals
+from cosim.scenario.schema import Scenario
+from cosim.scenario.write import to_toml
+
+__all__ = ["LoadedScenario", "builtin_names", "load", "parse", "read_text", "valid", "validated"]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -25,58 +33,116 @@ class LoadedScenario:
     Attributes
     ----------
     name : the built-in name, or the file's stem.
-    text : the TOML as it stands.
+    text : TOML that says all of it: as it stands, or, of what extends another scenario or was
+        set on the command line, put together.
     folder : where relative FMU paths are looked up.
+    origin : where its parts stand.
+    source_sha256 : of the file itself, where `text` is put together.
     """
 
     name: str
     scenario: Scenario
     text: str
     folder: Path
+    origin: Origin = NOWHERE
+    source_sha256: str | None = None
 
 
-def builtin_names() -> list[str]:
-    """Names of the scenarios that come with the package."""
-    library = files("cosim.scenario").joinpath("library")
-    return sorted(
-        p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml")
-    )
-
-
-def load(name_or_path: str) -> LoadedScenario:
+def load(
+    name_or_path: str,
+    settings: Sequence[str] = (),
+    stops: Mapping[str, Mapping[str, Any]] | None = None,
+) -> LoadedScenario:
     """A built-in scenario by name, or a TOML file by path.
+
+    settings : KEY=VALUE each.
+    stops : events that end the run, by what they are called in messages.
 
     Raises
     ------
     InputError : no such scenario, malformed TOML, or a scenario that breaks the schema.
     """
-    names = builtin_names()
-    if name_or_path in names:
-        text = (
-            files("cosim.scenario").joinpath("library", f"{name_or_path}.toml").read_text("utf-8")
-        )
-        return parse(text, name=name_or_path, where=f"{name_or_path}.toml", folder=Path.cwd())
-    path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.exists():
-        raise InputError.unknown("scenario", name_or_path, names)
-    text = read_text(path)
-    return parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
-
-
-def read_text(path: Path) -> str:
-    """Text of a file that a user named; an `InputError` if it cannot be read."""
-    try:
-        return path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            "the file cannot be read", where=str(path), expected="a text file", got=str(error)
-        ) from error
+    source = with_settings(open_source(name_or_path), settings)
+    return loaded_of(_with_stops(source, stops or {}))
 
 
 def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
     """Validate the TOML text of a scenario; `where` stands in the messages."""
-    scenario = validated(Scenario, text, parse_toml(text, where), where)
-    return LoadedScenario(name, scenario, text, folder)
+    return loaded_of(source_of(text, name=name, where=where, folder=folder))
+
+
+def of_scenario(scenario: Scenario, name: str, folder: Path | None = None) -> LoadedScenario:
+    """A scenario that was built in Python, ready to be prepared and flown."""
+    text = to_toml(scenario)
+    origin = Origin((Layer(f"{name}.toml", text),))
+    return LoadedScenario(name, scenario, text, folder or Path.cwd(), origin)
+
+
+def with_settings(source: Source, settings: Sequence[str]) -> Source:
+    """The source with what `KEY=VALUE` texts set, in their order."""
+    data, layers = copy.deepcopy(source.data), list(source.layers)
+    for text in settings:
+        path, value = setting(text)
+        put(data, path, value, f"--set {text}")
+        layers.append(Layer(f"--set {text}", "", path))
+    return replace(source, data=data, layers=tuple(layers))
+
+
+def _with_stops(source: Source, stops: Mapping[str, Mapping[str, Any]]) -> Source:
+    """The source with events that end the run: a trace of it can be run again."""
+    data, layers = copy.deepcopy(source.data), list(source.layers)
+    for where, event in stops.items():
+        events = data.setdefault("events", [])
+        if isinstance(events, list):
+            layers.append(Layer(where, "", ("events", len(events))))
+            events.append({**event, "stop": where})
+    return replace(source, data=data, layers=tuple(layers))
+
+
+def loaded_of(source: Source) -> LoadedScenario:
+    """A source validated, and files that it names read.
+
+    Raises
+    ------
+    InputError : it breaks the schema, or a file cannot be read.
+    """
+    found = valid(Scenario, source.data, Origin(source.layers))
+    scenario = with_files(found, source.folder, Findings(Origin(source.layers)))
+    own = [layer for layer in source.layers if layer.path is None]
+    text = own[-1].text
+    if len(source.layers) == 1 and scenario is found:
+        return LoadedScenario(source.name, scenario, text, source.folder, Origin(source.layers))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    whole = to_toml(scenario)
+    return LoadedScenario(
+        source.name, scenario, whole, source.folder, Origin(source.layers), digest
+    )
+
+
+def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:
+    """The scenario with the delays in it that files hold: a run is to need no other file."""
+    links = dict(scenario.links)
+    for name, part in scenario.links.items():
+        if isinstance(part.delay, ProfileFilePart):
+            with findings.at("links", name, "delay"):
+                links[name] = part.model_copy(update={"delay": _recorded(part.delay, folder)})
+    if links == scenario.links:
+        return scenario
+    return scenario.model_copy(update={"links": links})
+
+
+def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:
+    profile = DelayProfile.from_csv(
+        folder / part.file,
+        time=part.time,
+        delay=part.delay,
+        interpolation=part.interpolation,
+    )
+    return ProfilePart(
+        times=[t / 1e9 for t in profile.times_ns.tolist()],
+        delays=[d / 1e9 for d in profile.delays_ns.tolist()],
+        interpolation=profile.interpolation,
+    )
 
 
 def validated(model: type[Model], text: str, data: dict[str, Any], where: str) -> Model:
@@ -86,86 +152,22 @@ def validated(model: type[Model], text: str, data: dict[str, Any], where: str) -
     ------
     InputError : it breaks the model; says file, line, key, and the nearest keys there are.
     """
+    return valid(model, data, Origin((Layer(where, text),)))
+
+
+def valid(model: type[Model], data: dict[str, Any], origin: Origin) -> Model:
+    """The same of data that come from several layers."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first = _most_telling(error)
-        path = _path(first, data)
-        line = line_of(text, path)
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
-        others = len(error.errors()) - 1
-        raise InputError(
-            _sentence(first, key),
-            where=f"{where}:{line}" if line else where,
-            expected=_expected(first),
-            got=None if first["type"] == "missing" else repr(first["input"])[:200],
-            hint=_hint(model, first, path) or (f"{others} more after this one" if others else None),
-        ) from error
-
-
-def _most_telling(error: ValidationError) -> Any:
-    # a value that fits no branch of a union is reported once per branch: that a table is no
-    # number says less than what is wrong in the table; else the longest path came closest
-    def rank(detail: Any) -> tuple[bool, bool, int]:
-        scalar_wanted = isinstance(detail["input"], dict) and detail["type"] in _SCALAR_WANTED
-        return not scalar_wanted, detail["type"] != "missing", len(detail["loc"])
-
-    return max(error.errors(include_url=False), key=rank)
-
-
-_SCALAR_WANTED = ("float_type", "int_type", "bool_type", "literal_error")
-
-
-def _path(detail: Any, data: Any) -> list[str | int]:
-    """The place of a fault as keys of the file; pydantic's names of union branches are none."""
-    path: list[str | int] = []
-    for i, part in enumerate(detail["loc"]):
-        here = (isinstance(data, dict) and part in data) or (
-            isinstance(data, list) and isinstance(part, int)
-        )
-        if here:
-            data = data[part]
-        if here or (detail["type"] == "missing" and i == len(detail["loc"]) - 1):
-            path.append(part)
-    return path
-
-
-def _sentence(detail: Any, key: str) -> str:
-    match detail["type"]:
-        case "extra_forbidden":
-            return f"there is no key {key!r}"
-        case "missing":
-            return f"the key {key!r} is missing"
-        case _:
-            return f"the value of {key!r} is not allowed"
-
-
-def _expected(detail: Any) -> str | None:
-    match detail["type"]:
-        case "extra_forbidden" | "missing":
-            return None
-        case "string_pattern_mismatch":
-            return _PATTERNS[detail["ctx"]["pattern"]]
-        case "union_tag_not_found":
-            return "a key 'kind' that says which kind this is"
-        case "union_tag_invalid":
-            return f"kind = {detail['ctx']['expected_tags'].replace(',', ' or')}"
-    message: str = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    return message
-
-
-_PATTERNS = {
-    NAME_PATTERN: "a name: a letter, then letters, digits, _ or -",
-    REFERENCE_PATTERN: "component.variable",
-}
-
-
-def _hint(model: type[BaseModel], detail: Any, path: list[Any]) -> str | None:
-    if detail["type"] != "extra_forbidden":
-        return None
-    schema = model.model_json_schema()
-    known = set(schema["properties"])
-    for part in schema.get("$defs", {}).values():
-        known |= set(part.get("properties", {}))
-    near = difflib.get_close_matches(str(path[-1]), sorted(known), n=2)
-    return f"did you mean {' or '.join(near)}?" if near else None
+        found = refusals(model, error, data, origin)
+        first = found[0]
+        if first.hint is None and len(found) > 1:
+            first = InputError(
+                first.what,
+                where=first.where,
+                expected=first.expected,
+                got=first.got,
+                hint=f"{len(found) - 1} more after this one: cosim scenario check",
+            )
+        raise first from error

@@ -1,105 +1,124 @@
 """A scenario as data: what flies, over which links, for how long, with which gain.
 
-Times are in seconds, angles in radian, everything else in the SI unit of its variable.
+Times are in seconds, angles in radian, everything else in the SI unit of its variable; a text
+with a unit stands for a number: `step = "50 ms"`.
 """
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
-NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
-REFERENCE_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*\..+$"
-Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
-Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-# three years: sums of a few such times still fit into 64-bit nanoseconds
-Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
-Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+from cosim.master import Algorithm, Policy
+from cosim.scenario.events import AssertionPart, EventPart
+from cosim.scenario.fields import (
+    NAME_PATTERN,
+    REFERENCE_PATTERN,
+    Angle,
+    Delay,
+    Duration,
+    FmiValue,
+    Frequency,
+    Name,
+    Number,
+    Part,
+    PerSecond,
+    Positive,
+    Rate,
+    Reference,
+    SignalValue,
+    Speed,
+    Text,
+)
+from cosim.scenario.links import LinkPart
+from cosim.scenario.quantity import TIME, quantity_in
+
+__all__ = ["NAME_PATTERN", "REFERENCE_PATTERN", "Scenario"]
 
 
-class _Part(BaseModel):
-    # strict: "5.0" is no number and true is no 1, as TOML itself has it
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
+class RunPart(Part):
+    """[run]: when, in which order, and with which luck.
 
-
-class RunPart(_Part):
-    """[run]: when, and with which luck."""
+    `algorithm` : "jacobi": all components step from the same point on what was exchanged there;
+    "gauss-seidel": one after the other in `order`, each on what those before it have reached
+    (without `order`: senders before receivers, as far as that goes).
+    """
 
     end: Duration
     step: Duration
+    algorithm: Algorithm = "jacobi"
+    order: list[Name] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     events: Literal["align", "grid"] = "align"
     divergence: Positive = 1e6
 
 
-class ComponentPart(_Part):
-    """[components.NAME]: an FMU of the catalogue by name, or any `.fmu` path."""
+class ComponentPart(Part):
+    """[components.NAME]: an FMU of the catalogue by name, or any `.fmu` path.
 
-    fmu: Annotated[str, StringConstraints(min_length=1)]
-    parameters: dict[str, Number | bool] = {}
+    `step` : its own communication step; without one it communicates at every point. Parameters
+    and start values are of the variable's type: numbers (in the variable's unit, or with one),
+    texts, truth values, and nested lists of them for arrays.
+    """
 
-
-class JitterPart(_Part):
-    """Extra delay of each message, never negative."""
-
-    kind: Literal["uniform", "exponential", "normal"]
-    width: Delay = 0.0
-    mean: Delay = 0.0
-    sigma: Delay = 0.0
-    max: Duration | None = None
+    fmu: Text
+    step: Duration | None = None
+    parameters: dict[str, FmiValue] = Field(default_factory=dict)
 
 
-class BurstPart(_Part):
-    """Gilbert-Elliott loss."""
+class ConnectionPart(Part):
+    """[[connections]]: `from = "plant.eta"` stands for every variable `eta.*` or `eta[...]`.
 
-    p_enter: Probability
-    p_exit: Probability
-    loss_good: Probability = 0.0
-    loss_bad: Probability = 1.0
-
-
-class PacketPart(_Part):
-    """[links.NAME] with kind = "packet"."""
-
-    kind: Literal["packet"]
-    sample_time: Duration
-    offset: Delay = 0.0
-    delay: Delay = 0.0
-    jitter: JitterPart | None = None
-    loss: Probability | BurstPart = 0.0
-    order: Literal["newest-wins", "fifo", "as-arrived"] = "newest-wins"
-    on_loss: Literal["hold", "zero"] | Number = "hold"
-    quantization: NotNegative = 0.0
-    data_rate: Annotated[int, Field(ge=0)] = 0
-    frame_size: Annotated[int, Field(ge=0)] = 0
-    seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
-
-
-class TransportPart(_Part):
-    """[links.NAME] with kind = "transport"."""
-
-    kind: Literal["transport"]
-    delay: Delay
-
-
-LinkPart = Annotated[PacketPart | TransportPart, Field(discriminator="kind")]
-
-
-class ConnectionPart(_Part):
-    """[[connections]]: `from = "plant.eta"` stands for every variable `eta.*` or `eta[...]`."""
+    `policy` : what the input is held at over a step: the value at its beginning ("hold"), or
+    that in its middle, known from a transport delay ("midpoint") or extrapolated ("linear").
+    """
 
     source: Reference = Field(alias="from")
     target: Reference = Field(alias="to")
     link: Name | None = None
+    policy: Policy = "hold"
 
 
-class PathPart(_Part):
+_SHORT = re.compile(
+    r"\s*(?P<source>[A-Za-z][\w-]*\.\S+)\s*->\s*(?P<target>[A-Za-z][\w-]*\.\S+)"
+    r"(?:\s+:\s*(?P<link>[A-Za-z][\w-]*))?\s*",
+    re.ASCII,
+)
+
+
+def connection_of(text: str) -> ConnectionPart:
+    """The connection that `"plant.eta -> controller.eta : uplink"` is.
+
+    Raises
+    ------
+    ValueError : it is none.
+    """
+    found = _SHORT.fullmatch(text)
+    if found is None:
+        raise ValueError('as in "plant.eta -> controller.eta" or, over a link, "... : uplink"')
+    given = {"from": found["source"], "to": found["target"]}
+    if found["link"] is not None:
+        given["link"] = found["link"]
+    return ConnectionPart.model_validate(given)
+
+
+def _connect(text: str) -> str:
+    connection_of(text)
+    return text
+
+
+Connect = Annotated[str, AfterValidator(_connect)]
+
+
+def _seconds(value: Any) -> Any:
+    """A time as a number; QuantityError is a ValueError, as pydantic wants it."""
+    return quantity_in(value, TIME) if isinstance(value, str) else value
+
+
+class PathPart(Part):
     """[reference]: a path through points, for inputs that follow it.
 
     `points` are rows of time and one value per axis; between two of them the path is a
@@ -109,8 +128,13 @@ class PathPart(_Part):
 
     target: Reference
     axes: Annotated[list[str], Field(min_length=1)]
-    points: Annotated[list[list[Number]], Field(min_length=1)]
+    points: Annotated[list[list[SignalValue]], Field(min_length=1)]
     interpolation: Literal["smooth", "linear"] = "smooth"
+
+    @field_validator("points", mode="after")
+    @classmethod
+    def _times(cls, points: list[list[Any]]) -> list[list[Any]]:
+        return [[_seconds(value) for value in point[:1]] + point[1:] for point in points]
 
     @model_validator(mode="after")
     def _shape(self) -> Self:
@@ -128,7 +152,7 @@ class PathPart(_Part):
         return self
 
 
-class DisturbancePart(_Part):
+class DisturbancePart(Part):
     """[disturbance]: what the design of the same scenario withstands least.
 
     "worst-case": the sinusoid that the nominal closed loop amplifies most, at the frequency of
@@ -141,35 +165,35 @@ class DisturbancePart(_Part):
     kind: Literal["worst-case"]
     target: Reference
     amplitude: Positive
-    omega: NotNegative | None = None
+    omega: Frequency | None = None
 
 
-class EnvelopePart(_Part):
+class EnvelopePart(Part):
     """Largest |u|, |v|, |w| [m/s], |r| [rad/s] and |psi| [rad] that the design allows for."""
 
-    u: Positive
-    v: Positive
-    w: Positive
-    r: Positive
-    psi: Positive
+    u: Speed
+    v: Speed
+    w: Speed
+    r: Rate
+    psi: Angle
 
 
-class DesignPart(_Part):
+class DesignPart(Part):
     """[design]: which gain flies, and for what it is proved.
 
     Without `gain` the least-gamma gain is designed; with it, that gain is analysed.
     """
 
-    system: Annotated[str, StringConstraints(min_length=1)]
+    system: Text
     controller: Name = "controller"
     plant: Name = "plant"
     gain: list[list[Number]] | None = None
     k1: list[Number] | None = None
     k2: list[Number] | None = None
     order: Annotated[int, Field(ge=0, le=12)] | None = None
-    state_delay: NotNegative | None = None
-    loop_delay: NotNegative | None = None
-    damping: Annotated[list[NotNegative], Field(min_length=4, max_length=4)] | None = None
+    state_delay: Delay | None = None
+    loop_delay: Delay | None = None
+    damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
     position_weight: Positive | None = None
     envelope: EnvelopePart | None = None
 
@@ -183,15 +207,51 @@ class DesignPart(_Part):
         return self
 
 
-class Scenario(_Part):
+Level = Literal["debug", "info", "warning", "error"]
+
+
+class ComponentLogPart(Part):
+    """[log.components.NAME]: what is recorded of what one component says.
+
+    `categories` : of the FMU's own log categories, those that are wanted; what it says with a
+    status beyond Warning is wanted always.
+    """
+
+    level: Level | None = None
+    categories: list[str] | None = None
+
+
+class LogPart(Part):
+    """[log]: which messages of components and master are recorded, from which level on."""
+
+    level: Level = "debug"
+    components: dict[Name, ComponentLogPart] = Field(default_factory=dict)
+
+
+class Scenario(Part):
     """A whole scenario."""
 
-    title: Annotated[str, StringConstraints(min_length=1)]
+    title: Text
     description: str = ""
     run: RunPart
     components: Annotated[dict[Name, ComponentPart], Field(min_length=1)]
-    connections: list[ConnectionPart] = []
-    links: dict[Name, LinkPart] = {}
+    connections: list[ConnectionPart] = Field(default_factory=list)
+    connect: list[Connect] = Field(default_factory=list)
+    links: dict[Name, LinkPart] = Field(default_factory=dict)
     reference: PathPart | None = None
     disturbance: DisturbancePart | None = None
     design: DesignPart | None = None
+    events: list[EventPart] = Field(default_factory=list)
+    assertions: list[AssertionPart] = Field(default_factory=list)
+    log: LogPart | None = None
+
+    def to_toml(self) -> str:
+        """The text that is read as this scenario again."""
+        from cosim.scenario.write import to_toml  # noqa: PLC0415 - which imports this
+
+        return to_toml(self)
+
+    def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
+        """The connections of both forms, each with the place where it stands."""
+        short = [(("connect", i), connection_of(text)) for i, text in enumerate(self.connect)]
+        return [(("connections", i), part) for i, part in enumerate(self.connections)] + short

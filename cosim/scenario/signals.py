@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +17,54 @@ from cosim.master import Endpoint
 from cosim.models.delay_system import DelaySystem
 from cosim.scenario.matching import endpoint, members
 from cosim.scenario.schema import DisturbancePart, PathPart
+from cosim.scenario.units import in_unit_of
 
-Signals = dict[Endpoint, NDArray[np.float64]]
-"""Input -> its values at the communication points."""
+Function = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Signals = dict[Endpoint, Function]
+"""Input -> its values at instants [s]."""
 
 
-def along_path(path: PathPart, seconds: NDArray[np.float64], *, at_rest: bool) -> Signals:
-    """The reference at the points `seconds`; zero for a run `at_rest`."""
-    points = np.array(path.points)
+def reference_inputs(path: PathPart, fmus: Mapping[str, FmuDescription]) -> PathPart:
+    """The path with every value in the unit of the input that follows it.
+
+    Raises
+    ------
+    InputError : no such component or input, or a value of another dimension.
+    """
     base = endpoint(path.target)
-    driven = {}
+    if base.component not in fmus:
+        raise InputError.unknown("component", base.component, fmus, where="reference.target")
+    fmu = fmus[base.component]
+    ports = [
+        fmu.port(f"{base.variable}.{axis}", where=f"component {base.component!r}")
+        for axis in path.axes
+    ]
+    points: list[list[Any]] = [
+        [point[0]]
+        + [
+            in_unit_of(fmu, port, value, f"reference.points[{i}]")
+            if isinstance(value, str)
+            else value
+            for port, value in zip(ports, point[1:], strict=True)
+        ]
+        for i, point in enumerate(path.points)
+    ]
+    return path.model_copy(update={"points": points})
+
+
+def along_path(path: PathPart, *, at_rest: bool) -> Signals:
+    """The reference; zero for a run `at_rest`."""
+    points: NDArray[np.float64] = np.array(path.points)
+    base = endpoint(path.target)
+    driven: Signals = {}
     for j, axis in enumerate(path.axes):
-        values = (
-            np.zeros(seconds.size) if at_rest else _along(points, j, seconds, path.interpolation)
-        )
-        driven[Endpoint(base.component, f"{base.variable}.{axis}")] = values
+        end = Endpoint(base.component, f"{base.variable}.{axis}")
+        driven[end] = np.zeros_like if at_rest else partial(_along, points, j, path.interpolation)
     return driven
 
 
 def _along(
-    points: NDArray[np.float64], axis: int, seconds: NDArray[np.float64], interpolation: str
+    points: NDArray[np.float64], axis: int, interpolation: str, seconds: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     times, values = points[:, 0], points[:, 1 + axis]
     if times.size == 1:
@@ -91,7 +121,7 @@ def pushed(
     fmus: Mapping[str, FmuDescription],
     seconds: NDArray[np.float64],
 ) -> Signals:
-    """The worst case at the points `seconds`, from 0 to the end T of the run.
+    """The worst case from 0 to the end T of the run, whose points are `seconds`.
 
     The sinusoid swells and fades as sin(pi t / T). A hard start and end would cost a share of
     1/T of the gain, by the transient and by what has not come out when the run ends; so it is
@@ -123,8 +153,23 @@ def pushed(
             got=f"{longest:g} s",
             hint="a tenth of that: the disturbance is held between two points",
         )
-    swell = part.amplitude * np.sin(math.pi * seconds / seconds[-1])
+    end = float(seconds[-1])
     return {
-        Endpoint(base.component, name): swell * size * np.cos(found.omega * seconds + phase)
+        Endpoint(base.component, name): partial(
+            _swelling, part.amplitude, size, phase, found.omega, end
+        )
         for name, size, phase in zip(names, found.amplitude, found.phase, strict=True)
     }
+
+
+def _swelling(
+    amplitude: float,
+    size: float,
+    phase: float,
+    omega: float,
+    end: float,
+    seconds: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    swell = amplitude * np.sin(math.pi * seconds / end)
+    wave: NDArray[np.float64] = swell * size * np.cos(omega * seconds + phase)
+    return wave

@@ -14,9 +14,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cosim.hinf import Design, WorstCase, check_certificate
-from cosim.master import Run
+from cosim.master import Run, System
 from cosim.network import PacketSchedule
 from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
+from cosim.scenario.coupling import coupling_delays_s
 from cosim.scenario.gain import Problem
 from cosim.scenario.limits import Saturation, saturation
 from cosim.scenario.performance import binding_for, measured_gain
@@ -32,7 +33,8 @@ class Flight:
     """A run with what it was made from.
 
     `companion` is the same from rest, None if not made; `push` the worst case of the design,
-    None if the scenario does not ask for it.
+    None if the scenario does not ask for it; `touched`: events changed more than the traffic
+    of links.
     """
 
     scenario: Scenario
@@ -42,10 +44,12 @@ class Flight:
     companion: Run | None
     schedules: Mapping[str, PacketSchedule]
     push: WorstCase | None = None
+    system: System | None = None
+    touched: bool = False
 
 
 def status_of(flight: Flight) -> str:
-    """finished, limit_cycle, diverged or failed."""
+    """finished, limit_cycle, stopped, diverged or failed."""
     if flight.run.ending != "finished":
         return flight.run.ending
     used = _saturation(flight)
@@ -74,11 +78,20 @@ def metrics_of(flight: Flight) -> dict[str, Any]:
         "message_age_s": age,
         "designed_age_s": _designed_age_s(problem),
         "envelope_use": _envelope_use(flight),
-        "coupling_delay_s": float(np.diff(flight.run.points_ns).max() / 1e9)
-        if flight.run.points_ns.size > 1
-        else None,
+        **_coupling(flight),
         "assumptions": _assumptions(flight, used, age),
     }
+
+
+def _coupling(flight: Flight) -> dict[str, Any]:
+    """What the exchange adds to the delays of the links: the most, and where they differ, each."""
+    if flight.system is None or flight.run.points_ns.size < 2:
+        return {"coupling_delay_s": None}
+    delays = coupling_delays_s(flight.run, flight.system)
+    own = flight.scenario.components.values()
+    plain = flight.scenario.run.algorithm == "jacobi" and all(p.step is None for p in own)
+    most = {"coupling_delay_s": max(delays.values(), default=0.0)}
+    return most if plain else {**most, "coupling_delays_s": delays}
 
 
 def _share(gain: float | None, norm: float | None) -> float | None:
@@ -104,6 +117,8 @@ def _assumptions(flight: Flight, used: Saturation | None, age: float | None) -> 
         result["limits_not_reached"] = used.fraction == 0.0 and (
             companion is None or companion.fraction == 0.0
         )
+    if flight.scenario.events:
+        result["nothing_set_or_overridden"] = not flight.touched
     result["plant_as_designed"] = _plant_as_designed(flight)
     return result
 
@@ -138,7 +153,7 @@ def _position_error(flight: Flight) -> float | None:
     part = flight.scenario.design
     if part is None:
         return None
-    values = _outputs(flight.run, part.plant)
+    values = last_outputs(flight.run, part.plant)
     if not all(name in values for name in _POSITION):
         return None
     target = _final_reference(flight.scenario)
@@ -154,7 +169,8 @@ def _final_reference(scenario: Scenario) -> dict[str, float]:
     return dict(zip(path.axes, path.points[-1][1:], strict=True))
 
 
-def _outputs(run: Run, component: str) -> dict[str, float]:
+def last_outputs(run: Run, component: str) -> dict[str, float]:
+    """Outputs of a component at the last point reached."""
     for station in run.stations:
         if station.name == component and run.points_ns.size:
             row = station.outputs[station.beat.last[run.points_ns.size - 1]]
@@ -167,7 +183,7 @@ def final_values(run: Run) -> dict[str, float | None]:
     return {
         f"{station.name}.{name}": value if np.isfinite(value) else None
         for station in run.stations
-        for name, value in _outputs(run, station.name).items()
+        for name, value in last_outputs(run, station.name).items()
     }
 
 
@@ -175,7 +191,8 @@ def _largest_age_s(flight: Flight) -> float | None:
     part = flight.scenario.design
     if part is None:
         return None
-    ages = measurement_age_ns(flight.run, part.plant, part.controller)
+    algorithm = flight.scenario.run.algorithm
+    ages = measurement_age_ns(flight.run, part.plant, part.controller, algorithm)
     used = ages[ages != NONE_IN_USE]
     return float(used.max()) / 1e9 if used.size else None
 

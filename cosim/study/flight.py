@@ -17,9 +17,9 @@ from cosim.errors import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
 from cosim.master import Run
-from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import Prepared, fly, fly_unrecorded, prepare
 from cosim.scenario.gain import Problem, problem_of
+from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import Scenario

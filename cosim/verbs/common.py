@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from cosim.scenario.assemble import Hangar
+from cosim.scenario.hangar import Hangar
 from cosim.verbs.terminal import console
 from fmu_src.build import FLAVOUR
 
@@ -23,6 +23,15 @@ JsonOption = Annotated[
 ]
 FmusOption = Annotated[
     Path, typer.Option("--fmus", help="Folder of the FMUs; what is missing is built there.")
+]
+
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the scenario: a dotted key and a value as in TOML; may be repeated.",
+    ),
 ]
 
 
@@ -47,8 +56,13 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         disable=not terminal.is_terminal,
     ) as bar:
         task = bar.add_task("", total=1.0)
+        doing = ""
 
         def tell(what: str, share: float) -> None:
+            nonlocal doing
+            if what != doing:  # the time that remains is estimated anew for each part
+                doing = what
+                bar.reset(task, total=1.0)
             bar.update(task, description=what, completed=share)
 
         yield tell

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from cosim.errors import CheckFailedError
+from cosim.master import Pace
 from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.read import builtin_names, load
-from cosim.verbs.common import FMUS, TRACES, FmusOption, JsonOption, answer, hangar, progress
+from cosim.verbs.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    SetOption,
+    answer,
+    hangar,
+    progress,
+)
 from cosim.verbs.run_view import demo_view, outcome_view, scenarios_view
 
 
@@ -28,6 +39,15 @@ class Flavour(enum.Enum):
 
     python = "python"
     native = "native"
+
+
+class LogLevel(enum.Enum):
+    """What --log-level takes."""
+
+    debug = "debug"
+    info = "info"
+    warning = "warning"
+    error = "error"
 
 
 def demo(
@@ -62,6 +82,22 @@ def run(
             "are the same, bit for bit, where both call the same C library."
         ),
     ] = Flavour.python,
+    changed: SetOption = None,
+    until: Annotated[
+        str | None, typer.Option(help="Stop the run at this time: seconds, or '2 min'.")
+    ] = None,
+    stop_when: Annotated[
+        str | None,
+        typer.Option(help="Stop the run when this becomes true: 'plant.eta.z > 5 m'."),
+    ] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="Hold the run back to real time times this factor: 1 is real time."),
+    ] = None,
+    log_level: Annotated[
+        LogLevel | None,
+        typer.Option(help="Record messages of components from this level on (as [log] level)."),
+    ] = None,
     fsync: Annotated[
         bool,
         typer.Option("--fsync", help="Bring each second of the trace onto the disk itself."),
@@ -70,15 +106,40 @@ def run(
 ) -> None:
     """Fly a scenario and write its trace.
 
-    A run that diverges or ends in a limit cycle is done and says so (exit code 0); a
-    component that fails ends it with exit code 4, and what was recorded stays.
+    A run that diverges, ends in a limit cycle or is stopped is done and says so (exit code 0);
+    an assertion that comes out otherwise than expected makes it exit code 1; a component that
+    fails ends it with exit code 4, and what was recorded stays.
+
+    Examples: cosim run auv-acoustic;
+    cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60;
+    cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s';
+    cosim run auv-acoustic --until '1 min' --pace 10
     """
-    loaded = load(name)
+    settings = list(changed or ())
+    if log_level is not None:
+        settings.append(f'log.level="{log_level.value}"')
+    stops: dict[str, dict[str, Any]] = {}
+    if until is not None:
+        stops[f"--until {until}"] = {"at": _seconds(until)}
+    if stop_when is not None:
+        stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
+    loaded = load(name, settings, stops)
     trace = out or TRACES / f"{loaded.name}.mcap"
     check_room(trace)
     with progress() as tell:
         prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
-        outcome = fly(prepared, trace, progress=tell, engine=engine.value, fsync=fsync)
+        kept = None if pace is None else Pace(pace)
+        outcome = fly(prepared, trace, progress=tell, engine=engine.value, pace=kept, fsync=fsync)
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
         raise typer.Exit(4)
+    if not outcome.as_expected:
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def _seconds(text: str) -> float | str:
+    """A plain number of seconds as one; anything else is judged as in a scenario."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -17,6 +17,7 @@ from cosim.verbs.terminal import NONE, facts_table, number
 _STATUS = {
     "finished": "green",
     "limit_cycle": "yellow",
+    "stopped": "cyan",
     "diverged": "red",
     "failed": "red",
 }
@@ -39,7 +40,13 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     for label, value, how in _figures(outcome):
         if value != NONE:
             facts.add_row(label, value, how)
-    parts += [facts, *_links(outcome.links), _assumptions(outcome.metrics["assumptions"])]
+    parts += [
+        facts,
+        *_pace(outcome),
+        *_links(outcome.links),
+        _assumptions(outcome.metrics["assumptions"]),
+        *_assertions(outcome),
+    ]
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))
     return Group(*parts)
@@ -125,8 +132,19 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
         ("age designed for", number(m["designed_age_s"], 4, "s"), "certified up to it"),
         ("oldest measurement used", number(m["message_age_s"], 4, "s"), "measured"),
+        ("delay added by the coupling", number(m["coupling_delay_s"], 4, "s"), "beside the links'"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _pace(outcome: Outcome) -> list[RenderableType]:
+    """How well the clock on the wall was kept."""
+    kept = outcome.pace
+    if kept is None:
+        return []
+    late = f"{kept.late} of {kept.points} points overran the next one"
+    worst = f"latest by {kept.largest_s:.3g} s, {kept.mean_s:.3g} s on average"
+    return [Text(f"{kept.factor:g} x real time: {late}; {worst}")]
 
 
 def _gain_measured(metrics: Mapping[str, Any]) -> str:
@@ -168,6 +186,24 @@ def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     for name, met in assumptions.items():
         table.add_row(_tick(met), name.replace("_", " "))
     return table
+
+
+def _assertions(outcome: Outcome) -> list[RenderableType]:
+    """What was to hold, and whether it did."""
+    if not outcome.assertions:
+        return []
+    table = Table(
+        box=None, pad_edge=False, title="Assertions", title_justify="left", show_header=False
+    )
+    for verdict in outcome.assertions:
+        style = "green" if verdict.as_expected else "red"
+        wanted = ", as expected" if verdict.expected == "fails" and verdict.as_expected else ""
+        at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
+        table.add_row(
+            Text(f"{verdict.result}{wanted}{at}", style=style),
+            Text(verdict.name or verdict.words),
+        )
+    return [table]
 
 
 def _status(outcome: Outcome) -> Text:

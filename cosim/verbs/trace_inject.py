@@ -14,7 +14,7 @@ from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import Order, Wanted
 from cosim.replay import inject as feed_into
-from cosim.scenario.assemble import link_of, nanoseconds
+from cosim.scenario.channels import link_of, nanoseconds
 from cosim.scenario.execute import check_room
 from cosim.scenario.read import load
 from cosim.trace import Tolerance, Tolerances

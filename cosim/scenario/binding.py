@@ -1,0 +1,332 @@
+"""From the tree of a condition to a function of the values that it names.
+
+Dimensions are checked on the way: what is added or compared must be of one dimension; a plain
+number is in the SI unit of what it stands beside; a variable without a unit goes with all.
+Values are floats, or arrays of one length: the same function judges a point and a whole run.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.scenario.expression import Expression, ExpressionError, reference_of
+from cosim.scenario.quantity import NUMBER_ONLY, TIME, Dimension
+
+Function = Callable[[Sequence[Any]], Any]
+Kind = Literal["truth", "number"]
+
+
+class Meaning(NamedTuple):
+    """What a name is: truth or number, of which dimension (None: unknown), how it gets to SI."""
+
+    kind: Kind
+    dimension: Dimension | None
+    to_si: Callable[[Any], Any] | None = None
+
+
+class Scope(Protocol):
+    """What names mean."""
+
+    def meaning(self, reference: str) -> Meaning:
+        """The meaning of `component.variable`; an `InputError` if there is none."""
+
+
+class Node(NamedTuple):
+    """A part of a condition.
+
+    plain : a number without a unit, which takes that of what it stands beside.
+    literal : a number as written.
+    """
+
+    kind: Kind
+    dimension: Dimension | None
+    run: Function
+    plain: bool = False
+    literal: float | None = None
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A condition that can be judged.
+
+    Attributes
+    ----------
+    names : what it depends on, in the order of its values; "t" is the time.
+    """
+
+    expression: Expression
+    names: tuple[str, ...]
+    node: Node
+
+    def __call__(self, values: Sequence[Any]) -> Any:
+        """Its value, given those of `names`; true or false where it is a condition."""
+        with np.errstate(all="ignore"):
+            return self.node.run([v if np.ndim(v) else np.float64(v) for v in values])
+
+
+class AnyName:
+    """A scope in which every name stands for everything: for the form alone."""
+
+    def meaning(self, reference: str) -> Meaning:
+        """A number of unknown dimension; the dot between component and variable must be there."""
+        if "." not in reference.strip("."):
+            raise InputError(
+                f"there is no name {reference!r}",
+                expected="component.variable, as in plant.eta.z; t is the time",
+            )
+        return Meaning("number", None)
+
+
+def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> Bound:
+    """The condition as a function.
+
+    Raises
+    ------
+    ExpressionError : a name that does not exist, a form that no condition has, two dimensions
+        where there must be one; says the column.
+    """
+    binder = _Binder(expression, scope)
+    try:
+        node = binder.visit(expression.tree)
+    except RecursionError as error:
+        raise ExpressionError("the condition is nested too deep", expression.text, 1) from error
+    if node.kind != wanted and not (wanted == "truth" and isinstance(scope, AnyName)):
+        was = "a number" if node.kind == "number" else "a condition"
+        raise expression.wrong(
+            expression.tree,
+            f"this is {was}",
+            "something that is true or false, as in plant.eta.z > 5 m"
+            if wanted == "truth"
+            else "a number",
+        )
+    return Bound(expression, tuple(binder.names), node)
+
+
+_ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: np.divide,
+}
+_COMPARISON: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+}
+_CALLS: dict[str, tuple[int, int, Callable[..., Any]]] = {
+    "abs": (1, 1, np.abs),
+    "sqrt": (1, 1, np.sqrt),
+    "min": (2, 9, lambda *a: _folded(np.minimum, a)),
+    "max": (2, 9, lambda *a: _folded(np.maximum, a)),
+    "hypot": (2, 9, lambda *a: _folded(np.hypot, a)),
+}
+
+
+def _folded(function: Callable[[Any, Any], Any], values: Sequence[Any]) -> Any:
+    result = values[0]
+    for value in values[1:]:
+        result = function(result, value)
+    return result
+
+
+class _Binder:
+    def __init__(self, expression: Expression, scope: Scope) -> None:
+        self._expression, self._scope = expression, scope
+        self._lenient = isinstance(scope, AnyName)
+        self.names: list[str] = []
+
+    def visit(self, node: ast.expr) -> Node:  # noqa: PLR0911 - one per form
+        match node:
+            case ast.Name() if node.id in self._expression.quantities:
+                found = self._expression.quantities[node.id]
+                return Node("number", found.dimension, lambda _: found.si, literal=found.si)
+            case ast.Constant() if not isinstance(node.value, str):
+                return self._constant(node)
+            case ast.BoolOp():
+                return self._logical(node)
+            case ast.UnaryOp():
+                return self._unary(node)
+            case ast.BinOp():
+                return self._arithmetic(node)
+            case ast.Compare():
+                return self._compared(node)
+            case ast.Call():
+                return self._called(node)
+            case _:
+                return self._named(node)
+
+    def _constant(self, node: ast.Constant) -> Node:
+        value = node.value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._expression.wrong(node, "no such value in a condition", "a number")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = float("inf")
+        if number == float("inf"):
+            raise self._expression.wrong(node, "this number is beyond all numbers")
+        return Node("number", None, lambda _: number, plain=True, literal=number)
+
+    def _named(self, node: ast.expr) -> Node:
+        reference = reference_of(node)
+        if reference is None:
+            raise self._expression.wrong(
+                node,
+                "no such form in a condition",
+                "names, numbers, + - * / **, comparisons, and, or, not, "
+                + ", ".join(sorted(_CALLS)),
+            )
+        if reference == "t":
+            meaning = Meaning("number", TIME)
+        else:
+            try:
+                meaning = self._scope.meaning(reference)
+            except InputError as error:
+                raise self._told(node, error) from error
+        if reference not in self.names:
+            self.names.append(reference)
+        place = self.names.index(reference)
+        to_si = meaning.to_si
+        if meaning.kind == "truth":
+            return Node("truth", None, lambda values: values[place] != 0)
+        if to_si is None:
+            return Node("number", meaning.dimension, lambda values: values[place])
+        return Node("number", meaning.dimension, lambda values: to_si(values[place]))
+
+    def _told(self, node: ast.expr, error: InputError) -> ExpressionError:
+        said = self._expression.wrong(node, error.what, error.expected)
+        said.hint = error.hint
+        said.args = (said.text(),)
+        return said
+
+    def _logical(self, node: ast.BoolOp) -> Node:
+        parts = [self._truth(value) for value in node.values]
+        together = operator.and_ if isinstance(node.op, ast.And) else operator.or_
+        return Node("truth", None, lambda v: _folded(together, [part.run(v) for part in parts]))
+
+    def _truth(self, node: ast.expr) -> Node:
+        found = self.visit(node)
+        if found.kind != "truth":
+            if self._lenient and reference_of(node) is not None:
+                return Node("truth", None, found.run)
+            raise self._expression.wrong(
+                node, "a number is neither true nor false", "a comparison, as in plant.eta.z > 5 m"
+            )
+        return found
+
+    def _number(self, node: ast.expr) -> Node:
+        found = self.visit(node)
+        if found.kind != "number":
+            raise self._expression.wrong(node, "this is true or false, and no number")
+        return found
+
+    def _unary(self, node: ast.UnaryOp) -> Node:
+        if isinstance(node.op, ast.Not):
+            inner = self._truth(node.operand)
+            return Node("truth", None, lambda v: np.logical_not(inner.run(v)))
+        if isinstance(node.op, ast.Invert):
+            raise self._expression.wrong(node, "no such sign in a condition", "not")
+        part = self._number(node.operand)
+        sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
+        literal = None if part.literal is None else sign * part.literal
+        return part._replace(run=lambda v: sign * part.run(v), literal=literal)
+
+    def _arithmetic(self, node: ast.BinOp) -> Node:
+        if isinstance(node.op, ast.Pow):
+            return self._power(node)
+        function = _ARITHMETIC.get(type(node.op))
+        if function is None:
+            raise self._expression.wrong(node, "no such sign in a condition", "+ - * / **")
+        a, b = self._number(node.left), self._number(node.right)
+        if isinstance(node.op, ast.Add | ast.Sub):
+            measured, plain = self._same(node, a, b), a.plain and b.plain
+        else:
+            sign = -1 if isinstance(node.op, ast.Div) else 1
+            measured, plain = self._product(a, b, sign), a.plain and b.plain
+        return Node("number", measured, lambda v: function(a.run(v), b.run(v)), plain)
+
+    def _product(self, a: Node, b: Node, sign: int) -> Dimension | None:
+        if a.plain and b.plain:
+            return None
+        one = NUMBER_ONLY if a.plain else a.dimension
+        two = NUMBER_ONLY if b.plain else b.dimension
+        return None if one is None or two is None else one * two.power(Fraction(sign))
+
+    def _power(self, node: ast.BinOp) -> Node:
+        base, exponent = self._number(node.left), self._number(node.right)
+        power = exponent.literal
+        if power is None or not exponent.plain or abs(power) > 9:
+            raise self._expression.wrong(node.right, "no such exponent", "a number from -9 to 9")
+        measured = base.dimension and base.dimension.power(Fraction(power).limit_denominator(64))
+        return Node("number", measured, lambda v: np.power(base.run(v), power), base.plain)
+
+    def _compared(self, node: ast.Compare) -> Node:
+        parts = [self._number(part) for part in (node.left, *node.comparators)]
+        checks = []
+        for i, op in enumerate(node.ops):
+            function = _COMPARISON.get(type(op))
+            if function is None:
+                raise self._expression.wrong(node, "no such comparison", "< <= > >= == !=")
+            self._same(node.comparators[i], parts[i], parts[i + 1])
+            checks.append((function, parts[i].run, parts[i + 1].run))
+        return Node(
+            "truth",
+            None,
+            lambda v: _folded(operator.and_, [f(a(v), b(v)) for f, a, b in checks]),
+        )
+
+    def _called(self, node: ast.Call) -> Node:
+        name = node.func.id if isinstance(node.func, ast.Name) else None
+        if name not in _CALLS or node.keywords:
+            unknown = InputError.unknown("function", name or "?", _CALLS)
+            raise self._told(node, unknown)
+        least, most, function = _CALLS[name]
+        parts = [self._number(argument) for argument in node.args]
+        if not least <= len(parts) <= most:
+            many = f"{least}" if least == most else f"{least} to {most}"
+            raise self._expression.wrong(node, f"{name} takes {many} values")
+        first = parts[0]
+        measured, plain = first.dimension, all(part.plain for part in parts)
+        for argument, part in zip(node.args[1:], parts[1:], strict=True):
+            measured = self._same(argument, first._replace(dimension=measured), part)
+        if name == "sqrt" and measured is not None:
+            measured = measured.power(Fraction(1, 2))
+        return Node("number", measured, lambda v: function(*(p.run(v) for p in parts)), plain)
+
+    def _same(self, node: ast.expr, a: Node, b: Node) -> Dimension | None:
+        """The dimension that two parts have in common."""
+        if a.plain or a.dimension is None:
+            return b.dimension
+        if b.plain or b.dimension is None or _alike(a, b):
+            return a.dimension
+        raise self._expression.wrong(
+            node,
+            "two units that do not go together",
+            f"both in {a.dimension}; one is in {b.dimension}",
+        )
+
+
+def _alike(a: Node, b: Node) -> bool:
+    """Equal, or angles that an FMU calls numbers beside angles as written."""
+    if a.dimension == b.dimension or a.dimension is None or b.dimension is None:
+        return True
+    written, variable = (a, b) if a.literal is not None else (b, a)
+    lenient = written.literal is not None and variable.dimension is not None
+    return bool(
+        lenient
+        and variable.dimension
+        and variable.dimension.angle == 0
+        and written.dimension
+        and written.dimension.without_angle() == variable.dimension
+    )

@@ -1,0 +1,179 @@
+"""From the links of a scenario to those of the network, with what events by time do to them.
+
+What is known before the run becomes part of the link: another delay from some time on is a
+recorded delay, another loss a window in which that loss holds; an outage loses what is sent
+while it lasts (what is on its way arrives). A transport link carries no messages: in an outage
+its receiver keeps what it has, which is a delay that grows with the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.master import DelaySource, Link
+from cosim.network import (
+    DelayProfile,
+    DelaySignal,
+    GilbertElliott,
+    Jitter,
+    LossWindow,
+    PacketLink,
+    TransportLink,
+)
+from cosim.scenario.links import (
+    BurstPart,
+    JitterPart,
+    LinkPart,
+    PacketPart,
+    ProfileFilePart,
+    ProfilePart,
+    RangeDelayPart,
+    SignalDelayPart,
+)
+from cosim.scenario.matching import endpoint
+
+
+class Change(NamedTuple):
+    """What an event by time does to a link in [from_ns, until_ns): one of the three."""
+
+    from_ns: int
+    until_ns: int
+    delay_ns: int | None = None
+    loss: float | None = None
+
+    @property
+    def outage(self) -> bool:
+        """Whether nothing gets through."""
+        return self.delay_ns is None and self.loss is None
+
+
+def nanoseconds(seconds: float) -> int:
+    """Seconds to the nearest nanosecond."""
+    return round(seconds * 1e9)
+
+
+def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()) -> Link:
+    """The link that a part of a scenario describes; `seed` of the run.
+
+    Raises
+    ------
+    InputError : parameters that do not fit together, a change of a delay that is not constant.
+    """
+    constant, varying = _delay(part)
+    if not isinstance(part, PacketPart):
+        if isinstance(varying, DelaySignal):
+            raise InputError(
+                "a transport link's delay cannot follow a signal",
+                where="delay",
+                expected='a constant or recorded delay, or kind = "packet"',
+            )
+        profile = _changed(name, constant, varying, changes, outages=True) or varying
+        return TransportLink(name, 0 if profile else constant, profile)
+    packet = [change for change in changes if change.delay_ns is not None]
+    changed = _changed(name, constant, varying, packet, outages=False) or varying
+    return PacketLink(
+        name=name,
+        sample_time_ns=nanoseconds(part.sample_time),
+        offset_ns=nanoseconds(part.offset),
+        delay_ns=0 if changed is not None else constant,
+        delay=changed,
+        jitter=_jitter(part.jitter),
+        loss=_loss(part.loss),
+        duplicate=part.duplicate,
+        order=part.order,
+        on_loss=part.on_loss,
+        quantization=part.quantization,
+        data_rate=part.data_rate,
+        frame_size=part.frame_size,
+        queue_limit=part.queue_limit,
+        seed=seed if part.seed is None else part.seed,
+        windows=tuple(
+            LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
+            for c in changes
+            if c.delay_ns is None
+        ),
+    )
+
+
+def delay_source(part: LinkPart) -> DelaySource | None:
+    """What decides the delay of a link; None where it is known before the run."""
+    delay = part.delay
+    if isinstance(delay, SignalDelayPart):
+        return DelaySource((endpoint(delay.signal),))
+    if isinstance(delay, RangeDelayPart):
+        return DelaySource(tuple(endpoint(s) for s in delay.range), tuple(delay.place))
+    return None
+
+
+def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
+    """The constant delay [ns], or one that varies."""
+    match part.delay:
+        case SignalDelayPart():
+            return 0, DelaySignal(part.delay.scale, nanoseconds(part.delay.offset))
+        case RangeDelayPart():
+            return 0, DelaySignal(1.0 / part.delay.speed, nanoseconds(part.delay.offset))
+        case ProfilePart():
+            recorded = part.delay
+            return 0, DelayProfile.from_seconds(
+                recorded.times, recorded.delays, recorded.interpolation
+            )
+        case ProfileFilePart():
+            raise InputError("the file of a delay is read with the scenario", where="delay.file")
+    return nanoseconds(part.delay), None
+
+
+def _changed(
+    name: str,
+    constant: int,
+    varying: DelayProfile | DelaySignal | None,
+    changes: Sequence[Change],
+    *,
+    outages: bool,
+) -> DelayProfile | None:
+    """The delay over time; None without changes."""
+    if not changes:
+        return None
+    if varying is not None or any(change.loss is not None for change in changes):
+        raise InputError(
+            "this change does not go with this link",
+            where=f"link {name!r}",
+            expected="a constant delay to be changed"
+            if varying is not None
+            else "a packet link: a continuous signal has no messages to lose",
+        )
+    edges = sorted({0} | {t for c in changes for t in (c.from_ns, c.until_ns)})
+    times: list[int] = []
+    delays: list[int] = []
+    for first, last in zip(edges, [*edges[1:], None], strict=True):
+        holding = [c for c in changes if c.from_ns <= first < c.until_ns]
+        delay = next((c.delay_ns for c in reversed(holding) if c.delay_ns is not None), constant)
+        down = outages and any(c.outage for c in holding)
+        since = min((c.from_ns for c in holding if c.outage), default=first)
+        times.append(first)
+        delays.append(delay + (first - since if down else 0))
+        if last is not None and last - first > 1:
+            times.append(last - 1)
+            delays.append(delay + (last - 1 - since if down else 0))
+    return DelayProfile(np.array(times), np.array(delays), "linear")
+
+
+def _jitter(part: JitterPart | None) -> Jitter:
+    if part is None:
+        return Jitter()
+    return Jitter(
+        kind=part.kind,
+        width_ns=nanoseconds(part.width),
+        mean_ns=nanoseconds(part.mean),
+        sigma_ns=nanoseconds(part.sigma),
+        max_ns=None if part.max is None else nanoseconds(part.max),
+    )
+
+
+def _loss(part: float | BurstPart) -> float | GilbertElliott:
+    if isinstance(part, BurstPart):
+        return GilbertElliott(part.p_enter, part.p_exit, part.loss_good, part.loss_bad)
+    return part

@@ -1,0 +1,115 @@
+"""Everything that is wrong with a scenario, without flying it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import ValidationError
+
+from cosim.errors import CosimError, InputError
+from cosim.hinf import WorstCase
+from cosim.master import System
+from cosim.scenario.assemble import (
+    Parts,
+    Wires,
+    delay_sources,
+    find_fmus,
+    parts_of,
+    system_of,
+)
+from cosim.scenario.assertions import verdicts_of
+from cosim.scenario.extend import Source
+from cosim.scenario.gain import gain_parameters, problem_of
+from cosim.scenario.hangar import Hangar
+from cosim.scenario.origin import Findings, Origin
+from cosim.scenario.prepare import check_disturbance, check_roles
+from cosim.scenario.read import LoadedScenario, loaded_of
+from cosim.scenario.refused import refusals
+from cosim.scenario.schema import Scenario
+from cosim.scenario.script import script_of
+from cosim.scenario.signals import blank_push
+
+
+def problems_of(source: Source, hangar: Hangar) -> list[CosimError]:
+    """Every fault of a scenario, in the order in which they are found; empty if there is none.
+
+    What stands on something faulty is not looked at. The gain is not designed.
+    """
+    broken = schema_problems(source)
+    if broken:
+        return [*broken]
+    origin = Origin(source.layers)
+    try:
+        loaded = loaded_of(source)
+    except CosimError as error:
+        return [error]
+    findings = Findings(origin, collect=True)
+    _look(loaded, hangar, findings)
+    return list(findings.errors)
+
+
+def schema_problems(source: Source) -> list[InputError]:
+    """Every key that breaks the schema."""
+    try:
+        Scenario.model_validate(source.data)
+    except ValidationError as error:
+        return refusals(Scenario, error, source.data, Origin(source.layers))
+    return []
+
+
+def _look(loaded: LoadedScenario, hangar: Hangar, findings: Findings) -> None:
+    scenario = loaded.scenario
+    fmus = find_fmus(scenario, hangar, findings)
+    with findings.at("disturbance"):
+        check_disturbance(loaded)
+    parameters: dict[str, dict[str, float]] = {}
+    push: WorstCase | None = None
+    design = scenario.design
+    if design is not None:
+        with findings.at("design"):
+            check_roles(loaded, fmus)
+            problem = problem_of(design, loaded.folder)
+            blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[design.controller])
+            parameters[design.controller] = blank
+            with findings.at("disturbance"):
+                push = None if scenario.disturbance is None else blank_push(problem.system)
+    parts = parts_of(scenario, fmus, findings, parameters=parameters, push=push)
+    if set(fmus) != set(scenario.components):
+        return
+    good = _good_wires(scenario, parts, findings)
+    if len(good) < len(parts.wires) and not findings.errors:
+        good = parts.wires
+    try:
+        system = system_of(scenario, replace(parts, wires=good), findings)
+    except InputError as error:
+        if not findings.errors:
+            findings.errors.append(error)
+        return
+    _conditions(scenario, system, findings)
+
+
+def _good_wires(scenario: Scenario, parts: Parts, findings: Findings) -> Wires:
+    """The connections that can be made, each looked at by itself; of two into one, the first."""
+    good: Wires = []
+    for wire in parts.wires:
+        connection, path = wire
+        if connection.link is not None and connection.link not in parts.links:
+            continue
+        with findings.at(*path):
+            System(
+                parts.components,
+                [*(c for c, _ in good if c.target == connection.target), connection],
+                parts.links,
+                {end: s for end, s in parts.driven.items() if end == connection.target},
+                parts.timetable,
+                scenario.run.divergence,
+                delays=delay_sources(scenario),
+            )
+            good.append(wire)
+    return good
+
+
+def _conditions(scenario: Scenario, system: System, findings: Findings) -> None:
+    script_of(scenario, system, findings)
+    verdicts_of(scenario, system, None, findings)

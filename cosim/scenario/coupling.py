@@ -1,0 +1,78 @@
+"""The delay that the coupling itself adds, apart from that of the links.
+
+An input is held over its receiver's step. How late what it is held at is at the end of that step,
+beyond the delay of its link, is what the exchange costs: a step under Jacobi, nothing where the
+sender has stepped before (Gauss-Seidel), half a step where the value of the middle is taken; and
+the wait for the next point of a sender or receiver with a step of its own. A message is meant to
+be held: it counts only where a newer one has been delivered and is not yet used, or where the
+sender's value was old when it was sent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import Run, System
+from cosim.master.routes import Route
+from cosim.master.stations import Station
+from cosim.network import PacketLink, PacketSchedule
+
+Integers = NDArray[np.int64]
+
+
+def coupling_delays_s(run: Run, system: System) -> dict[str, float]:
+    """Largest delay that the coupling adds [s], by `sender -> receiver` and the link between.
+
+    Sender and receiver alone name a wire; `controller -> plant over downlink` a link.
+    """
+    found: dict[str, float] = {}
+    if run.points_ns.size < 2:
+        return found
+    for station in run.stations:
+        for route in station.routes:
+            over = f" over {route.way.link}" if route.way.link else ""
+            words = f"{route.source} -> {station.name}{over}"
+            late = float(_late_ns(run, system, station, route)) / 1e9
+            found[words] = max(late, found.get(words, 0.0))
+    return dict(sorted(found.items()))
+
+
+def _late_ns(run: Run, system: System, receiver: Station, route: Route) -> float:
+    points = run.points_ns
+    beat = receiver.beat
+    starts = beat.own[beat.own < points.size - 1]
+    ends = points[np.minimum(beat.following[starts], points.size - 1)]
+    link = None if route.way.link is None else system.links[route.way.link]
+    if isinstance(link, PacketLink):
+        schedule = run.schedules.get(link.name)
+        sender = next(s for s in run.stations if s.name == route.source)
+        if schedule is None:
+            return 0.0
+        return _late_message(schedule, sender.beat.last, points, points[starts], ends)
+    row = np.minimum(route.row[starts], points.size - 1)
+    origin = points[row].astype(np.float64)
+    if route.weight is not None and route.after is not None:
+        after = np.minimum(route.after[starts], points.size - 1)
+        origin += route.weight[starts] * (points[after] - points[row])
+    due = ends if link is None else link.read_ns(ends)
+    return float((due - origin).max(initial=0.0))
+
+
+def _late_message(
+    schedule: PacketSchedule,
+    sent_from: Integers,
+    points: Integers,
+    starts: Integers,
+    ends: Integers,
+) -> float:
+    times, messages = schedule.changes()
+    place = np.searchsorted(times, starts, side="right")
+    following = np.append(times, np.iinfo(np.int64).max)[place]
+    wait = np.where(following < ends, ends - following, 0)
+    used = np.concatenate(([-1], messages))[place]
+    real = used >= 0
+    rows = np.searchsorted(points, schedule.sent_ns[used[real]])
+    old = np.zeros(starts.size, np.int64)
+    old[real] = points[rows] - points[sent_from[rows]]
+    return float((wait + old).max(initial=0))

@@ -1,0 +1,83 @@
+"""A scenario as a picture of boxes and arrows: text for a terminal, Mermaid for a page."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from cosim.scenario.links import LinkPart as Link
+from cosim.scenario.links import PacketPart, ProfilePart, RangeDelayPart, SignalDelayPart
+from cosim.scenario.schema import Scenario
+
+
+def as_text(scenario: Scenario) -> str:
+    """Components, links and connections, line by line."""
+    lines = ["components"]
+    wide = max(map(len, scenario.components))
+    for name, part in scenario.components.items():
+        step = f", steps of {part.step:g} s" if part.step is not None else ""
+        lines.append(f"  [{name}]{' ' * (wide - len(name))}  {part.fmu}{step}")
+    if scenario.links:
+        lines.append("links")
+    for link, of in scenario.links.items():
+        lines.append(f"  ({link})  {link_words(of)}")
+    lines.append("connections")
+    ends = [(part.source, part.target, part.link) for _, part in scenario.wires()]
+    if scenario.reference is not None:
+        ends.append(("path", scenario.reference.target, None))
+    if scenario.disturbance is not None:
+        ends.append((scenario.disturbance.kind, scenario.disturbance.target, None))
+    wide = max((len(source) for source, _, _ in ends), default=0)
+    for source, target, over in ends:
+        arrow = f"--({over})-->" if over else "-->"
+        lines.append(f"  {source.ljust(wide)} {arrow} {target}")
+    return "\n".join(lines)
+
+
+def as_mermaid(scenario: Scenario) -> str:
+    """A Mermaid flowchart."""
+    lines = ["flowchart LR"]
+    number = {name: f"c{i}" for i, name in enumerate(scenario.components)}
+    for name, part in scenario.components.items():
+        lines.append(f'  {number[name]}["{name}<br/>{part.fmu}"]')
+    for i, (link, of) in enumerate(scenario.links.items()):
+        number[link] = f"l{i}"
+        lines.append(f'  l{i}(["{link}<br/>{link_words(of)}"])')
+    drawn: dict[tuple[str, str], list[str]] = {}
+    for _, wire in scenario.wires():
+        source, _, what = wire.source.partition(".")
+        target = wire.target.partition(".")[0]
+        way = [source, *([wire.link] if wire.link else []), target]
+        for a, b in pairwise(way):
+            drawn.setdefault((a, b), []).append(what)
+    for (a, b), whats in drawn.items():
+        lines.append(
+            f'  {number.get(a, a)} -->|"{", ".join(dict.fromkeys(whats))}"| {number.get(b, b)}'
+        )
+    if scenario.reference is not None:
+        target = scenario.reference.target.partition(".")[0]
+        lines.append(f'  path(["reference path"]) --> {number.get(target, target)}')
+    return "\n".join(lines)
+
+
+def link_words(link: Link) -> str:
+    """A link in a few words."""
+    delay = link.delay
+    match delay:
+        case RangeDelayPart():
+            late = f"delay by the range at {delay.speed:g} m/s"
+        case SignalDelayPart():
+            late = f"delay by {delay.signal}"
+        case ProfilePart():
+            late = f"delay recorded, {min(delay.delays):g} to {max(delay.delays):g} s"
+        case float() | int():
+            late = f"delay {delay:g} s"
+        case _:
+            late = f"delay from {delay.file}"
+    if not isinstance(link, PacketPart):
+        return f"transport, {late}"
+    words = [f"packet each {link.sample_time:g} s", late]
+    if link.jitter is not None:
+        words.append(f"{link.jitter.kind} jitter")
+    if link.loss:
+        words.append(f"loss {link.loss:g}" if isinstance(link.loss, float) else "loss in bursts")
+    return ", ".join(words)

@@ -1,0 +1,129 @@
+"""Places in nested data by dotted path: `links.uplink.delay`, `connections[0].link`."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import MutableMapping
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.scenario.origin import Path
+
+_PIECE = re.compile(
+    r"""(?P<dot>\.)?(?:"(?P<quoted>[^"]+)"|(?P<bare>[^."\[\]]+)|\[(?P<place>\d+)\])"""
+)
+_PARAMETER = re.compile(r"^components\.(?P<component>[^.\[\]\"]+)\.parameters\.(?P<name>.+)$")
+_BARE = re.compile(r"""[^\s"'\[\]{}=#][^"'\[\]{}=#]*""")
+
+
+def split(path: str) -> Path:
+    """The keys of a path; a number in brackets is a place in a list, counted from 0.
+
+    The parameters of a component are one flat table, whose names may be written without quotes.
+
+    Raises
+    ------
+    InputError : it is no path.
+    """
+    parameter = _PARAMETER.match(path)
+    if parameter is not None:
+        name = parameter["name"]
+        return ("components", parameter["component"], "parameters", name.strip('"'))
+    keys: list[str | int] = []
+    end = 0
+    while end < len(path):
+        piece = _PIECE.match(path, end)
+        named = piece is not None and piece["place"] is None
+        if piece is None or bool(piece["dot"]) != (named and bool(keys)):
+            break
+        keys.append(int(piece["place"]) if not named else piece["quoted"] or piece["bare"])
+        end = piece.end()
+    if end < len(path) or not keys or isinstance(keys[0], int):
+        raise InputError(
+            "not a path",
+            where=path or None,
+            expected='keys with dots between them, as in links.uplink.delay; "a.b" for a key '
+            "with a dot, [0] for a place in a list",
+            got=repr(path),
+        )
+    return tuple(keys)
+
+
+def setting(text: str) -> tuple[Path, Any]:
+    """What `KEY=VALUE` sets; the value as TOML has it, or a bare word or quantity.
+
+    Raises
+    ------
+    InputError : it is no such thing.
+    """
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise InputError(
+            "not a setting",
+            where=f"--set {text}",
+            expected="KEY=VALUE, as in links.uplink.delay=0.4 or run.step='50 ms'",
+        )
+    try:
+        return split(name.strip()), tomllib.loads(f"value = {value.strip()}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        if _BARE.fullmatch(value.strip()):
+            return split(name.strip()), value.strip()
+        raise InputError(
+            "the value of a setting is written as in TOML",
+            where=f"--set {text}",
+            expected="a number, true, false, a word, [..] or {..}",
+            got=value,
+        ) from error
+
+
+def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> None:
+    """Set what stands at a path; tables on the way that are not there are made.
+
+    Raises
+    ------
+    InputError : a place in a list that is not there, or a way through what is no table.
+    """
+    *way, last = path
+    here: Any = data
+    for key in way:
+        following = _inside(here, key, where)
+        if following is None:
+            following = here[key] = {}
+        here = following
+    _inside(here, last, where)
+    here[last] = value
+
+
+def remove(data: MutableMapping[str, Any], path: Path, where: str) -> None:
+    """Take away what stands at a path.
+
+    Raises
+    ------
+    InputError : nothing stands there.
+    """
+    here: Any = data
+    for key in path[:-1]:
+        here = _inside(here, key, where)
+    if not isinstance(here, dict) or path[-1] not in here:
+        known = list(here) if isinstance(here, dict) else []
+        raise InputError.unknown("key", str(path[-1]), known, where=where)
+    del here[path[-1]]
+
+
+def _inside(here: Any, key: str | int, where: str) -> Any:
+    if isinstance(key, int):
+        if not isinstance(here, list):
+            raise InputError("there is no list to count in", where=where, got=_kind(here))
+        if key >= len(here):
+            raise InputError(
+                f"there is no place {key}", where=where, expected=f"0 to {len(here) - 1}"
+            )
+        return here[key]
+    if not isinstance(here, dict):
+        raise InputError(f"{key!r} lies in what is no table", where=where, got=_kind(here))
+    return here.get(key)
+
+
+def _kind(value: Any) -> str:
+    return f"{value!r}"[:60] if not isinstance(value, dict) else "a table"

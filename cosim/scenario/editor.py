@@ -1,0 +1,63 @@
+"""JSON Schema of a scenario, for editors (taplo, Even Better TOML)."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+from cosim.scenario.extend import builtin_names
+from cosim.scenario.schema import Scenario
+
+_LOOSE = "In_extension_"
+
+
+def json_schema() -> dict[str, Any]:
+    """The schema of a scenario file; one that extends another needs no key."""
+    whole = Scenario.model_json_schema(by_alias=True)
+    parts = whole.pop("$defs")
+    loose = {f"{_LOOSE}{name}": _optional(part) for name, part in parts.items()}
+    extension = _optional(whole)
+    extension["required"] = ["extends"]
+    for shape in (whole, extension):
+        shape["properties"] = {
+            "extends": {
+                "description": "The scenario that this one extends: a name, or a file.",
+                "anyOf": [{"enum": builtin_names()}, {"type": "string", "pattern": r"\.toml$"}],
+            },
+            "without": {
+                "description": "What is taken away from it.",
+                "type": "array",
+                "items": {"type": "string"},
+            },
+            **shape["properties"],
+        }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A co-simulation scenario",
+        "type": "object",
+        "if": {"required": ["extends"]},
+        "then": extension,
+        "else": whole,
+        "$defs": parts | loose,
+    }
+
+
+def _optional(part: dict[str, Any]) -> dict[str, Any]:
+    """The same where nothing is required, nor in what it refers to."""
+    copied: dict[str, Any] = _changed(copy.deepcopy(part))
+    return copied
+
+
+def _changed(value: Any) -> Any:
+    if isinstance(value, dict):
+        kept = {k: v for k, v in value.items() if not (k == "required" and isinstance(v, list))}
+        kept.pop("discriminator", None)
+        if "oneOf" in kept:  # without what is required, one may be as good as the other
+            kept["anyOf"] = kept.pop("oneOf")
+        return {
+            k: v.replace("#/$defs/", f"#/$defs/{_LOOSE}") if k == "$ref" else _changed(v)
+            for k, v in kept.items()
+        }
+    if isinstance(value, list):
+        return [_changed(item) for item in value]
+    return value

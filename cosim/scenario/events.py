@@ -1,0 +1,174 @@
+"""[[events]] and [[assertions]]: what a scenario does on the way, and what must hold.
+
+An event happens at a time (`at`) or when a condition becomes true (`when`). A condition is
+looked at after every communication point, and what it makes happen takes effect at the next one;
+an event by time takes effect at its time, which is made a communication point (with events =
+"grid": at the next point). What is due at one point happens in the order in which it is written.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from cosim.scenario.binding import AnyName, bind
+from cosim.scenario.expression import Expression, ExpressionError
+from cosim.scenario.fields import (
+    Delay,
+    Duration,
+    FmiValue,
+    Instant,
+    Name,
+    Number,
+    Part,
+    Probability,
+    Reference,
+    Seconds,
+    SignalValue,
+    Text,
+)
+
+
+class ConditionError(ValueError):
+    """An `ExpressionError` on its way through pydantic."""
+
+    def __init__(self, error: ExpressionError) -> None:
+        super().__init__(error.what)
+        self.error = error
+
+
+def _condition(text: str) -> str:
+    try:
+        bind(Expression(text), AnyName())
+    except ExpressionError as error:
+        raise ConditionError(error) from error
+    return text
+
+
+Condition = Annotated[str, AfterValidator(_condition)]
+
+
+class BiasPart(Part):
+    """factor * value + offset in place of the value."""
+
+    offset: SignalValue = 0.0
+    factor: Number = 1.0
+
+
+class EventPart(Part):
+    """[[events]]: at a time, or when a condition becomes true.
+
+    Exactly one of `at` and `when`. `trigger` : whether `when` counts the first time only or
+    every time it becomes true. `for`, or `until` with `at` : how long it lasts; then `set` puts
+    back what was there, `override` and `bias` are released, a link is as before.
+
+    set : tunable parameters and inputs that nothing is connected to.
+    override, bias, release : outputs and connected inputs.
+    reset : components whose FMU goes back to how it started (FMI's reset; its time goes on).
+    stop : the run ends, with this reason.
+    outage : links that carry nothing. At a time: what is sent meanwhile is lost. By a condition:
+        their receivers keep what they have, whatever arrives.
+    restore : ends outages that a condition began.
+    delay, loss : of links, by time alone.
+    """
+
+    at: Seconds | None = None
+    when: Condition | None = None
+    trigger: Literal["once", "every-time"] = "once"
+    duration: Annotated[Duration | None, Field(alias="for")] = None
+    until: Instant | None = None
+    set: dict[Reference, FmiValue] = Field(default_factory=dict)
+    override: dict[Reference, SignalValue] = Field(default_factory=dict)
+    bias: dict[Reference, BiasPart] = Field(default_factory=dict)
+    release: list[Reference] = Field(default_factory=list)
+    reset: list[Name] = Field(default_factory=list)
+    stop: Literal[True] | Text | None = None
+    outage: list[Name] = Field(default_factory=list)
+    restore: list[Name] = Field(default_factory=list)
+    delay: dict[Name, Delay] = Field(default_factory=dict)
+    loss: dict[Name, Probability] = Field(default_factory=dict)
+
+    @property
+    def stops(self) -> bool:
+        """Whether it ends the run."""
+        return self.stop is not None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.at is None) == (self.when is None):
+            raise ValueError("either at (a time) or when (a condition)")
+        if self.at is not None and self.at < 0:
+            raise ValueError(f"a time from 0 on: {self.at:g} s is in the past")
+        if self.until is not None and self.at is None:
+            raise ValueError("until goes with at; with when, say how long: for")
+        if self.until is not None and self.duration is not None:
+            raise ValueError("one of for and until")
+        if self.until is not None and self.at is not None and self.until <= self.at:
+            raise ValueError(f"until after at: {self.until:g} s is in the past at {self.at:g} s")
+        if self.trigger == "every-time" and self.when is None:
+            raise ValueError('trigger = "every-time" with a condition (when)')
+        if self.when is not None and (self.delay or self.loss):
+            raise ValueError(
+                "delay and loss of a link change by time (at): the traffic is laid out before "
+                "the run; by a condition there is outage"
+            )
+        if self.at is not None and self.restore:
+            raise ValueError("restore ends what a condition began; by time an outage has until")
+        if not self._acts():
+            raise ValueError(
+                "something that happens: set, override, bias, release, reset, stop, outage, "
+                "restore, delay or loss"
+            )
+        return self
+
+    def _acts(self) -> bool:
+        lasting = self.set or self.override or self.bias or self.outage or self.delay or self.loss
+        return bool(lasting or self.release or self.reset or self.restore or self.stops)
+
+
+class WithinPart(Part):
+    """`within`: each time that `when` becomes true, `holds` is true at some time within `of`.
+
+    Without `when` it counts from the beginning of the window.
+    """
+
+    of: Duration
+    holds: Condition
+    when: Condition | None = None
+
+
+class AssertionPart(Part):
+    """[[assertions]]: what must hold at the communication points of [after, before].
+
+    Exactly one of `always`, `eventually` and `within`. `expected = "fails"` : it must not hold.
+    """
+
+    name: Text | None = None
+    always: Condition | None = None
+    eventually: Condition | None = None
+    within: WithinPart | None = None
+    after: Instant | None = None
+    before: Instant | None = None
+    expected: Literal["holds", "fails"] = "holds"
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        given = [x for x in (self.always, self.eventually, self.within) if x is not None]
+        if len(given) != 1:
+            raise ValueError("exactly one of always, eventually and within")
+        if self.after is not None and self.before is not None and self.before < self.after:
+            raise ValueError("before not earlier than after")
+        return self
+
+    @property
+    def words(self) -> str:
+        """The assertion in one line."""
+        window = "" if self.after is None else f" after {self.after:g} s"
+        window += "" if self.before is None else f" before {self.before:g} s"
+        if self.within is not None:
+            since = f" of {self.within.when}" if self.within.when else ""
+            return f"within {self.within.of:g} s{since}: {self.within.holds}{window}"
+        if self.always is not None:
+            return f"always {self.always}{window}"
+        return f"eventually {self.eventually}{window}"

@@ -1,0 +1,215 @@
+"""`extends = "auv-acoustic"`: a scenario that says only what is different from another one.
+
+Tables are merged key by key, to any depth; everything else, lists among it, is replaced. Two
+things are replaced whole: a table whose `kind` changes, and the connections, whichever of their
+two forms (`connections`, `connect`) the extending scenario uses. `without = ["reference",
+"links.uplink"]` takes away what the base has.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.hinf.files import parse_toml
+from cosim.scenario.dotted import remove, split
+from cosim.scenario.origin import Layer
+
+_CONNECTIONS = ("connections", "connect")
+_MOST = 32
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scenario before it is validated.
+
+    Attributes
+    ----------
+    name : the built-in name, or the file's stem.
+    data : as TOML has it, `extends` resolved.
+    layers : the files it was put together from, the base first.
+    folder : where relative paths begin.
+    """
+
+    name: str
+    data: dict[str, Any]
+    layers: tuple[Layer, ...]
+    folder: Path
+
+    @property
+    def text(self) -> str:
+        """The text of the file itself."""
+        return self.layers[-1].text
+
+
+def builtin_names() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    library = files("cosim.scenario").joinpath("library")
+    return sorted(
+        p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml")
+    )
+
+
+def read_text(path: Path) -> str:
+    """Text of a file that a user named; an `InputError` if it cannot be read."""
+    try:
+        return path.read_text("utf-8")
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, a null in the path
+        raise InputError(
+            "the file cannot be read", where=str(path), expected="a text file", got=str(error)
+        ) from error
+
+
+def open_source(name_or_path: str, *, relative_to: Path | None = None) -> Source:
+    """A built-in scenario by name, or a TOML file by path, with what it extends.
+
+    Raises
+    ------
+    InputError : no such scenario, malformed TOML, a cycle.
+    """
+    names = builtin_names()
+    if name_or_path in names:
+        library = files("cosim.scenario").joinpath("library")
+        text = library.joinpath(f"{name_or_path}.toml").read_text("utf-8")
+        return source_of(text, name=name_or_path, where=f"{name_or_path}.toml", folder=Path.cwd())
+    path = Path(name_or_path) if relative_to is None else relative_to / name_or_path
+    if path.suffix != ".toml" and not path.exists():
+        raise InputError.unknown("scenario", name_or_path, [*names, "FILE.toml"])
+    return source_of(
+        read_text(path), name=path.stem, where=str(path), folder=path.resolve().parent, file=path
+    )
+
+
+def source_of(
+    text: str,
+    *,
+    name: str,
+    where: str,
+    folder: Path,
+    file: Path | None = None,
+    chain: tuple[str, ...] = (),
+) -> Source:
+    """The source that a text is, with what it extends."""
+    own = parse_toml(text, where)
+    layer = Layer(where, text)
+    base_name = own.pop("extends", None)
+    without = own.pop("without", None)
+    if base_name is None and without is None:
+        return Source(name, own, (layer,), folder)
+    at = f"{where}:{_line(text)}: extends"
+    if not isinstance(base_name, str):
+        raise InputError(
+            "what a scenario extends is named by a text"
+            if base_name is not None
+            else "without takes away from what a scenario extends, and this one extends nothing",
+            where=at,
+            expected='extends = "auv-acoustic", or the path of a file',
+            got=None if base_name is None else repr(base_name),
+        )
+    here = str(file.resolve()) if file is not None else name
+    chain = (*chain, here)
+    base = _base(base_name, folder, chain, at)
+    data = _rebased(base, folder)
+    for path in _paths(without, at):
+        remove(data, split(path), f"{where}: without {path}")
+    return Source(name, merged(data, own), (*base.layers, layer), folder)
+
+
+def _base(name: str, folder: Path, chain: tuple[str, ...], at: str) -> Source:
+    names = builtin_names()
+    file = None if name in names else folder / name
+    own = name if file is None else str(file.resolve())
+    if own in chain or len(chain) > _MOST:
+        shown = (
+            [Path(link).name for link in (*chain[chain.index(own) :], own)]
+            if own in chain
+            else [Path(link).name for link in chain[:4]] + ["..."]
+        )
+        raise InputError(
+            "scenarios extend each other in a cycle",
+            where=at,
+            got=" -> ".join(shown),
+            hint="one of them has to stand on its own",
+        )
+    if file is None:
+        library = files("cosim.scenario").joinpath("library")
+        text = library.joinpath(f"{name}.toml").read_text("utf-8")
+        return source_of(text, name=name, where=f"{name}.toml", folder=folder, chain=chain)
+    if not file.is_file():
+        raise InputError.unknown("scenario", name, [*names, "FILE.toml"], where=at)
+    return source_of(
+        read_text(file),
+        name=file.stem,
+        where=str(file),
+        folder=file.resolve().parent,
+        file=file,
+        chain=chain,
+    )
+
+
+def _paths(without: Any, at: str) -> list[str]:
+    if without is None:
+        return []
+    if not isinstance(without, list) or not all(isinstance(p, str) for p in without):
+        raise InputError(
+            "without is a list of keys",
+            where=at.replace("extends", "without"),
+            expected='without = ["reference", "links.uplink"]',
+            got=repr(without)[:100],
+        )
+    return without
+
+
+def _line(text: str) -> int:
+    lines = text.splitlines()
+    return next((i + 1 for i, line in enumerate(lines) if line.lstrip().startswith("extends")), 1)
+
+
+def merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """The base with what the other says, tables merged."""
+    data = copy.deepcopy(dict(base))
+    if any(key in own for key in _CONNECTIONS):
+        for key in _CONNECTIONS:
+            data.pop(key, None)
+    return _merged(data, own)
+
+
+def _merged(base: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    for key, value in own.items():
+        before = base.get(key)
+        if (
+            isinstance(before, dict)
+            and isinstance(value, dict)
+            and before.get("kind") == value.get("kind", before.get("kind"))
+        ):
+            base[key] = _merged(before, value)
+        else:
+            base[key] = copy.deepcopy(value)
+    return base
+
+
+def _rebased(base: Source, folder: Path) -> dict[str, Any]:
+    """The base's data with its relative paths seen from another folder."""
+    data = copy.deepcopy(base.data)
+    if base.folder == folder:
+        return data
+
+    def seen(path: Any, ending: str) -> Any:
+        if not isinstance(path, str) or not path.endswith(ending) or Path(path).is_absolute():
+            return path
+        return Path(os.path.relpath(base.folder / path, folder)).as_posix()
+
+    components = data.get("components")
+    for part in components.values() if isinstance(components, dict) else ():
+        if isinstance(part, dict) and "fmu" in part:
+            part["fmu"] = seen(part["fmu"], ".fmu")
+    design = data.get("design")
+    if isinstance(design, dict) and "system" in design:
+        design["system"] = seen(design["system"], ".toml")
+    return data

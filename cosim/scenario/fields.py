@@ -1,0 +1,149 @@
+"""The kinds of values that a scenario has: names, times, numbers, with or without a unit.
+
+A plain number is in SI; a text is a quantity with a unit, which must be of the right dimension.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    WithJsonSchema,
+)
+
+from cosim.scenario.quantity import (
+    NUMBER,
+    NUMBER_ONLY,
+    TIME,
+    UNIT,
+    Dimension,
+    QuantityError,
+    dimension,
+    parse_quantity,
+    quantity_in,
+)
+
+NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"
+REFERENCE_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*\..+$"
+Name = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
+Reference = Annotated[str, StringConstraints(pattern=REFERENCE_PATTERN)]
+Text = Annotated[str, StringConstraints(min_length=1)]
+
+
+class Part(BaseModel):
+    """A table of a scenario."""
+
+    # strict: "5.0" is no number and true is no 1, as TOML itself has it
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
+
+
+def _quantity(wanted: Dimension) -> BeforeValidator:
+    def convert(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            return quantity_in(value, wanted)
+        except QuantityError as error:
+            raise ValueError(f"a number, or {error}") from error
+
+    return BeforeValidator(convert, json_schema_input_type=float | Written)
+
+
+Written = Annotated[
+    str,
+    WithJsonSchema(
+        {
+            "type": "string",
+            "pattern": rf"^\s*{NUMBER}\s*{UNIT}\s*$",
+            "description": 'a number and a unit, as in "50 ms"',
+        }
+    ),
+]
+_SECONDS = _quantity(TIME)
+_PLAIN = _quantity(NUMBER_ONLY)
+# constraints first: what a validator wraps checks itself whole
+# three years: sums of a few such times still fit into 64-bit nanoseconds
+Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False), _SECONDS]
+Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
+Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
+Seconds = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False), _SECONDS]
+Length = Annotated[float, Field(allow_inf_nan=False), _quantity(dimension(m=1))]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Probability = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), _PLAIN]
+Speed = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(m=1, s=-1))]
+Rate = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(rad=1, s=-1))]
+Frequency = Annotated[float, Field(ge=0, allow_inf_nan=False), _quantity(dimension(rad=1, s=-1))]
+Angle = Annotated[float, Field(gt=0, allow_inf_nan=False), _quantity(dimension(rad=1))]
+PerSecond = Annotated[float, Field(ge=0, allow_inf_nan=False), _quantity(dimension(s=-1))]
+
+
+def _whole(wanted: Dimension) -> BeforeValidator:
+    plain = _quantity(wanted)
+
+    def convert(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        found = plain.func(value)  # type: ignore[call-arg]
+        if found != round(found):
+            raise ValueError(f"a whole number of {wanted}; got {value!r}")
+        return round(found)
+
+    return BeforeValidator(convert, json_schema_input_type=int | Written)
+
+
+BitRate = Annotated[int, Field(ge=0), _whole(dimension(bit=1, s=-1))]
+Bits = Annotated[int, Field(ge=0), _whole(dimension(bit=1))]
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, str):
+        try:
+            parse_quantity(value)
+        except QuantityError as error:
+            raise ValueError(f"a number, or {error}") from error
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("a number, or a text with a unit")  # noqa: TRY004 - pydantic's way
+    if not math.isfinite(value):
+        raise ValueError("a finite number")
+    return float(value)
+
+
+SignalValue = Annotated[
+    Any,
+    AfterValidator(_finite),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
+]
+"""A number or a text with a unit, whose dimension a variable decides that is known later."""
+
+
+def _of_fmi(value: Any) -> Any:
+    _check_fmi(value, 0)
+    return value
+
+
+def _check_fmi(value: Any, depth: int) -> None:
+    if isinstance(value, list) and depth <= 8:
+        for item in value:
+            _check_fmi(item, depth + 1)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("a finite number")
+    elif not isinstance(value, bool | int | float | str):
+        raise ValueError("a number, a truth value, a text, or nested lists of them")
+
+
+FmiValue = Annotated[
+    Any,
+    AfterValidator(_of_fmi),
+    WithJsonSchema({"type": ["number", "boolean", "string", "array"]}),
+]
+"""A value of a variable of any FMI type; a text may be a quantity with a unit."""

@@ -1,0 +1,109 @@
+"""Everything that a scenario needs, found or made before anything runs: FMUs, gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription
+from cosim.hinf import Design, WorstCase
+from cosim.scenario.assemble import assemble, find_fmus
+from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
+from cosim.scenario.hangar import Hangar
+from cosim.scenario.origin import Findings
+from cosim.scenario.read import LoadedScenario
+from cosim.scenario.signals import blank_push, reference_inputs, worst_case_of
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of it that is done."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scenario with everything found that it needs, before anything runs."""
+
+    loaded: LoadedScenario
+    fmus: Mapping[str, FmuDescription]
+    problem: Problem | None
+    design: Design | None
+    push: WorstCase | None = None
+
+
+def prepare(
+    loaded: LoadedScenario,
+    hangar: Hangar,
+    *,
+    saved: tuple[Problem, Design] | None = None,
+    progress: Progress | None = None,
+) -> Prepared:
+    """Find or build the FMUs and make the gain, unless a `saved` one is given.
+
+    Raises
+    ------
+    InputError, NotAchievableError : see `assemble`, `gain` and `signals`.
+    """
+    tell = progress or silent
+    tell("FMUs", 0.0)
+    findings = Findings(loaded.origin)
+    fmus = find_fmus(loaded.scenario, hangar, findings)
+    loaded = with_numbers(loaded, fmus, findings)
+    scenario = loaded.scenario
+    part, disturbance = scenario.design, scenario.disturbance
+    if part is None:
+        with findings.at("disturbance"):
+            check_disturbance(loaded)
+        return Prepared(loaded, fmus, None, None)
+    with findings.at("design"):
+        check_roles(loaded, fmus)
+        # fit everything together before the design, which takes longest: what cannot run says so
+        problem = problem_of(part, loaded.folder) if saved is None else saved[0]
+        blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
+    with findings.at("disturbance"):
+        still = None if disturbance is None else blank_push(problem.system)
+    roles = {part.controller: blank}
+    assemble(scenario, fmus, parameters=roles, push=still, origin=loaded.origin)
+    tell("design", 0.0)
+    found = solve(problem, part.gain, part.order) if saved is None else saved[1]
+    push = None if disturbance is None else worst_case_of(disturbance, found)
+    return Prepared(loaded, fmus, problem, found, push)
+
+
+def with_numbers(
+    loaded: LoadedScenario, fmus: Mapping[str, FmuDescription], findings: Findings
+) -> LoadedScenario:
+    """The same with a reference in the units of the inputs that follow it."""
+    reference = loaded.scenario.reference
+    if reference is None:
+        return loaded
+    with findings.at("reference"):
+        numbers = reference_inputs(reference, fmus)
+        scenario = loaded.scenario.model_copy(update={"reference": numbers})
+        return replace(loaded, scenario=scenario)
+    return loaded
+
+
+def check_disturbance(loaded: LoadedScenario) -> None:
+    """Refuse a worst case where nothing is designed."""
+    if loaded.scenario.disturbance is not None and loaded.scenario.design is None:
+        raise InputError(
+            "a worst case is that of a design, and this scenario has none",
+            where="disturbance",
+            expected="[design]",
+            hint="a wave field as a component needs no design",
+        )
+
+
+def check_roles(loaded: LoadedScenario, fmus: Mapping[str, FmuDescription]) -> None:
+    """See that the components exist that a design is about."""
+    part = loaded.scenario.design
+    if part is not None:
+        for role, name in (("controller", part.controller), ("plant", part.plant)):
+            if name not in fmus:
+                raise InputError.unknown("component", name, fmus, where=f"design.{role}")
+
+
+def silent(_what: str, _share: float) -> None:
+    """No progress asked for."""

@@ -1,0 +1,186 @@
+"""Values with units: `"50 ms"`, `"2 kN"`, `"20 deg"`, `"3 kn"`.
+
+A quantity is a number and a unit; units are names that Pint knows, with `*`, `/`, `^` and
+FMI's way to write powers (`m/s2`). Angles count as a dimension of their own: 1 Hz is no rad/s.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from functools import cache
+from typing import Any, NamedTuple
+
+_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "bit")
+_PINT = ("kilogram", "meter", "second", "ampere", "kelvin", "mole", "candela", "radian", "bit")
+NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
+_NAME = r"(?:[A-Za-zµμΩ°]+|%)"
+_FACTOR = rf"{_NAME}(?:(?:\^|\*\*)?-?\d)?"
+UNIT = rf"(?:1/)?{_FACTOR}(?:[*/.·]{_FACTOR})*"
+_QUANTITY = re.compile(rf"\s*({NUMBER})\s*({UNIT})\s*")
+_FACTORS = re.compile(rf"([*/.·]?)({_NAME})(?:(?:\^|\*\*)?(-?\d))?")
+_LONGEST = 60
+
+
+class Dimension(NamedTuple):
+    """Exponents of the SI base units, of the radian and of the bit."""
+
+    exponents: tuple[Fraction, ...]
+
+    def __mul__(self, other: object) -> Dimension:
+        if not isinstance(other, Dimension):
+            return NotImplemented
+        pairs = zip(self.exponents, other.exponents, strict=True)
+        return Dimension(tuple(a + b for a, b in pairs))
+
+    def power(self, exponent: Fraction) -> Dimension:
+        """The dimension of a power."""
+        return Dimension(tuple(a * exponent for a in self.exponents))
+
+    @property
+    def angle(self) -> Fraction:
+        """Exponent of the radian."""
+        return self.exponents[_BASES.index("rad")]
+
+    def without_angle(self) -> Dimension:
+        """The same for who does not tell radians from numbers."""
+        place = _BASES.index("rad")
+        return Dimension((*self.exponents[:place], Fraction(0), *self.exponents[place + 1 :]))
+
+    def __str__(self) -> str:
+        up = [_written(b, e) for b, e in zip(_BASES, self.exponents, strict=True) if e > 0]
+        down = [_written(b, -e) for b, e in zip(_BASES, self.exponents, strict=True) if e < 0]
+        if not up and not down:
+            return "a number without unit"
+        return "/".join(["*".join(up) or "1", *down])
+
+
+def _written(base: str, exponent: Fraction) -> str:
+    return base if exponent == 1 else f"{base}^{exponent}"
+
+
+def dimension(**exponents: int) -> Dimension:
+    """A dimension by the exponents of its base units: dimension(m=1, s=-2)."""
+    return Dimension(tuple(Fraction(exponents.get(base, 0)) for base in _BASES))
+
+
+NUMBER_ONLY = dimension()
+TIME = dimension(s=1)
+
+
+class Quantity(NamedTuple):
+    """A value in SI units, its dimension, and how it was written."""
+
+    si: float
+    dimension: Dimension
+    text: str
+
+
+class QuantityError(ValueError):
+    """A text that is no quantity, or one of another dimension; says which."""
+
+
+def parse_quantity(text: str) -> Quantity:
+    """The quantity that a text is.
+
+    Raises
+    ------
+    QuantityError : no number with a unit, a unit that is not known, or beyond all numbers.
+    """
+    found = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
+    if found is None:
+        raise QuantityError(f'a number and a unit, as in "50 ms"; got {text[:_LONGEST]!r}')
+    factor, offset, measured = _unit(found[2])
+    try:
+        exact = Decimal(found[1].replace("_", "")) * factor + offset
+        si = float(exact)
+    except (InvalidOperation, OverflowError) as error:  # pragma: no cover - by the grammar
+        raise QuantityError(f"a number in range; got {text!r}") from error
+    if si in (float("inf"), float("-inf")):
+        raise QuantityError(f"a number in range; got {text!r}")
+    return Quantity(si, measured, text.strip())
+
+
+def quantity_in(text: str, wanted: Dimension) -> float:
+    """The SI value of a text of a certain dimension.
+
+    Raises
+    ------
+    QuantityError : it is of another one; both are named.
+    """
+    found = parse_quantity(text)
+    check_dimension(found, wanted)
+    return found.si
+
+
+def check_dimension(found: Quantity, wanted: Dimension) -> None:
+    """Refuse a quantity of another dimension.
+
+    Raises
+    ------
+    QuantityError : both dimensions are named.
+    """
+    if found.dimension != wanted:
+        raise QuantityError(
+            f"a value in {wanted}; {found.text!r} is in {found.dimension}"
+            + _rotations(found.dimension, wanted)
+        )
+
+
+def _rotations(found: Dimension, wanted: Dimension) -> str:
+    apart = wanted.without_angle() == found.without_angle()
+    return " (1 Hz is 2 pi rad/s: write rad/s, deg/s or rpm)" if apart and wanted.angle else ""
+
+
+@cache
+def _unit(text: str) -> tuple[Decimal, Decimal, Dimension]:
+    """Factor and offset to SI, and the dimension, of a unit."""
+    factors = _FACTORS.findall(text.removeprefix("1/"))
+    if len(factors) == 1 and not factors[0][2] and not text.startswith("1/"):
+        return _named(factors[0][1])
+    factor, measured = Decimal(1), NUMBER_ONLY
+    for i, (sign, name, power) in enumerate(factors):
+        below = sign == "/" or (i == 0 and text.startswith("1/"))
+        exponent = int(power or 1) * (-1 if below else 1)
+        one, offset, of_one = _named(name)
+        if offset:
+            raise QuantityError(f"a unit without an offset within {text!r}; got {name!r}")
+        factor *= one**exponent
+        measured = measured * of_one.power(Fraction(exponent))
+    return factor, Decimal(0), measured
+
+
+@cache
+def _named(name: str) -> tuple[Decimal, Decimal, Dimension]:
+    registry = _registry()
+    try:
+        at_zero = registry.Quantity(Decimal(0), registry.Unit(name)).to_base_units()
+        at_one = registry.Quantity(Decimal(1), registry.Unit(name)).to_base_units()
+        exponents = {str(base): Fraction(e) for base, e in at_one.unit_items()}
+    except Exception as error:  # pint has many; each means that this is no unit for us
+        raise QuantityError(f"a unit that is known; {name!r} is none") from error
+    if not set(exponents) <= set(_PINT) or not isinstance(at_one.magnitude, Decimal):
+        raise QuantityError(f"a unit of physics; {name!r} is none")
+    measured = Dimension(tuple(exponents.get(base, Fraction(0)) for base in _PINT))
+    return at_one.magnitude - at_zero.magnitude, at_zero.magnitude, measured
+
+
+@cache
+def _registry() -> Any:
+    from pint import UnitRegistry  # noqa: PLC0415 - half a second, for those who write units
+
+    # decimals keep "50 ms" at the double nearest to 0.05
+    return UnitRegistry(non_int_type=Decimal)
+
+
+def unit_names() -> list[str]:
+    """Names of units that people write, to suggest from."""
+    return sorted(_COMMON)
+
+
+_COMMON = (
+    *("s", "ms", "us", "ns", "min", "h", "m", "mm", "cm", "km", "nmi", "m/s", "km/h", "kn"),
+    *("m/s2", "rad", "deg", "rad/s", "deg/s", "rpm", "Hz", "N", "kN", "N*m", "kN*m", "kg", "t"),
+    *("kg/m3", "bit", "byte", "bit/s", "kbit/s", "%"),
+)

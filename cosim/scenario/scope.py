@@ -1,0 +1,119 @@
+"""What names in conditions mean: signals of a run, constants, and the state of links."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import InputError
+from cosim.fmu import Port
+from cosim.master import Endpoint, Run, System
+from cosim.master.checks import LINK_STATE
+from cosim.master.columns import element_names
+from cosim.network import PacketLink
+from cosim.scenario.binding import Meaning
+from cosim.scenario.matching import endpoint
+from cosim.scenario.quantity import NUMBER_ONLY, TIME
+from cosim.scenario.units import unit_of
+
+_STATE = {"age": "age_s"}
+
+
+class RunScope:
+    """The names of one system.
+
+    Outputs, and inputs that something reaches, are signals; parameters, and inputs that nothing
+    reaches, constants, unless an event sets them (`changed`); `LINK.age`, `.sequence`,
+    `.dropped`, `.delivered` the state of a packet link.
+    """
+
+    def __init__(self, system: System, changed: Sequence[Endpoint] = ()) -> None:
+        self._system, self._changed = system, changed
+        reached = {c.target for c in system.connections} | set(system.driven)
+        self._signals: dict[str, dict[str, Port]] = {}
+        self._others: dict[str, dict[str, Port]] = {}
+        for name, component in system.components.items():
+            mine, rest = self._signals.setdefault(name, {}), self._others.setdefault(name, {})
+            for port in component.description.ports.values():
+                moves = port.causality == "output" or Endpoint(name, port.name) in reached
+                into = mine if moves and port.kind is not None else rest
+                into.update(dict.fromkeys(element_names(port), port))
+
+    def signals(self, component: str) -> Mapping[str, Port]:
+        """Outputs and connected inputs of a component, by the names of their elements."""
+        if component not in self._signals:
+            raise InputError.unknown("component", component, self._signals)
+        return self._signals[component]
+
+    def meaning(self, reference: str) -> Meaning:
+        """The meaning of `component.variable`; an `InputError` with the nearest names."""
+        name, _, variable = reference.partition(".")
+        if name in self._system.links and name not in self._system.components:
+            return self._state(name, variable)
+        if not variable:
+            raise InputError(
+                f"there is no name {reference!r}",
+                expected="component.variable, as in plant.eta.z; t is the time",
+            )
+        port = self.signals(name).get(variable)
+        if port is None:
+            port = self._constant(name, variable)
+        if port.kind == "string":
+            raise InputError(f"{reference} is a text", expected="a number or a truth value")
+        if port.kind == "bool":
+            return Meaning("truth", None)
+        unit = unit_of(self._system.components[name].description, port)
+        if unit is None:
+            return Meaning("number", None)
+        plain = unit.factor == 1.0 and unit.offset == 0.0
+        return Meaning("number", unit.dimension, None if plain else unit.to_si)
+
+    def _constant(self, name: str, variable: str) -> Port:
+        port = self._others[name].get(variable)
+        known = port is not None and port.causality in ("parameter", "input") and not port.shape
+        if port is None or not known:
+            raise InputError.unknown(
+                "variable", f"{name}.{variable}", [f"{name}.{v}" for v in self._signals[name]]
+            )
+        if Endpoint(name, variable) in self._changed:
+            raise InputError(f"{name}.{variable} is set by an event", expected="a signal")
+        return port
+
+    def _state(self, link: str, what: str) -> Meaning:
+        if not isinstance(self._system.links[link], PacketLink):
+            raise InputError("only a packet link has a state", got=f"link {link!r}")
+        if what not in LINK_STATE:
+            raise InputError.unknown("state of a link", what, LINK_STATE)
+        return Meaning("number", TIME if what == "age" else NUMBER_ONLY)
+
+    def constant(self, reference: str) -> float | None:
+        """The value of what does not change; None for a signal."""
+        end = endpoint(reference)
+        port = self._others.get(end.component, {}).get(end.variable)
+        if port is None:
+            return None
+        value = self._system.components[end.component].parameters.get(port.name, port.start)
+        return float(value if value is not None else 0.0)
+
+
+def values_over(run: Run, scope: RunScope, names: Sequence[str]) -> list[Any]:
+    """Values of names at the points that a run reached, (k,) each."""
+    seconds = run.points_ns / 1e9
+    return [seconds if name == "t" else _over(run, scope, name) for name in names]
+
+
+def _over(run: Run, scope: RunScope, name: str) -> NDArray[np.float64]:
+    first, _, rest = name.partition(".")
+    if first in run.schedules and first not in {s.name for s in run.stations}:
+        state = run.schedules[first].state(run.points_ns)
+        found: NDArray[np.float64] = np.asarray(
+            getattr(state, _STATE.get(rest, rest)), dtype=np.float64
+        )
+        return found
+    constant = scope.constant(name)
+    if constant is not None:
+        return np.full(run.points_ns.size, constant)
+    return run.signal(first, rest)

@@ -1,0 +1,240 @@
+"""The events of a scenario, checked against its system: conditions bound, targets found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from cosim.errors import InputError
+from cosim.fmu.phase import may_be_set, settable
+from cosim.fmu.values import elements
+from cosim.master import Endpoint, System
+from cosim.scenario.binding import Bound, bind
+from cosim.scenario.channels import Change, nanoseconds
+from cosim.scenario.events import EventPart
+from cosim.scenario.expression import Expression, ExpressionError
+from cosim.scenario.matching import endpoint
+from cosim.scenario.origin import Findings
+from cosim.scenario.parameters import in_own_unit
+from cosim.scenario.schema import Scenario
+from cosim.scenario.scope import RunScope
+
+
+class Action(NamedTuple):
+    """One thing that an event does; `value` and `factor` as its kind asks."""
+
+    kind: str
+    target: Endpoint
+    value: Any = None
+    factor: float = 1.0
+
+    def __str__(self) -> str:
+        where = str(self.target).strip(".")
+        shown = (
+            ""
+            if self.value is None
+            else f" {self.value:g}"
+            if isinstance(self.value, float)
+            else f" {self.value}"
+        )
+        return f"{self.kind} {where}{shown}"
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event that is ready.
+
+    Attributes
+    ----------
+    number : its place in the scenario.
+    at_ns, condition : one of them.
+    lasts_ns : after which it is undone; None: never.
+    stop : the reason if it ends the run.
+    """
+
+    number: int
+    at_ns: int | None
+    condition: Bound | None
+    every_time: bool
+    lasts_ns: int | None
+    actions: tuple[Action, ...]
+    stop: str | None
+
+    @property
+    def words(self) -> str:
+        """When it happens."""
+        if self.condition is not None:
+            return f"event {self.number + 1} (when {self.condition.expression.text})"
+        return f"event {self.number + 1} (at {(self.at_ns or 0) / 1e9:g} s)"
+
+
+def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]]:
+    """What events by time do to links, by link; it is part of the link before the run."""
+    found: dict[str, list[Change]] = {}
+    end = nanoseconds(scenario.run.end)
+    for i, event in enumerate(scenario.events):
+        if event.at is None:
+            continue
+        start, lasts = nanoseconds(event.at), _lasts_ns(event)
+        until = end + 1 if lasts is None else start + lasts
+        for key, names in (("outage", event.outage), ("delay", event.delay), ("loss", event.loss)):
+            for name in names:
+                with findings.at("events", i, key):
+                    if name not in scenario.links:
+                        raise InputError.unknown("link", name, scenario.links)
+                    delay = nanoseconds(event.delay[name]) if key == "delay" else None
+                    loss = event.loss[name] if key == "loss" else None
+                    found.setdefault(name, []).append(Change(start, until, delay, loss))
+    return found
+
+
+def instants_ns(scenario: Scenario) -> list[int]:
+    """When events by time happen, and end: these become communication points."""
+    found = set()
+    for event in scenario.events:
+        if event.at is not None:
+            start = nanoseconds(event.at)
+            found |= {start, start + (_lasts_ns(event) or 0)}
+    return sorted(t for t in found if 0 <= t <= nanoseconds(scenario.run.end))
+
+
+def _lasts_ns(event: EventPart) -> int | None:
+    if event.duration is not None:
+        return nanoseconds(event.duration)
+    if event.until is not None and event.at is not None:
+        return nanoseconds(event.until) - nanoseconds(event.at)
+    return None
+
+
+def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[Event, ...]:
+    """Every event of a scenario, ready; faults go to `findings`."""
+    changed = [endpoint(target) for event in scenario.events for target in event.set]
+    scope = RunScope(system, changed)
+    events = []
+    for i, part in enumerate(scenario.events):
+        with findings.at("events", i):
+            _check_time(part, scenario)
+        condition = None
+        if part.when is not None:
+            condition = bound(part.when, scope, findings, "events", i, "when")
+        events.append(
+            Event(
+                number=i,
+                at_ns=None if part.at is None else nanoseconds(part.at),
+                condition=condition,
+                every_time=part.trigger == "every-time",
+                lasts_ns=_lasts_ns(part),
+                actions=tuple(_actions(part, i, system, scope, findings)),
+                stop=None if part.stop is None else "" if part.stop is True else part.stop,
+            )
+        )
+    return tuple(events)
+
+
+def bound(text: str, scope: RunScope, findings: Findings, *path: str | int) -> Bound | None:
+    """A condition at some place of the scenario, as a function."""
+    with findings.at(*path):
+        try:
+            return bind(Expression(text), scope)
+        except ExpressionError as error:
+            raise InputError(
+                error.what,
+                where=error.where,
+                expected=error.expected,
+                got=error.got,
+                hint=error.hint,
+            ) from error
+    return None
+
+
+def _check_time(part: EventPart, scenario: Scenario) -> None:
+    if part.at is not None and part.at > scenario.run.end:
+        raise InputError(
+            "this event never happens: it is after the end of the run",
+            where="at",
+            expected=f"at most {scenario.run.end:g} s (run.end)",
+            got=f"{part.at:g} s",
+        )
+
+
+def _actions(
+    part: EventPart, i: int, system: System, scope: RunScope, findings: Findings
+) -> Iterator[Action]:
+    for reference, value in part.set.items():
+        with findings.at("events", i, "set", reference):
+            yield _set(system, scope, endpoint(reference), value)
+    for reference, value in part.override.items():
+        with findings.at("events", i, "override", reference):
+            end = _signal(scope, reference)
+            yield Action("override", end, _number(system, scope, end, value))
+    for reference, bias in part.bias.items():
+        with findings.at("events", i, "bias", reference):
+            end = _signal(scope, reference)
+            yield Action("bias", end, _offset(system, scope, end, bias.offset), bias.factor)
+    for k, reference in enumerate(part.release):
+        with findings.at("events", i, "release", k):
+            yield Action("release", _signal(scope, reference))
+    for k, name in enumerate(part.reset):
+        with findings.at("events", i, "reset", k):
+            yield _reset(system, name)
+    for key, names in (("outage", part.outage), ("restore", part.restore)):
+        for k, name in enumerate(names):
+            with findings.at("events", i, key, k):
+                if name not in system.links:
+                    raise InputError.unknown("link", name, system.links)
+                if part.when is not None:
+                    yield _outage(system, key, name)
+
+
+def _set(system: System, scope: RunScope, end: Endpoint, value: Any) -> Action:
+    if end.component not in system.components:
+        raise InputError.unknown("component", end.component, system.components)
+    fmu = system.components[end.component].description
+    port = fmu.port(end.variable, where=f"component {end.component!r}")
+    if end.variable in scope.signals(end.component):
+        raise InputError(
+            f"{end} is an output"
+            if port.causality == "output"
+            else f"{end} is connected: what is set would be overwritten at the next point",
+            expected="a tunable parameter, or an input that nothing is connected to",
+            hint="override, or set what drives it",
+        )
+    if not may_be_set(port, "stepping"):
+        raise InputError(f"{end} cannot be set while the run goes", got=settable(port))
+    own = in_own_unit(fmu, port, value)
+    elements(port, own, str(end))
+    return Action("set", end, own)
+
+
+def _signal(scope: RunScope, reference: str) -> Endpoint:
+    end = endpoint(reference)
+    signals = scope.signals(end.component)
+    if end.variable not in signals:
+        raise InputError.unknown("output or connected input", end.variable, signals)
+    if signals[end.variable].kind == "string":
+        raise InputError(f"{end} is a text, which cannot be replaced", expected="a number")
+    return end
+
+
+def _number(system: System, scope: RunScope, end: Endpoint, value: Any) -> float:
+    port = scope.signals(end.component)[end.variable]
+    return float(in_own_unit(system.components[end.component].description, port, value))
+
+
+def _offset(system: System, scope: RunScope, end: Endpoint, value: Any) -> float:
+    """A difference: of a unit with an offset, such as degC, only the factor counts."""
+    return _number(system, scope, end, value)
+
+
+def _reset(system: System, name: str) -> Action:
+    if name not in system.components:
+        raise InputError.unknown("component", name, system.components)
+    return Action("reset", Endpoint(name, ""))
+
+
+def _outage(system: System, kind: str, name: str) -> Action:
+    carried = [system.port(c.source) for c in system.connections if c.link == name]
+    if any(port.kind == "string" for port in carried):
+        raise InputError(f"link {name!r} carries texts, which cannot be held by a condition")
+    return Action(kind, Endpoint(name, ""))

@@ -1,0 +1,159 @@
+"""Conditions: values against Python's own arithmetic, dimensions, and the column of a fault."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.errors import InputError
+from cosim.scenario.binding import Meaning, bind
+from cosim.scenario.expression import Expression, ExpressionError
+from cosim.scenario.quantity import QuantityError, dimension, parse_quantity
+
+
+class Names:
+    """x in metres, v in metres per second, a an angle, n without a unit, b a truth value."""
+
+    known: ClassVar = {
+        "p.x": Meaning("number", dimension(m=1)),
+        "p.v": Meaning("number", dimension(m=1, s=-1)),
+        "p.a": Meaning("number", dimension(rad=1)),
+        "p.n[1,2]": Meaning("number", None),
+        "p.b": Meaning("truth", None),
+        "p.deg": Meaning("number", dimension(rad=1), np.radians),
+        "sea-2.der(x)": Meaning("number", dimension(m=1)),
+    }
+
+    def meaning(self, reference: str) -> Meaning:
+        if reference not in self.known:
+            raise InputError.unknown("variable", reference, self.known)
+        return self.known[reference]
+
+
+def value(text: str, **values: float) -> bool:
+    given = {"p.x": 3.0, "p.v": 0.5, "p.a": 0.3, "p.n[1,2]": 7.0, "p.b": 1.0, "t": 10.0}
+    given |= {"p.deg": 90.0, "sea-2.der(x)": -1.0} | values
+    bound = bind(Expression(text), Names())
+    return bool(bound([given[name] for name in bound.names]))
+
+
+@pytest.mark.parametrize(
+    ("text", "true"),
+    [
+        ("p.x > 299 cm", True),
+        ("p.x>=3 m and not p.x > 3 m", True),
+        ("p.x > 5 m or t == 10 s", True),
+        ("p.v < 1 kn", True),
+        ("p.v*t == 5 m", True),
+        ("p.x/t <= 0.3 m/s", True),
+        ("abs(-p.x) == 3 and max(p.x, 4 m, 1) == 4", True),
+        ("hypot(p.x, 4 m) == 5 m", True),
+        ("sqrt(p.x**2) == p.x", True),
+        ("20 deg > p.a > 10 deg", True),
+        ("p.n[1,2] - 7 == 0", True),
+        ("p.b and p.n[1,2] != 2e0", True),
+        ("p.deg > 1.57 rad and p.deg < 91 deg", True),
+        ("'sea-2.der(x)' < 0 m", True),
+        ("  min(1, 2) > 1", False),
+        ("1 < 2 < 2", False),
+        ("p.x / 0 > 1e300", True),
+        ("sqrt(-p.x) > 0", False),
+    ],
+)
+def test_value_is_that_of_the_words(text: str, *, true: bool) -> None:
+    """At one point, and the same over an array of points."""
+    assert value(text) is true
+    bound = bind(Expression(text), Names())
+    one = {"p.x": 3.0, "p.v": 0.5, "p.a": 0.3, "p.n[1,2]": 7.0, "p.b": 1.0, "t": 10.0}
+    one |= {"p.deg": 90.0, "sea-2.der(x)": -1.0}
+    many = np.broadcast_to(bound([np.full(4, one[n]) for n in bound.names]), 4)
+    assert many.tolist() == [true] * 4
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "words"),
+    [
+        ("p.x > > 5", 7, "cannot be understood"),
+        ("p.x > 5 s", 7, "both in m; one is in s"),
+        ("p.v + p.x > 0", 1, "both in m/s; one is in m"),
+        ("t > 1 s and p.q > 5", 13, "there is no variable 'p.q'"),
+        ("1 < 2 and q > 5", 11, "there is no variable 'q'"),
+        ("p.x > 5 furlongz", 7, "furlongz"),
+        ("p.x", 1, "this is a number"),
+        ("p.x and p.b", 1, "neither true nor false"),
+        ("p.b + 1 > 0", 1, "true or false, and no number"),
+        ("exec(p.x) > 0", 1, "there is no function 'exec'"),
+        ("p.x.__class__ > 0", 1, "p.x.__class__"),
+        ("p.x > [1][0]", 7, "no such form"),
+        ("p.x ** p.n[1,2] > 0", 8, "no such exponent"),
+        ("p.x := 3", 5, "cannot be understood"),
+        ("p.a > 1 Hz", 7, "both in rad; one is in 1/s"),
+        ("p.x > 1j", 7, "'j' is none"),
+        ("p.x == 'text'", 8, "there is no variable 'text'"),
+        ("", 1, "there is no condition"),
+        ("p.x > 1 if p.b else 2", 1, "no such form"),
+    ],
+)
+def test_fault_is_told_with_its_column(text: str, column: int, words: str) -> None:
+    """The column counts from 1, and a caret stands below it."""
+    with pytest.raises(ExpressionError) as found:
+        bind(Expression(text), Names())
+    assert found.value.column == column
+    assert words in str(found.value)
+    assert found.value.got == text or (found.value.got or "").splitlines()[0] == text
+
+
+NUMBERS = st.floats(-1e3, 1e3, allow_nan=False)
+
+
+@given(a=NUMBERS, b=NUMBERS, c=NUMBERS)
+def test_arithmetic_is_pythons(a: float, b: float, c: float) -> None:
+    """Any three numbers: sums, products and comparisons to the last bit."""
+    text = "p.n[1,2] * 2 + p.n[1,2] - 0.5 * p.s >= abs(p.v) or p.x < -p.v and not p.s > p.n[1,2]"
+    bound = bind(Expression(text), Loose())
+    given = {"p.n[1,2]": a, "p.v": b, "p.x": c, "p.s": 1.5}
+    expected = a * 2 + a - 0.5 * 1.5 >= abs(b) or (c < -b and not a < 1.5)
+    assert bool(bound([given[n] for n in bound.names])) is expected
+
+
+class Loose:
+    """Numbers of no unit."""
+
+    def meaning(self, reference: str) -> Meaning:
+        del reference
+        return Meaning("number", None)
+
+
+@pytest.mark.parametrize(
+    ("text", "si"),
+    [
+        ("50 ms", 0.05),
+        ("2 kN", 2000.0),
+        ("20 deg", math.radians(20)),
+        ("3 kn", 3 * 1852 / 3600),
+        ("60 rpm", 2 * math.pi),
+        ("20 degC", 293.15),
+        ("9.81 m/s2", 9.81),
+        ("5 kN*m", 5000.0),
+        ("-1.5e2 mm", -0.15),
+        ("5 %", 0.05),
+        ("35 km/h", 35 / 3.6),
+        ("0.1 1/s", 0.1),
+        ("1 kbit/s", 1000.0),
+    ],
+)
+def test_quantity_is_what_the_tables_say(text: str, si: float) -> None:
+    """Against the definitions: nautical mile 1852 m, minute 60 s, 0 degC 273.15 K."""
+    assert parse_quantity(text).si == pytest.approx(si, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["5", "m", "5 m s", "five m", "5 dB", "1e999 m", "5 m/", "5 N m"])
+def test_what_is_no_quantity_is_refused(text: str) -> None:
+    """No unit, no number, two units without a sign, what is out of all range."""
+    with pytest.raises(QuantityError):
+        parse_quantity(text)

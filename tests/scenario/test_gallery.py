@@ -1,0 +1,64 @@
+"""The gallery: every scenario that comes with the package holds what it says, or says it fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli.shell import BUILT_IN, cosim
+
+from cosim.scenario.read import builtin_names, load
+from cosim.trace import Trace
+
+GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
+
+
+def flown(name: str, fmus: Path, folder: Path) -> dict[str, object]:
+    result = cosim(
+        *("run", name, "--json", "--flavour", "native", "--fmus", fmus.parent, "--out", "t.mcap"),
+        cwd=folder,
+    )
+    assert result.code == 0, result.out + result.err
+    data: dict[str, object] = result.json
+    return data
+
+
+@pytest.mark.parametrize("name", GALLERY)
+def test_gallery_holds_what_it_promises(name: str, native_fmus: Path, tmp_path: Path) -> None:
+    """Each has assertions; each is as expected, and told in the trace; the run gets to its end."""
+    data = flown(name, native_fmus, tmp_path)
+    verdicts = data["assertions"]
+    assert isinstance(verdicts, list)
+    assert len(verdicts) == len(load(name).scenario.assertions) >= 1
+    assert all(v["as_expected"] and v["result"] == v["expected"] for v in verdicts)
+    assert data["status"] in ("finished", "limit_cycle")
+    result = Trace(tmp_path / "t.mcap").result
+    assert result is not None
+    assert '"as_expected": true' in result["assertions"]
+    assert "Why these numbers" in load(name).scenario.description
+
+
+def test_there_is_what_the_field_would_look_for() -> None:
+    """Eleven situations, by name."""
+    assert set(builtin_names()) >= {
+        *("station-keeping", "heading-step", "set-point-path", "acoustic-range", "burst-loss"),
+        *("link-outage", "current-gust", "thruster-saturation", "auv-worst-case", "wrong-delay"),
+        "paper-example",
+    }
+
+
+def test_delay_of_the_acoustic_link_is_the_way_of_sound(native_fmus: Path, tmp_path: Path) -> None:
+    """Recomputed from the trace: range at sending / 1500 m/s + 20 ms <= delay < that + jitter."""
+    flown("acoustic-range", native_fmus, tmp_path)
+    trace = Trace(tmp_path / "t.mcap")
+    plant, link = trace.read("/plant/output"), trace.read("/link/uplink")
+    place = np.searchsorted(plant.log_time_ns, link.publish_time_ns)
+    assert np.array_equal(plant.log_time_ns[place], link.publish_time_ns)
+    x, y, z = (plant[f"eta.{a}"][place] for a in "xyz")
+    way = np.sqrt((x + 330.0) ** 2 + y**2 + (z + 30.0) ** 2) / 1500.0 + 0.02
+    took = (link.log_time_ns - link.publish_time_ns) / 1e9
+    assert way.min() < 0.2415
+    assert way.max() > 0.2535
+    assert (took >= way - 1e-9).all()
+    assert (took < way + 0.05 + 1e-9).all()

@@ -1,0 +1,172 @@
+"""A scenario written down is read as the same one; nothing that is mistyped gets further."""
+
+from __future__ import annotations
+
+import copy
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import tomli_w
+from cli.shell import SCENARIOS, cosim
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cosim.errors import CosimError
+from cosim.scenario.check import problems_of, schema_problems
+from cosim.scenario.editor import json_schema
+from cosim.scenario.execute import fly, prepare
+from cosim.scenario.extend import open_source, source_of
+from cosim.scenario.hangar import Hangar
+from cosim.scenario.read import builtin_names, load, of_scenario, parse
+from cosim.scenario.schema import Scenario
+
+VALID = sorted(map(str, (SCENARIOS / "valid").glob("*.toml")))
+EVERY = [*builtin_names(), *VALID]
+
+
+@pytest.mark.parametrize("name", EVERY, ids=lambda name: Path(name).stem)
+def test_written_and_read_is_the_same(name: str, tmp_path: Path) -> None:
+    """Through TOML and through JSON, equal in every field, and the text is then its own image."""
+    scenario = load(name).scenario
+    text = scenario.to_toml()
+    again = parse(text, name="again", where="again.toml", folder=tmp_path).scenario
+    assert again == scenario
+    assert again.to_toml() == text
+    data = json.loads(json.dumps(scenario.model_dump(by_alias=True, exclude_none=True)))
+    assert Scenario.model_validate(data) == scenario
+
+
+@pytest.mark.parametrize("name", EVERY, ids=lambda name: Path(name).stem)
+def test_editor_takes_what_is_right(name: str) -> None:
+    """The JSON Schema accepts every file that the reader accepts, extending or not."""
+    text = open_source(name).text
+    jsonschema.validate(tomllib.loads(text), json_schema())
+
+
+def test_editor_refuses_what_is_wrong() -> None:
+    """An unknown key, a time of another form, a missing table; less in what extends."""
+    data = tomllib.loads(open_source("auv-direct").text)
+    schema = json_schema()
+    for change in ({"colour": 1}, {"run": {"end": "soon", "step": 1.0}}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(data | change, schema)
+    del data["run"]
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(data, schema)
+    jsonschema.validate({"extends": "auv-direct", "run": {"seed": 2}}, schema)
+
+
+def test_built_in_python_it_flies(fmus: Path, tmp_path: Path) -> None:
+    """The same scenario as objects: same content hash as from its file, and rerun."""
+    scenario = Scenario.model_validate(
+        {
+            "title": "built",
+            "run": {"end": 1.0, "step": "100 ms"},
+            "components": {
+                "plant": {"fmu": "DelayedPlant"},
+                "controller": {"fmu": "PaperController"},
+            },
+            "connect": ["plant.x -> controller.x", "controller.u -> plant.u"],
+            "events": [{"when": "plant.x[1] < 5", "for": 0.2, "override": {"plant.u[1]": 1.0}}],
+            "assertions": [{"eventually": "plant.x[1] < 5"}],
+        }
+    )
+    (tmp_path / "built.toml").write_text(scenario.to_toml())
+    hangar = Hangar(fmus.parent, tmp_path)
+    built = fly(prepare(of_scenario(scenario, "built"), hangar), tmp_path / "a.mcap")
+    read = fly(prepare(load(str(tmp_path / "built.toml")), hangar), tmp_path / "b.mcap")
+    assert built.content_hash == read.content_hash
+    assert built.assertions[0].result == "holds"
+    again = cosim("trace", "rerun", "a.mcap", "--json", "--fmus", fmus.parent, cwd=tmp_path)
+    assert again.json["identical"] is True
+
+
+PIECES: list[Any] = [
+    *(None, True, -1, 0, 1e308, float("nan"), float("inf"), 10**400, "", "5 m", "-3 s", "x.y"),
+    *(
+        "plant.eta.z > 5",
+        "((",
+        "a -> b",
+        [],
+        [[]],
+        {},
+        {"kind": "packet"},
+        [{"at": 1}],
+        "\0",
+        "\u00e9",
+    ),
+    *("9" * 50, {"offset": "1 m"}, ["plant"], {"plant.x[1]": [1]}, "1e999 s", "jacobi", "_"),
+]
+
+
+def places(data: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    inside = data.items() if isinstance(data, dict) else enumerate(data)
+    found = [path]
+    for key, value in inside:
+        at = (*path, key)
+        found += places(value, at) if isinstance(value, dict | list) else [at]
+    return found
+
+
+def mutated(data: dict[str, Any], draw: Any) -> dict[str, Any]:
+    data = copy.deepcopy(data)
+    for _ in range(draw(st.integers(1, 3))):
+        path = draw(st.sampled_from([p for p in places(data) if p]))
+        here: Any = data
+        for key in path[:-1]:
+            here = here[key]
+        what = draw(st.sampled_from(["replace", "remove", "add", "rename"]))
+        if what == "remove":
+            del here[path[-1]]
+        elif what == "add" and isinstance(here, dict):
+            key = draw(
+                st.sampled_from(["at", "when", "for", "link", "x", "a.b", "events", "within"])
+            )
+            here[key] = copy.deepcopy(draw(st.sampled_from(PIECES)))
+        elif what == "rename" and isinstance(here, dict):
+            here[f"{path[-1]}x"] = here.pop(path[-1])
+        else:
+            here[path[-1]] = copy.deepcopy(draw(st.sampled_from(PIECES)))
+        if not data:
+            break
+    return data
+
+
+SEEDS = [tomllib.loads(Path(name).read_text("utf-8")) for name in VALID]
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_mutation_gives_anything_but_a_message(
+    data: st.DataObject, fmus: Path, tmp_path: Path
+) -> None:
+    """Values of every wrong kind in every place: refused in words, or right; never a traceback."""
+    tables = mutated(data.draw(st.sampled_from(SEEDS)), data.draw)
+    try:
+        text = tomli_w.dumps(tables)
+    except (TypeError, ValueError):  # None, and what is no text
+        text = tomli_w.dumps({k: v for k, v in tables.items() if isinstance(v, str)})
+    try:
+        source = source_of(text, name="m", where="m.toml", folder=SCENARIOS / "valid")
+    except CosimError:
+        return
+    for problem in problems_of(source, Hangar(fmus.parent, tmp_path)):
+        assert isinstance(problem, CosimError)
+        assert problem.what
+
+
+@settings(max_examples=300)
+@given(
+    text=st.text(alphabet="plant.et>< =()[]'\"0123456789 msandort*/+-^%!,_:\\\n\u00b5", max_size=40)
+)
+def test_no_text_breaks_a_condition(text: str) -> None:
+    """Any letters: a condition, or a message with a column."""
+    data = tomllib.loads(Path(VALID[0]).read_text("utf-8"))
+    data["events"] = [{"when": text, "stop": True}]
+    source = source_of(tomli_w.dumps(data), name="m", where="m.toml", folder=Path())
+    said = [problem.text() for problem in schema_problems(source)]
+    assert all("events[0].when" in words and "column" in words for words in said)
