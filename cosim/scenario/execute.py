@@ -50,7 +50,7 @@ def fly(
         return fly_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
     tell = progress or silent
     began = time.perf_counter()
-    system, parameters, events = _flown_system(prepared)
+    system, parameters, events = flown_system(prepared)
     check_room(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -90,7 +90,7 @@ def fly_unrecorded(
     """
     tell = progress or silent
     began = time.perf_counter()
-    system, parameters, events = _flown_system(prepared)
+    system, parameters, events = flown_system(prepared)
     flown = conduct(system, "flight", tell, engine, events=events, pace=pace)
     beside = _companion(prepared, system, flown.run, parameters, tell) if companion else None
     return _outcome(prepared, system, flown, beside, None, began, pace)[0], flown.run
@@ -113,7 +113,7 @@ def check_room(trace: Path) -> None:
         )
 
 
-def _flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Event]]:
+def flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Event]]:
     """What flies, the parameters that its design sets, and what happens on the way."""
     loaded = prepared.loaded
     scenario = loaded.scenario

@@ -14,6 +14,7 @@ from cli.shell import COMMAND, cosim, flight, home
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
+MASTER = (ROOT / "docs" / "master.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 LINES = [
     line.split(" #")[0].strip()
@@ -29,9 +30,9 @@ def files() -> dict[str, str]:
     """The TOML blocks by their first line, which names them; each is used by a command."""
     blocks = [block for language, block in BLOCKS if language == "toml"]
     result = {re.match(r"# (\S+\.toml)\n", block)[1]: block for block in blocks}  # type: ignore[index]
-    assert set(result) == {
-        word for line in COMMANDS for word in line.split() if word.endswith(".toml")
-    }
+    typed = " ".join(COMMANDS)
+    written = {f"{name}.toml" for name in re.findall(r"cosim scenario new (\S+)", typed)}
+    assert set(result) | written == {word for word in typed.split() if word.endswith(".toml")}
     return result
 
 
@@ -68,6 +69,7 @@ def test_commands_and_programs_work(folder: Path) -> None:
     """
     failed = {}
     programs = [block for language, block in BLOCKS if language == "python"]
+    programs += re.findall(r"^```python\n(.*?)^```$", MASTER, re.MULTILINE | re.DOTALL)
     for text, attempt in [(line, typed) for line in COMMANDS] + [(b, program) for b in programs]:
         try:
             attempt(text, folder)
