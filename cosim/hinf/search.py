@@ -132,6 +132,8 @@ def _descend(
     def value(u: Array) -> tuple[float, Array]:
         at = scalars(u)
         answer = ask(at)
+        if answer is None and not best:
+            raise EnoughError  # the start itself, but for rounding: at the edge of what is solved
         if answer is None:
             # a wall: the line search turns back
             return 10.0 * abs(best[0][1]) + 10.0, np.zeros(2 * N)
@@ -159,7 +161,7 @@ def _descend(
             bounds=bounds,
             options={"maxfun": steps, "ftol": 1e-9, "gtol": 1e-7},
         )
-    return best[0]
+    return best[0] if best else (start, sign * _value(ask(start)))
 
 
 def _answer(found: Answer | Solution) -> Answer | None:

@@ -77,6 +77,12 @@ class Quantity(NamedTuple):
     text: str
 
 
+def unit_in(text: str) -> str | None:
+    """The unit that a quantity is written in; None where the text is no quantity."""
+    found = _QUANTITY.fullmatch(text)
+    return None if found is None else found.group(2)
+
+
 class QuantityError(ValueError):
     """A text that is no quantity, or one of another dimension; says which."""
 

@@ -17,6 +17,7 @@ from cosim.scenario.expression import Expression, ExpressionError
 from cosim.scenario.matching import endpoint
 from cosim.scenario.origin import Findings
 from cosim.scenario.parameters import in_own_unit
+from cosim.scenario.quantity import unit_in
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope
 
@@ -224,7 +225,9 @@ def _number(system: System, scope: RunScope, end: Endpoint, value: Any) -> float
 
 def _offset(system: System, scope: RunScope, end: Endpoint, value: Any) -> float:
     """A difference: of a unit with an offset, such as degC, only the factor counts."""
-    return _number(system, scope, end, value)
+    found = _number(system, scope, end, value)
+    unit = unit_in(value) if isinstance(value, str) else None
+    return found if unit is None else found - _number(system, scope, end, f"0 {unit}")
 
 
 def _reset(system: System, name: str) -> Action:

@@ -349,3 +349,14 @@ def test_whatever_is_asked_it_ends_with_a_proof_or_a_name(case: int) -> None:
     except NotAchievableError as refused:
         proof = refused.certificate
     assert proof is None or check_certificate(proof).valid
+
+
+def test_a_search_that_begins_at_the_edge_of_what_is_solved() -> None:
+    """The first k1, k2 have an answer, and their rounding by exp(log(.)) has none."""
+    late = paper_example.system()
+    delays = (*late.delays, Delay(0.06, np.zeros((2, 2)), None, feedback=True, any_age=True))
+    system = DelaySystem(late.A, late.B, late.C, late.D, late.D1, late.D2, late.E, late.H, delays)
+    found = design(system, gain=[[3.216, -2.8395]])
+    assert found.gamma is not None
+    assert 5.557 < found.gamma < 8.0  # above the exact norm
+    assert check_certificate(found.certificate).valid
