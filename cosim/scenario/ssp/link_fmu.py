@@ -102,7 +102,8 @@ def _refuse(link: Link) -> None:
 def _late(link: PacketLink) -> list[str]:
     if link.delay_ns + link.frame_ns > 0:
         return []
-    return [
+    said = (
         f"link {link.name!r}: what arrives in the instant of sending (delay 0) is one step late "
         "in other tools: no output of an FMU may follow an input at once"
-    ]
+    )
+    return [said]
