@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import logging
 import shutil
+import zipfile
 from pathlib import Path
 
 from fmu_manipulation_toolbox.assembly import Assembly
+from lxml import etree
 from toolchains import by_fmpy
 from toolchains.flight import Flight, Part
 from toolchains.ssp_flight import Archive, Rows, label, serve
+
+SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 
 
 def fly(archive: Archive) -> Rows:
@@ -21,14 +25,14 @@ def fly(archive: Archive) -> Rows:
     folder = Path("parts")
     folder.mkdir()
     shutil.copy(archive.ssp, folder / "system.ssp")
-    assembly = Assembly("system.ssp", fmu_directory=folder, step_size=archive.step)
+    assembly = Assembly("system.ssp", fmu_directory=folder, default_step_size=archive.step)
     root = assembly.root
     assert root is not None
-    files = {p.name: p for p in (folder / "system.dir").iterdir()}
-    assert files
+    fmus = {Path(name).name: name for name in root.fmu_names_list}
+    sources = _sources(archive.ssp)
     named = {}
     for i, (element, variable) in enumerate(archive.watch):
-        fmu = next(n for n in root.fmu_names_list if _is_of(archive, element, n))
+        fmu = fmus[Path(sources[element]).name]
         root.add_output(fmu, variable, f"row_{i}")
         named[f"row_{i}"] = (element, variable)
     assembly.make_fmu(fmi_version=2)
@@ -44,15 +48,11 @@ def fly(archive: Archive) -> Rows:
     return {label(*watched): rows[label("container", row)] for row, watched in named.items()}
 
 
-def _is_of(archive: Archive, element: str, fmu: str) -> bool:
-    from lxml import etree  # noqa: PLC0415
-    import zipfile  # noqa: PLC0415
-
-    ssd = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
-    with zipfile.ZipFile(archive.ssp) as packed:
+def _sources(ssp: str) -> dict[str, str]:
+    """The FMU of each element."""
+    with zipfile.ZipFile(ssp) as packed:
         root = etree.fromstring(packed.read("SystemStructure.ssd"))
-    source = next(c.get("source") for c in root.iter(f"{ssd}Component") if c.get("name") == element)
-    return Path(source).name == Path(fmu).name
+    return {c.get("name"): c.get("source") for c in root.iter(f"{SSD}Component")}
 
 
 if __name__ == "__main__":

@@ -146,9 +146,7 @@ def test_vehicle_over_its_acoustic_links_flies_elsewhere_as_here(
     watch = tuple(("plant", f"eta.{axis}") for axis in ("x", "y", "z", "psi"))
     watch += (("controller", "force.x"), ("controller", "moment.z"))
     archive = Archive(str(tmp_path / "vehicle.ssp"), 50_000_000, run.points_ns.size - 1, watch)
-    assert_equal(
-        flown(peer, archive, tmp_path), {label(*w): run.signal(*w)[1:] for w in watch}
-    )
+    assert_equal(flown(peer, archive, tmp_path), {label(*w): run.signal(*w)[1:] for w in watch})
 
 
 def test_annotated_links_are_wires_to_others(native_fmus: Path, tmp_path: Path) -> None:

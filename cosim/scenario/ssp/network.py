@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cosim.errors import InputError
 from cosim.fmu import Port
 from cosim.master import Connection, Endpoint, Session, System
-from cosim.network import PacketLink
+from cosim.network import PacketLink, TransportLink
 from cosim.scenario.ssp.link_fmu import link_spec
 from cosim.scenario.ssp.resources import Resources
 from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire
@@ -173,8 +173,7 @@ def _link_fmus(
     over: dict[str, list[Connection]] = {}
     for connection in system.connections:
         link = None if connection.link is None else system.links[connection.link]
-        wire = link is not None and not isinstance(link, PacketLink)
-        if wire and link is not None and link.delay is None and link.delay_ns == 0:
+        if isinstance(link, TransportLink) and link.delay is None and link.delay_ns == 0:
             built.wired.add(link.name)
             link = None
         if link is None:
@@ -267,4 +266,4 @@ def _link_fmu(
     if isinstance(link, PacketLink):
         connectors += [Connector(n, "output", "Integer") for n in ("sequence", "dropped")]
     connectors.sort(key=lambda c: c.kind)
-    built.elements.append(Element(element, resources.build(spec), connectors, link=toml))
+    built.elements.append(Element(element, resources.build(spec), connectors, link=(name, toml)))

@@ -53,14 +53,14 @@ class Element:
     ----------
     source : path of its FMU in the archive.
     values : by variable.
-    link : TOML of the link that it stands for, if it is a link FMU.
+    link : name and TOML of the link that it stands for, if it is a link FMU.
     """
 
     name: str
     source: str
     connectors: Sequence[Connector]
     values: Mapping[str, Value] = field(default_factory=dict)
-    link: str | None = None
+    link: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,12 @@
-"""Units of a system's variables, with their base units, as an archive lists them."""
+"""Units of variables with their base units: as an archive lists them, and as it is read."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from cosim.master import System
+from cosim.scenario.ssp.names import tag
 from fmu_src.units import UNITS
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -43,3 +45,53 @@ def _base(unit: Any) -> dict[str, str] | None:
         if value != neutral:
             found[key] = repr(value)
     return found
+
+
+class UnitBase(NamedTuple):
+    """What a unit is in base units: value in base units = factor * value + offset."""
+
+    exponents: tuple[tuple[str, int], ...]
+    factor: float
+    offset: float
+
+
+def units_in(root: Any) -> dict[str, UnitBase]:
+    """Units that an SSD defines."""
+    found = {}
+    path = f"{tag('ssd', 'Units')}/{tag('ssc', 'Unit')}"
+    for unit in root.findall(path):
+        base = unit.find(tag("ssc", "BaseUnit"))
+        if base is not None:
+            found[unit.get("name")] = _of_texts(dict(base.attrib))
+    return found
+
+
+def units_of_fmu(model: Any) -> dict[str, UnitBase]:
+    """Units that an FMU defines."""
+    found = {}
+    for unit in getattr(model, "unitDefinitions", None) or ():
+        base = _base(unit)
+        if base is not None:
+            found[unit.name] = _of_texts(base)
+    return found
+
+
+def _of_texts(base: Mapping[str, str]) -> UnitBase:
+    exponents = tuple(
+        (k, int(base[k])) for k in _EXPONENTS if base.get(k) is not None and int(base[k]) != 0
+    )
+    return UnitBase(exponents, float(base.get("factor", "1")), float(base.get("offset", "0")))
+
+
+def converted(value: float, of: UnitBase, to: UnitBase) -> float:
+    """A value in another unit of the same dimension.
+
+    Raises
+    ------
+    ValueError : of another dimension.
+    """
+    if of.exponents != to.exponents:
+        raise ValueError("the units measure different things")
+    if (of.factor, of.offset) == (to.factor, to.offset):
+        return value
+    return (of.factor * value + of.offset - to.offset) / to.factor

@@ -124,7 +124,7 @@ def _element(parent: Any, element: Element) -> None:
                 made.set("unit", value.unit)
     if element.link is not None:
         annotations = _sub(component, "ssd", "Annotations")
-        _own(annotations, LINK_FMU_ANNOTATION, "link", element.link, name=element.name)
+        _own(annotations, LINK_FMU_ANNOTATION, "link", element.link[1], name=element.link[0])
 
 
 def _connections(system: Any, structure: Structure) -> None:

@@ -1,0 +1,370 @@
+"""An SSP archive as a scenario: FMUs beside a TOML file, parameters, connections, links."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription, Port, describe_fmu
+from cosim.scenario.read import parse
+from cosim.scenario.ssp.archive import MOST_XML, Archive
+from cosim.scenario.ssp.flatten import End, Flat, FlatWire, flatten, scenario_names
+from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.parameters import Bound
+from cosim.scenario.ssp.tree import Description, read_description
+from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu
+
+_STATES = ("age", "sequence", "dropped")
+_LANE = re.compile(r"([uy])\[([1-9][0-9]*)\]")
+_KINDS = {"float": ("Real",), "int": ("Integer",), "bool": ("Boolean",), "string": ("String",)}
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A scenario that was written.
+
+    Attributes
+    ----------
+    names : element as the archive calls it -> component of the scenario.
+    links : that were annotated, or link FMUs of this project.
+    unsupported : what was left out or taken another way; sentences.
+    """
+
+    path: Path
+    names: Mapping[str, str]
+    connections: int
+    links: tuple[str, ...]
+    fmus: tuple[str, ...]
+    step_s: float
+    end_s: float
+    unsupported: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """What `cosim ssp import --json` prints."""
+        return {
+            "scenario": str(self.path),
+            "components": dict(self.names),
+            "connections": self.connections,
+            "links": list(self.links),
+            "fmus": list(self.fmus),
+            "step": self.step_s,
+            "end": self.end_s,
+            "unsupported": list(self.unsupported),
+        }
+
+
+def import_ssp(
+    ssp: Path, path: Path, *, step: float | None = None, end: float | None = None
+) -> Imported:
+    """Write a scenario, and the FMUs of the archive into a folder beside it.
+
+    Parameters
+    ----------
+    path : the TOML file; FMUs go into the folder of its name with `_fmus`.
+    step, end : in place of the archive's [s].
+
+    Raises
+    ------
+    InputError : no archive, one that is not valid, one with parts that no run can do without and
+        that are not supported, or a file that cannot be written.
+    """
+    with Archive(ssp) as archive:
+        description = read_description(archive)
+        notes = description.unsupported
+        flat = flatten(archive, description.system, notes)
+        channels = {p: part.link for p, part in flat.parts.items() if part.link is not None}
+        places = [place for place in flat.parts if place not in channels]
+        if not places:
+            raise archive.wrong("a system without components", SSD)
+        names = scenario_names(places)
+        folder = path.with_name(f"{path.stem}_fmus")
+        files = _unpack(archive, flat, places, folder)
+        fmus = {place: describe_fmu(folder / files[flat.parts[place].entry]) for place in places}
+        links = {**description.links, **{link[0]: link[1] for link in channels.values()}}
+        data: dict[str, Any] = {
+            "title": description.text or description.name or ssp.stem,
+            "description": f"From {ssp.name}.",
+            "run": _run(archive, description, fmus, step, end),
+            "components": {
+                names[place]: {
+                    "fmu": f"{folder.name}/{files[flat.parts[place].entry]}",
+                    "parameters": _values(archive, flat, place, fmus[place], description),
+                }
+                for place in places
+            },
+            "connections": _connections(archive, flat, channels, names, fmus, description),
+            "links": {name: _table(archive, name, toml) for name, toml in links.items()},
+        }
+    text = tomli_w.dumps({key: value for key, value in data.items() if value})
+    loaded = parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
+    try:
+        path.write_text(text, "utf-8")
+    except OSError as error:
+        raise InputError(
+            "the scenario cannot be written", where=str(path), got=str(error)
+        ) from error
+    return Imported(
+        path=path,
+        names={".".join(place): name for place, name in names.items()},
+        connections=len(data["connections"]),
+        links=tuple(loaded.scenario.links),
+        fmus=tuple(sorted(f"{folder.name}/{file}" for file in files.values())),
+        step_s=loaded.scenario.run.step,
+        end_s=loaded.scenario.run.end,
+        unsupported=tuple(notes),
+    )
+
+
+def _unpack(archive: Archive, flat: Flat, places: list[Place], folder: Path) -> dict[str, str]:
+    """Write the FMUs; entry -> file name."""
+    files: dict[str, str] = {}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            "the folder of the FMUs cannot be made", where=str(folder), got=str(error)
+        ) from error
+    for entry in sorted({flat.parts[place].entry for place in places}):
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(entry).stem).strip("._") or "component"
+        file, number = f"{stem}.fmu", 2
+        while file.lower() in {other.lower() for other in files.values()}:
+            file, number = f"{stem}_{number}.fmu", number + 1
+        files[entry] = file
+        archive.extract(entry, folder / file)
+        _look_into(archive, entry, folder / file)
+    return files
+
+
+def _look_into(archive: Archive, entry: str, fmu: Path) -> None:
+    """Refuse what is no FMU, or has a description too large to be read."""
+    try:
+        with zipfile.ZipFile(fmu) as packed, packed.open("modelDescription.xml") as stream:
+            left = MOST_XML
+            while left >= 0 and (piece := stream.read(2**20)):
+                left -= len(piece)
+    except Exception as error:  # zipfile raises many kinds; each means the same here
+        raise archive.wrong("not an FMU", entry, got=str(error)) from error
+    if left < 0:
+        raise archive.wrong(
+            "the model description is too large", entry, expected=f"at most {MOST_XML} bytes"
+        )
+
+
+def _run(
+    archive: Archive,
+    description: Description,
+    fmus: Mapping[Place, FmuDescription],
+    step: float | None,
+    end: float | None,
+) -> dict[str, Any]:
+    table = {} if description.run is None else _table(archive, "run", description.run)
+    notes = description.unsupported
+    experiments = [fmu.model.defaultExperiment for fmu in fmus.values()]
+    start = description.start_s or 0.0
+    if "end" not in table:
+        table["end"] = None if description.stop_s is None else description.stop_s - start
+        if start:
+            notes.append(f"the start time {start:g} s: a run starts at 0")
+    if end is None and table["end"] is None:
+        stops = [float(e.stopTime) for e in experiments if e is not None and e.stopTime]
+        if not stops:
+            raise archive.wrong(
+                "neither the archive nor its FMUs say when the run ends",
+                SSD,
+                expected="a DefaultExperiment with a stopTime",
+                hint="--end SECONDS",
+            )
+        table["end"] = max(stops)
+        notes.append(f"no stop time: {table['end']:g} s is that of its FMUs' default experiments")
+    if end is not None:
+        table["end"] = end
+    if "step" not in table and step is None:
+        steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize]
+        table["step"] = description.step_s
+        if table["step"] is None:
+            table["step"] = min(steps) if steps else table["end"] / 1000
+            notes.append(
+                f"SSP does not say the communication step: {table['step']:g} s is "
+                + ("the least of its FMUs' default experiments" if steps else "a thousandth of it")
+            )
+    if step is not None:
+        table["step"] = step
+    return table
+
+
+def _table(archive: Archive, name: str, toml: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(toml)
+    except tomllib.TOMLDecodeError as error:
+        raise archive.wrong(
+            f"the annotation of {name!r} is not TOML", SSD, got=str(error)
+        ) from error
+
+
+# ---- parameters
+
+
+def _values(
+    archive: Archive, flat: Flat, place: Place, fmu: FmuDescription, description: Description
+) -> dict[str, Any]:
+    values = {}
+    for bound in flat.parts[place].bound:
+        port = fmu.ports.get(bound.name)
+        if port is None:
+            near = difflib.get_close_matches(bound.name, list(fmu.ports), n=3, cutoff=0.5)
+            raise archive.wrong(
+                f"{'.'.join(place)} has no variable {bound.name!r}",
+                bound.where,
+                hint=f"did you mean {' or '.join(near)}?" if near else None,
+            )
+        values[bound.name] = _value(archive, bound, port, fmu, description)
+    return dict(sorted(values.items()))
+
+
+def _value(
+    archive: Archive, bound: Bound, port: Port, fmu: FmuDescription, description: Description
+) -> Any:
+    value = bound.value(archive)
+    fits = port.kind is not None and bound.type in _KINDS[port.kind]
+    if port.kind == "float" and bound.type == "Integer":
+        value, fits = float(value), True
+    if not fits or port.shape:
+        raise archive.wrong(
+            "a value of the wrong type",
+            bound.where,
+            expected=f"{port.getter_type} for {bound.name}",
+            got=bound.type,
+        )
+    if bound.unit is None or port.unit is None or bound.unit == port.unit:
+        return value
+    of = description.units.get(bound.unit) or units_of_fmu(fmu.model).get(bound.unit)
+    to = units_of_fmu(fmu.model).get(port.unit)
+    return _in_unit(archive, bound, port, of, to, float(value))
+
+
+def _in_unit(
+    archive: Archive,
+    bound: Bound,
+    port: Port,
+    of: UnitBase | None,
+    to: UnitBase | None,
+    value: float,
+) -> float:
+    try:
+        if of is not None and to is not None:
+            return converted(value, of, to)
+        reason = "one of them is defined nowhere"
+    except ValueError as error:
+        reason = str(error)
+    raise archive.wrong(
+        f"{bound.name} in a unit that cannot be converted",
+        bound.where,
+        expected=f"{port.unit}",
+        got=f"{bound.unit}: {reason}",
+    )
+
+
+# ---- connections
+
+
+def _connections(
+    archive: Archive,
+    flat: Flat,
+    channels: Mapping[Place, tuple[str, str] | None],
+    names: Mapping[Place, str],
+    fmus: Mapping[Place, FmuDescription],
+    description: Description,
+) -> list[dict[str, str]]:
+    into = {wire.target: wire for wire in flat.wires if wire.target[0] in channels}
+    found = []
+    for wire in flat.wires:
+        if wire.target[0] in channels:
+            continue
+        if wire.link is not None and wire.link not in description.links:
+            raise archive.wrong(
+                "a connection over a link that is not described",
+                f"{SSD}:{wire.line}",
+                got=wire.link,
+            )
+        source, link = _over(archive, wire, channels, into)
+        name = link if source[0] in channels else names[source[0]]
+        if source[0] not in channels:
+            _check(archive, wire, source, fmus, description)
+        row = {"from": f"{name}.{source[1]}", "to": f"{names[wire.target[0]]}.{wire.target[1]}"}
+        if link is not None and source[0] not in channels:
+            row["link"] = link
+        found.append(row)
+    return found
+
+
+def _over(
+    archive: Archive,
+    wire: FlatWire,
+    channels: Mapping[Place, tuple[str, str] | None],
+    into: Mapping[End, FlatWire],
+) -> tuple[End, str | None]:
+    """Where a wire begins, and its link; one from a link FMU begins before it."""
+    if wire.source[0] not in channels:
+        return wire.source, wire.link
+    channel = channels[wire.source[0]]
+    link = "" if channel is None else channel[0]
+    if wire.source[1] in _STATES:
+        return wire.source, link
+    lane = _LANE.fullmatch(wire.source[1])
+    before = into.get((wire.source[0], f"u[{lane[2]}]")) if lane and lane[1] == "y" else None
+    if before is None or before.source[0] in channels:
+        raise archive.wrong(
+            "a link FMU whose output has no input",
+            f"{SSD}:{wire.line}",
+            got=".".join((*wire.source[0], wire.source[1])),
+        )
+    return before.source, link
+
+
+def _check(
+    archive: Archive,
+    wire: FlatWire,
+    source: End,
+    fmus: Mapping[Place, FmuDescription],
+    description: Description,
+) -> None:
+    """Both ends exist, and no value would have to be converted on the way."""
+    ports = []
+    for (place, variable), causality in ((source, "output"), (wire.target, "input")):
+        port = fmus[place].ports.get(variable)
+        if port is None or port.causality != causality:
+            known = [p.name for p in fmus[place].ports.values() if p.causality == causality]
+            raise InputError.unknown(
+                causality,
+                variable,
+                known,
+                where=f"{archive.path}: {SSD}:{wire.line}: component {'.'.join(place)!r}",
+            )
+        ports.append(port)
+    one, other = (
+        None if port.unit is None else units_of_fmu(fmus[place].model).get(port.unit)
+        for port, (place, _) in zip(ports, (source, wire.target), strict=True)
+    )
+    begin = f"{'.'.join((*source[0], source[1]))} [{ports[0].unit}]"
+    text = f"{begin} -> {'.'.join((*wire.target[0], wire.target[1]))} [{ports[1].unit}]"
+    if not wire.converts or one is None or other is None or one == other:
+        return
+    if one.exponents != other.exponents:
+        description.unsupported.append(f"{text}: the units measure different things")
+        return
+    raise archive.wrong(
+        "a connection that converts units is not supported",
+        f"{SSD}:{wire.line}",
+        got=text,
+        hint="an FMU that does it, between the two; or suppressUnitConversion",
+    )
