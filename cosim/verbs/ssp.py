@@ -103,6 +103,12 @@ def import_verb(
     Examples: cosim ssp import theirs.ssp -o theirs.toml; then cosim run theirs.toml.
     """
     path = out or Path(f"{file.stem}.toml")
+    if out is None and path.exists():
+        raise InputError(
+            "a scenario of this name is there already",
+            where=str(path),
+            hint=f"another file, or this one all the same: -o {path}",
+        )
     _not_onto(path, file)
     imported = import_ssp(file, path, step=step, end=end)
     _warn(imported.unsupported)
@@ -111,7 +117,9 @@ def import_verb(
 
 def _not_onto(path: Path, source: Path) -> None:
     if path.exists() and source.exists() and path.samefile(source):
-        raise InputError("this would write over what is read", where=str(path), hint="-o")
+        raise InputError(
+            "this would write over what is read", where=str(path), hint="another file: -o"
+        )
 
 
 def _warn(sentences: Sequence[str]) -> None:

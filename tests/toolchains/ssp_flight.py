@@ -29,20 +29,18 @@ class Peer(NamedTuple):
     """A tool that loads archives: its file and the modules it needs.
 
     bound : whether it sets what ParameterBindings say.
-    exchanged : whether the outputs at the start reach the inputs before the first step.
     """
 
     file: str
     modules: tuple[str, ...]
     bound: bool = True
-    exchanged: bool = True
 
 
 PEERS = MappingProxyType(
     {
         "ecos": Peer("ssp_by_ecos", ("ecospy", "tbb")),
         "libcosim": Peer("ssp_by_libcosim", ("libcosimpy",)),
-        "fmpy": Peer("ssp_by_fmpy", ("fmpy",), exchanged=False),
+        "fmpy": Peer("ssp_by_fmpy", ("fmpy",)),
         "container": Peer("ssp_by_container", ("fmu_manipulation_toolbox",), bound=False),
     }
 )

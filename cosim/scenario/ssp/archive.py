@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import posixpath
 import zipfile
 import zlib
@@ -14,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 from lxml import etree
 
 from cosim.errors import InputError
-from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.names import SSD, tag
 from cosim.scenario.ssp.write_ssd import check_schema
 
 MOST_XML = 64 * 2**20
@@ -23,12 +24,21 @@ MOST_IN_ALL = 2**31
 MOST_ENTRIES = 10_000
 """More than these is no system but an attack, or needs another tool."""
 
+_ROOTS = (
+    tag("ssd", "SystemStructureDescription"),
+    tag("ssv", "ParameterSet"),
+    tag("ssm", "ParameterMapping"),
+)
 _PIECE = 2**20
 _UNREADABLE = (EOFError, zipfile.BadZipFile, RuntimeError, NotImplementedError, zlib.error)
 
 
 class Archive:
     """An archive that is open for reading; use as a context manager.
+
+    Attributes
+    ----------
+    notes : what is not as it should be, or was left out; sentences.
 
     Raises
     ------
@@ -37,6 +47,7 @@ class Archive:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes: list[str] = []
         self._read = 0
 
     def __enter__(self) -> Self:
@@ -139,11 +150,13 @@ class Archive:
             )
 
     def xml(self, name: str, kind: str) -> Any:
-        """The root of an XML entry, valid by `kind`.xsd.
+        """The root of an XML entry; where the schema `kind`.xsd is broken, `notes` say so.
+
+        Tools write archives that the schema does not allow and that mean something all the same.
 
         Raises
         ------
-        InputError : no XML, with entities of its own, or not valid.
+        InputError : no XML, with entities of its own, or of another kind altogether.
         """
         content = self.read(name)
         parser = etree.XMLParser(
@@ -157,5 +170,53 @@ class Archive:
             raise self.wrong(
                 "a document type, which no file of SSP has", name, expected="none: no <!DOCTYPE"
             )
-        check_schema(content, kind, where=f"{self.path}: {name}")
+        try:
+            check_schema(content, kind, where=name)
+        except InputError as error:
+            if root.tag not in _ROOTS:
+                raise self.wrong(
+                    "this is no file of SSP 1.0", name, expected=f"{kind}.xsd", got=error.got
+                ) from error
+            self.notes.append(f"{error.where}: not as the schema of SSP 1.0 has it: {error.got}")
         return root
+
+    def needed(self, element: Any, attribute: str, entry: str) -> str:
+        """An attribute that nothing can be made of without.
+
+        Raises
+        ------
+        InputError : it is missing.
+        """
+        found = element.get(attribute)
+        if found is None:
+            raise self.wrong(
+                f"there is no {attribute}",
+                f"{entry}:{element.sourceline}",
+                got=etree.QName(element).localname,
+            )
+        return str(found)
+
+    def number(self, element: Any, attribute: str, entry: str, default: float) -> float:
+        """A finite number, or `default` where there is none.
+
+        Raises
+        ------
+        InputError : it is no number.
+        """
+        text = element.get(attribute)
+        return default if text is None else self.as_number(text, f"{entry}:{element.sourceline}")
+
+    def as_number(self, text: str, where: str) -> float:
+        """A text as a finite number.
+
+        Raises
+        ------
+        InputError : it is none.
+        """
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.wrong("not a finite number", where, got=text)
+        return value

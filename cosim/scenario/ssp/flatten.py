@@ -43,7 +43,7 @@ class Flat:
     wires: list[FlatWire]
 
 
-def flatten(archive: Archive, system: SubSystem, unsupported: list[str]) -> Flat:
+def flatten(archive: Archive, system: SubSystem) -> Flat:
     """All components of a system and of the systems in it, connected to each other.
 
     Raises
@@ -76,7 +76,7 @@ def flatten(archive: Archive, system: SubSystem, unsupported: list[str]) -> Flat
         if target[0] in parts:
             found = _origin(archive, source, into, systems, joint.link)
             if found is None:
-                unsupported.append(
+                archive.notes.append(
                     f"{'.'.join((*target[0], target[1]))} comes from outside of the system or "
                     "from nothing: it keeps its start value"
                 )

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import difflib
 import re
+import tempfile
 import tomllib
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,18 +80,17 @@ def import_ssp(
     InputError : no archive, one that is not valid, one with parts that no run can do without and
         that are not supported, or a file that cannot be written.
     """
-    with Archive(ssp) as archive:
+    with Archive(ssp) as archive, _beside(path) as unpacked:
         description = read_description(archive)
-        notes = description.unsupported
-        flat = flatten(archive, description.system, notes)
+        flat = flatten(archive, description.system)
         channels = {p: part.link for p, part in flat.parts.items() if part.link is not None}
         places = [place for place in flat.parts if place not in channels]
         if not places:
             raise archive.wrong("a system without components", SSD)
         names = scenario_names(places)
         folder = path.with_name(f"{path.stem}_fmus")
-        files = _unpack(archive, flat, places, folder)
-        fmus = {place: describe_fmu(folder / files[flat.parts[place].entry]) for place in places}
+        files = _unpack(archive, flat, places, unpacked)
+        fmus = {place: describe_fmu(unpacked / files[flat.parts[place].entry]) for place in places}
         links = {**description.links, **{link[0]: link[1] for link in channels.values()}}
         data: dict[str, Any] = {
             "title": description.text or description.name or ssp.stem,
@@ -98,21 +99,22 @@ def import_ssp(
             "components": {
                 names[place]: {
                     "fmu": f"{folder.name}/{files[flat.parts[place].entry]}",
-                    "parameters": _values(archive, flat, place, fmus[place], description),
+                    **_parameters(_values(archive, flat, place, fmus[place], description)),
                 }
                 for place in places
             },
             "connections": _connections(archive, flat, channels, names, fmus, description),
             "links": {name: _table(archive, name, toml) for name, toml in links.items()},
         }
-    text = tomli_w.dumps({key: value for key, value in data.items() if value})
-    loaded = parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
-    try:
-        path.write_text(text, "utf-8")
-    except OSError as error:
-        raise InputError(
-            "the scenario cannot be written", where=str(path), got=str(error)
-        ) from error
+        text = tomli_w.dumps({key: value for key, value in data.items() if value})
+        loaded = parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
+        try:
+            folder.mkdir(exist_ok=True)
+            for file in files.values():
+                (unpacked / file).replace(folder / file)
+            path.write_text(text, "utf-8")
+        except OSError as error:
+            raise _unwritten(path, error) from error
     return Imported(
         path=path,
         names={".".join(place): name for place, name in names.items()},
@@ -121,19 +123,29 @@ def import_ssp(
         fmus=tuple(sorted(f"{folder.name}/{file}" for file in files.values())),
         step_s=loaded.scenario.run.step,
         end_s=loaded.scenario.run.end,
-        unsupported=tuple(notes),
+        unsupported=tuple(archive.notes),
     )
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A folder that is removed again: nothing is left of an archive that is refused."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.TemporaryDirectory(prefix=".ssp-", dir=path.parent)
+    except OSError as error:
+        raise _unwritten(path, error) from error
+    with folder as name:
+        yield Path(name)
+
+
+def _unwritten(path: Path, error: OSError) -> InputError:
+    return InputError("the scenario cannot be written", where=str(path), got=str(error))
 
 
 def _unpack(archive: Archive, flat: Flat, places: list[Place], folder: Path) -> dict[str, str]:
     """Write the FMUs; entry -> file name."""
     files: dict[str, str] = {}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            "the folder of the FMUs cannot be made", where=str(folder), got=str(error)
-        ) from error
     for entry in sorted({flat.parts[place].entry for place in places}):
         stem = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(entry).stem).strip("._") or "component"
         file, number = f"{stem}.fmu", 2
@@ -168,7 +180,7 @@ def _run(
     end: float | None,
 ) -> dict[str, Any]:
     table = {} if description.run is None else _table(archive, "run", description.run)
-    notes = description.unsupported
+    notes = archive.notes
     experiments = [fmu.model.defaultExperiment for fmu in fmus.values()]
     start = description.start_s or 0.0
     if "end" not in table:
@@ -212,6 +224,10 @@ def _table(archive: Archive, name: str, toml: str) -> dict[str, Any]:
 
 
 # ---- parameters
+
+
+def _parameters(values: dict[str, Any]) -> dict[str, Any]:
+    return {"parameters": values} if values else {}
 
 
 def _values(
@@ -299,7 +315,7 @@ def _connections(
         source, link = _over(archive, wire, channels, into)
         name = link if source[0] in channels else names[source[0]]
         if source[0] not in channels:
-            _check(archive, wire, source, fmus, description)
+            _check(archive, wire, source, fmus)
         row = {"from": f"{name}.{source[1]}", "to": f"{names[wire.target[0]]}.{wire.target[1]}"}
         if link is not None and source[0] not in channels:
             row["link"] = link
@@ -336,7 +352,6 @@ def _check(
     wire: FlatWire,
     source: End,
     fmus: Mapping[Place, FmuDescription],
-    description: Description,
 ) -> None:
     """Both ends exist, and no value would have to be converted on the way."""
     ports = []
@@ -360,7 +375,7 @@ def _check(
     if not wire.converts or one is None or other is None or one == other:
         return
     if one.exponents != other.exponents:
-        description.unsupported.append(f"{text}: the units measure different things")
+        archive.notes.append(f"{text}: the units measure different things")
         return
     raise archive.wrong(
         "a connection that converts units is not supported",

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from lxml import etree
+
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import NAMESPACES, tag
 
@@ -42,16 +44,21 @@ class Bound:
         """
         plain = (self.factor, self.offset) == (1.0, 0.0)
         if self.type == "Real":
-            return float(self.text) * self.factor + self.offset if not plain else float(self.text)
+            value = archive.as_number(self.text, self.where)
+            return value if plain else value * self.factor + self.offset
         if self.type in ("Integer", "Boolean", "String") and plain:
             if self.type == "Boolean":
                 return self.text.strip() in ("true", "1")
-            return int(self.text) if self.type == "Integer" else self.text
+            if self.type == "String":
+                return self.text
+            value = archive.as_number(self.text, self.where)
+            if value == int(value):
+                return int(value)
         raise archive.wrong(
             "a parameter value that is not supported",
             self.where,
             expected="Real, Integer, Boolean or String; transformed: Real",
-            got=f"{self.name}: {self.type}",
+            got=f"{self.name}: {self.type} {self.text}",
         )
 
 
@@ -99,21 +106,24 @@ def _values(archive: Archive, binding: Any, base: str, where: str) -> list[Bound
         path = f"{tag('ssd', 'ParameterValues')}/{tag('ssv', 'ParameterSet')}"
         sets = binding.findall(path)
     return [
-        _value(parameter, entry) for one in sets for parameter in one.iter(tag("ssv", "Parameter"))
+        _value(archive, parameter, entry)
+        for one in sets
+        for parameter in one.iter(tag("ssv", "Parameter"))
     ]
 
 
-def _value(parameter: Any, entry: str) -> Bound:
-    for child in parameter:
-        local = str(child.tag).removeprefix(f"{{{NAMESPACES['ssv']}}}")
-        if local != "Annotations":
-            break
+def _value(archive: Archive, parameter: Any, entry: str) -> Bound:
+    where = f"{entry}:{parameter.sourceline}"
+    start = f"{{{NAMESPACES['ssv']}}}"
+    kinds = [child for child in parameter.iterchildren(tag=etree.Element) if child.get("value")]
+    if not kinds or not kinds[0].tag.startswith(start):
+        raise archive.wrong("a parameter without a value", where, got=parameter.get("name"))
     return Bound(
-        name=parameter.get("name", ""),
-        type=local,
-        text=child.get("value", ""),
-        unit=child.get("unit"),
-        where=f"{entry}:{parameter.sourceline}",
+        name=archive.needed(parameter, "name", entry),
+        type=kinds[0].tag.removeprefix(start),
+        text=kinds[0].get("value"),
+        unit=kinds[0].get("unit"),
+        where=where,
     )
 
 
@@ -132,16 +142,18 @@ def _mapped(
     found = []
     for item in entries:
         at = f"{entry}:{item.sourceline}"
+        target = archive.needed(item, "target", entry)
         value = by_name.get(item.get("source"))
         if value is None:
             raise archive.wrong(
                 "a mapping of a parameter that is not there", at, got=item.get("source")
             )
         factor, offset = 1.0, 0.0
-        for child in item:
+        for child in item.iterchildren(tag=etree.Element):
             local = str(child.tag).removeprefix(f"{{{NAMESPACES['ssc']}}}")
             if local == "LinearTransformation":
-                factor, offset = float(child.get("factor", "1")), float(child.get("offset", "0"))
+                factor = archive.number(child, "factor", entry, 1.0)
+                offset = archive.number(child, "offset", entry, 0.0)
             elif local.endswith("Transformation"):
                 raise archive.wrong(
                     "this transformation of a parameter is not supported",
@@ -149,5 +161,5 @@ def _mapped(
                     expected="LinearTransformation",
                     got=local,
                 )
-        found.append(replace(value, name=item.get("target"), factor=factor, offset=offset))
+        found.append(replace(value, name=target, factor=factor, offset=offset))
     return found

@@ -73,7 +73,6 @@ class Description:
     run : TOML of [run], or None.
     start_s, stop_s, step_s : as the default experiment and other tools' annotations say; or None.
     units : that the description defines.
-    unsupported : sentences about what was left out.
     """
 
     name: str
@@ -85,7 +84,6 @@ class Description:
     stop_s: float | None
     step_s: float | None
     units: Mapping[str, UnitBase]
-    unsupported: list[str]
 
 
 def read_description(archive: Archive) -> Description:
@@ -93,12 +91,14 @@ def read_description(archive: Archive) -> Description:
 
     Raises
     ------
-    InputError : missing, not valid by the schema of SSP 1.0, or with parts that no run can do
-        without and that are not supported.
+    InputError : missing, no such description, or with parts that no run can do without and that
+        are not supported.
     """
     root = archive.xml(SSD, "SystemStructureDescription")
     system = root.find(tag("ssd", "System"))
-    unsupported = [
+    if system is None:
+        raise archive.wrong("there is no System", SSD)
+    archive.notes += [
         f"{other}: another variant of the system, left out"
         for other in archive.names()
         if other.endswith(".ssd") and other != SSD
@@ -107,27 +107,28 @@ def read_description(archive: Archive) -> Description:
     run = None
     start = stop = None
     if experiment is not None:
-        start = _number(experiment.get("startTime"))
-        stop = _number(experiment.get("stopTime"))
+        start = _time(archive, experiment, "startTime")
+        stop = _time(archive, experiment, "stopTime")
         runs = _own(experiment, RUN_ANNOTATION)
         run = runs[0].text if runs else None
     links = {e.get("name", ""): e.text or "" for e in _own(system, LINK_ANNOTATION)}
     return Description(
-        name=root.get("name"),
+        name=root.get("name", ""),
         text=system.get("description") or root.get("description") or "",
-        system=_system(archive, system, unsupported, 0),
+        system=_system(archive, system, 0),
         links=links,
         run=run,
         start_s=start,
         stop_s=stop,
         step_s=_foreign_step(root),
         units=units_in(root),
-        unsupported=unsupported,
     )
 
 
-def _number(text: str | None) -> float | None:
-    return None if text is None else float(text)
+def _time(archive: Archive, experiment: Any, name: str) -> float | None:
+    if experiment.get(name) is None:
+        return None
+    return archive.number(experiment, name, SSD, 0.0)
 
 
 def _own(element: Any, kind: str) -> list[Any]:
@@ -156,8 +157,8 @@ def _foreign_step(root: Any) -> float | None:
     return None
 
 
-def _system(archive: Archive, element: Any, unsupported: list[str], depth: int) -> SubSystem:
-    name = element.get("name")
+def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
+    name = element.get("name", "")
     if depth > MOST_DEPTH:
         raise archive.wrong("systems nested too deeply", _at(element), got=f"{depth} levels")
     parts, systems = [], []
@@ -165,7 +166,7 @@ def _system(archive: Archive, element: Any, unsupported: list[str], depth: int) 
         if child.tag == tag("ssd", "Component"):
             parts.append(_part(archive, child))
         elif child.tag == tag("ssd", "System"):
-            systems.append(_system(archive, child, unsupported, depth + 1))
+            systems.append(_system(archive, child, depth + 1))
         elif child.tag == tag("ssd", "SignalDictionaryReference"):
             raise archive.wrong(
                 "signal dictionaries are not supported",
@@ -186,7 +187,7 @@ def _system(archive: Archive, element: Any, unsupported: list[str], depth: int) 
 
 
 def _part(archive: Archive, element: Any) -> Part:
-    kind, source = element.get("type", FMU_TYPE), element.get("source")
+    kind = element.get("type", FMU_TYPE)
     if kind != FMU_TYPE:
         raise archive.wrong(
             "a component that is no FMU is not supported",
@@ -203,8 +204,8 @@ def _part(archive: Archive, element: Any) -> Part:
         )
     links = _own(element, LINK_FMU_ANNOTATION)
     return Part(
-        name=element.get("name"),
-        entry=archive.entry(source, SSD, _at(element)),
+        name=archive.needed(element, "name", SSD),
+        entry=archive.entry(archive.needed(element, "source", SSD), SSD, _at(element)),
         bound=bound_values(archive, element, SSD),
         link=(links[0].get("name", ""), links[0].text or "") if links else None,
         line=element.sourceline,
@@ -212,12 +213,16 @@ def _part(archive: Archive, element: Any) -> Part:
 
 
 def _joint(archive: Archive, element: Any) -> Joint:
-    names = [(element.get(f"{e}Element"), element.get(f"{e}Connector")) for e in ("start", "end")]
+    names = [
+        (element.get(f"{side}Element"), archive.needed(element, f"{side}Connector", SSD))
+        for side in ("start", "end")
+    ]
     text = " -> ".join(".".join(n for n in pair if n) for pair in names)
     for child in element.iterchildren(tag=etree.Element):
         local = str(child.tag).removeprefix(f"{{{NAMESPACES['ssc']}}}")
         if local == "LinearTransformation":
-            factor, offset = float(child.get("factor", "1")), float(child.get("offset", "0"))
+            factor = archive.number(child, "factor", SSD, 1.0)
+            offset = archive.number(child, "offset", SSD, 0.0)
             if (factor, offset) == (1.0, 0.0):
                 continue
             got = f"{text}: factor {factor:g}, offset {offset:g}"

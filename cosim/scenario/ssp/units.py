@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from cosim.master import System
@@ -61,8 +62,9 @@ def units_in(root: Any) -> dict[str, UnitBase]:
     path = f"{tag('ssd', 'Units')}/{tag('ssc', 'Unit')}"
     for unit in root.findall(path):
         base = unit.find(tag("ssc", "BaseUnit"))
-        if base is not None:
-            found[unit.get("name")] = _of_texts(dict(base.attrib))
+        with suppress(ValueError):  # one that is no unit converts nothing
+            if base is not None:
+                found[str(unit.get("name"))] = _of_texts(dict(base.attrib))
     return found
 
 
