@@ -188,6 +188,8 @@ PLANT = component("p", "resources/DelayedPlant.fmu", "u[1] w[1]", "x[1] x[2]")
 PILOT = component("q", "resources/PaperController.fmu", "x[1] x[2]", "u[1]")
 VESSEL = component("v", "resources/AuvPlant.fmu", "force.x", "eta.x")
 
+PACKAGE = PILOT.replace("source=", 'type="application/x-ssp-package" source=')
+
 BAD = {
     "no element": (TWO.format(PLANT, PILOT, connection("p:x[1]", "r:x[1]")), "not there"),
     "no input": (TWO.format(PLANT, PILOT, connection("p:x[1]", "q:x[7]")), "no input 'x\\[7\\]'"),
@@ -274,7 +276,7 @@ BAD = {
         "finite number",
     ),
     "another kind": (
-        f"<ssd:Elements>{PILOT.replace('source=', 'type="x-ssp-package" source=')}</ssd:Elements>",
+        f"<ssd:Elements>{PACKAGE}</ssd:Elements>",
         "no FMU is not supported",
     ),
     "dictionary": (
