@@ -97,6 +97,7 @@ def export_ssp(prepared: Prepared, path: Path, links: Links = "annotate") -> Exp
         units=units,
         links=built.annotated,
         run=_toml(scenario.run),
+        rest=_rest(scenario),
         step_s=system.timetable.step_ns / 1e9,
         end_s=int(system.timetable.points_ns[-1]) / 1e9,
     )
@@ -129,13 +130,25 @@ def _toml(part: object) -> str:
     return tomli_w.dumps(data)
 
 
+def _unspoken(scenario: Scenario) -> list[str]:
+    """Parts that SSP has no word for."""
+    return sorted(name for name in scenario.model_fields_set - _EXPORTED if getattr(scenario, name))
+
+
+def _rest(scenario: Scenario) -> str:
+    """TOML of the parts that SSP has no word for, as they were given."""
+    data = scenario.model_dump(
+        by_alias=True, exclude_unset=True, exclude_none=True, include=set(_unspoken(scenario))
+    )
+    return tomli_w.dumps(data)
+
+
 def _left_out(prepared: Prepared, system: System) -> list[str]:
     """Sentences about what the archive does not say."""
     scenario = prepared.loaded.scenario
     said = [
-        f"[{name}] is left out: SSP has no word for it"
-        for name in sorted(scenario.model_fields_set - _EXPORTED)
-        if getattr(scenario, name)
+        f"[{name}] is an annotation of this project's own: other tools ignore it"
+        for name in _unspoken(scenario)
     ]
     if scenario.design is not None:
         said.append("[design]: its gain is among the parameters; its proof is left out")

@@ -106,6 +106,8 @@ def import_ssp(
             "connections": _connections(archive, flat, channels, names, fmus, description),
             "links": {name: _table(archive, name, toml) for name, toml in links.items()},
         }
+        rest = _table(archive, "scenario", description.rest)
+        data |= {key: value for key, value in rest.items() if key not in data}
         text = tomli_w.dumps({key: value for key, value in data.items() if value})
         loaded = parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 
 from cosim.errors import InputError
 from cosim.master import Link
@@ -27,7 +28,8 @@ def link_spec(
     _refuse(link)
     step = step_ns / 1e9
     if isinstance(link, PacketLink):
-        return packet_spec(name, link.name, lanes, packet_parameters(link), step), _late(link)
+        warnings = [*_late(link), *_unknown(link)]
+        return packet_spec(name, link.name, lanes, packet_parameters(link), step), warnings
     warnings = []
     if link.delay_ns < step_ns:
         warnings.append(
@@ -107,3 +109,18 @@ def _late(link: PacketLink) -> list[str]:
         "in other tools: no output of an FMU may follow an input at once"
     )
     return [said]
+
+
+_KNOWN = frozenset(
+    ("name", "sample_time_ns", "offset_ns", "delay_ns", "jitter", "loss", "order", "on_loss")
+    + ("quantization", "seed", "data_rate", "frame_size", "delay", "duplicate", "queue_limit")
+)
+
+
+def _unknown(link: PacketLink) -> list[str]:
+    """What else the link does, by the names of its fields."""
+    return [
+        f"link {link.name!r}: its {field.name} are not in the link FMU"
+        for field in fields(link)
+        if field.name not in _KNOWN and getattr(link, field.name) not in ((), None, field.default)
+    ]

@@ -23,6 +23,9 @@ OWN = "urn:auv-cosim:ssp:1"
 RUN_ANNOTATION = "auv-cosim.run"
 """Of the DefaultExperiment: a `<run>` with the table [run] of a scenario as TOML."""
 
+REST_ANNOTATION = "auv-cosim.scenario"
+"""Of the description: a `<scenario>` with what of a scenario SSP has no word for, as TOML."""
+
 LINK_ANNOTATION = "auv-cosim.link"
 """Of the System: a `<link name="...">` with [links.NAME] of a scenario as TOML, every key.
 

@@ -81,6 +81,7 @@ class Structure:
     units : name -> exponents of base units, factor and offset.
     links : TOML of each annotated link by its name.
     run : TOML of [run].
+    rest : TOML of what SSP has no word for; empty if that is nothing.
     step_s, end_s : communication step and end [s].
     """
 
@@ -91,5 +92,6 @@ class Structure:
     units: Mapping[str, Mapping[str, str]]
     links: Mapping[str, str]
     run: str
+    rest: str
     step_s: float
     end_s: float

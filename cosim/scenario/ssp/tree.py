@@ -17,6 +17,7 @@ from cosim.scenario.ssp.names import (
     OMS,
     OSP,
     OWN,
+    REST_ANNOTATION,
     RUN_ANNOTATION,
     SSD,
     tag,
@@ -71,6 +72,7 @@ class Description:
     ----------
     links : TOML of annotated links.
     run : TOML of [run], or None.
+    rest : TOML of what SSP has no word for.
     start_s, stop_s, step_s : as the default experiment and other tools' annotations say; or None.
     units : that the description defines.
     """
@@ -80,6 +82,7 @@ class Description:
     system: SubSystem
     links: dict[str, str]
     run: str | None
+    rest: str
     start_s: float | None
     stop_s: float | None
     step_s: float | None
@@ -118,6 +121,7 @@ def read_description(archive: Archive) -> Description:
         system=_system(archive, system, 0),
         links=links,
         run=run,
+        rest="".join(e.text or "" for e in _own(root, REST_ANNOTATION)),
         start_s=start,
         stop_s=stop,
         step_s=_foreign_step(root),

@@ -19,6 +19,7 @@ from cosim.scenario.ssp.names import (
     OSP_ANNOTATION,
     OWN,
     PARAMETER_SET,
+    REST_ANNOTATION,
     RUN_ANNOTATION,
     tag,
 )
@@ -60,6 +61,9 @@ def ssd_bytes(structure: Structure) -> bytes:
             unit = _sub(units, "ssc", "Unit", name=name)
             _sub(unit, "ssc", "BaseUnit", **exponents)
     _experiment(root, structure)
+    if structure.rest:
+        annotations = _sub(root, "ssd", "Annotations")
+        _own(annotations, REST_ANNOTATION, "scenario", structure.rest)
     etree.indent(root)
     text: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     check_schema(text, "SystemStructureDescription", where=structure.name)
