@@ -111,10 +111,10 @@ def _late(link: PacketLink) -> list[str]:
     return [said]
 
 
-_KNOWN = frozenset(
-    ("name", "sample_time_ns", "offset_ns", "delay_ns", "jitter", "loss", "order", "on_loss")
-    + ("quantization", "seed", "data_rate", "frame_size", "delay", "duplicate", "queue_limit")
-)
+_KNOWN = {
+    *("name", "sample_time_ns", "offset_ns", "delay_ns", "delay", "jitter", "loss", "duplicate"),
+    *("order", "on_loss", "quantization", "seed", "data_rate", "frame_size", "queue_limit"),
+}
 
 
 def _unknown(link: PacketLink) -> list[str]:
