@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import tempfile
 import tomllib
@@ -16,19 +15,15 @@ from typing import Any
 import tomli_w
 
 from cosim.errors import InputError
-from cosim.fmu import FmuDescription, Port, describe_fmu
+from cosim.fmu import FmuDescription, describe_fmu
 from cosim.scenario.read import parse
 from cosim.scenario.ssp.archive import MOST_XML, Archive
-from cosim.scenario.ssp.flatten import End, Flat, FlatWire, flatten, scenario_names
+from cosim.scenario.ssp.flatten import Flat, flatten, scenario_names
 from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.import_values import table_of, values_of
+from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.parameters import Bound
 from cosim.scenario.ssp.tree import Description, read_description
-from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu
-
-_STATES = ("age", "sequence", "dropped")
-_LANE = re.compile(r"([uy])\[([1-9][0-9]*)\]")
-_KINDS = {"float": ("Real",), "int": ("Integer",), "bool": ("Boolean",), "string": ("String",)}
 
 
 @dataclass(frozen=True)
@@ -99,11 +94,11 @@ def import_ssp(
             "components": {
                 names[place]: {
                     "fmu": f"{folder.name}/{files[flat.parts[place].entry]}",
-                    **_parameters(_values(archive, flat, place, fmus[place], description)),
+                    **table_of(values_of(archive, flat, place, fmus[place], description)),
                 }
                 for place in places
             },
-            "connections": _connections(archive, flat, channels, names, fmus, description),
+            "connections": connections_of(archive, flat, channels, names, fmus, description),
             "links": {name: _table(archive, name, toml) for name, toml in links.items()},
         }
         rest = _table(archive, "scenario", description.rest)
@@ -223,165 +218,3 @@ def _table(archive: Archive, name: str, toml: str) -> dict[str, Any]:
         raise archive.wrong(
             f"the annotation of {name!r} is not TOML", SSD, got=str(error)
         ) from error
-
-
-# ---- parameters
-
-
-def _parameters(values: dict[str, Any]) -> dict[str, Any]:
-    return {"parameters": values} if values else {}
-
-
-def _values(
-    archive: Archive, flat: Flat, place: Place, fmu: FmuDescription, description: Description
-) -> dict[str, Any]:
-    values = {}
-    for bound in flat.parts[place].bound:
-        port = fmu.ports.get(bound.name)
-        if port is None:
-            near = difflib.get_close_matches(bound.name, list(fmu.ports), n=3, cutoff=0.5)
-            raise archive.wrong(
-                f"{'.'.join(place)} has no variable {bound.name!r}",
-                bound.where,
-                hint=f"did you mean {' or '.join(near)}?" if near else None,
-            )
-        values[bound.name] = _value(archive, bound, port, fmu, description)
-    return dict(sorted(values.items()))
-
-
-def _value(
-    archive: Archive, bound: Bound, port: Port, fmu: FmuDescription, description: Description
-) -> Any:
-    value = bound.value(archive)
-    fits = port.kind is not None and bound.type in _KINDS[port.kind]
-    if port.kind == "float" and bound.type == "Integer":
-        value, fits = float(value), True
-    if not fits or port.shape:
-        raise archive.wrong(
-            "a value of the wrong type",
-            bound.where,
-            expected=f"{port.getter_type} for {bound.name}",
-            got=bound.type,
-        )
-    if bound.unit is None or port.unit is None or bound.unit == port.unit:
-        return value
-    of = description.units.get(bound.unit) or units_of_fmu(fmu.model).get(bound.unit)
-    to = units_of_fmu(fmu.model).get(port.unit)
-    return _in_unit(archive, bound, port, of, to, float(value))
-
-
-def _in_unit(
-    archive: Archive,
-    bound: Bound,
-    port: Port,
-    of: UnitBase | None,
-    to: UnitBase | None,
-    value: float,
-) -> float:
-    try:
-        if of is not None and to is not None:
-            return converted(value, of, to)
-        reason = "one of them is defined nowhere"
-    except ValueError as error:
-        reason = str(error)
-    raise archive.wrong(
-        f"{bound.name} in a unit that cannot be converted",
-        bound.where,
-        expected=f"{port.unit}",
-        got=f"{bound.unit}: {reason}",
-    )
-
-
-# ---- connections
-
-
-def _connections(
-    archive: Archive,
-    flat: Flat,
-    channels: Mapping[Place, tuple[str, str] | None],
-    names: Mapping[Place, str],
-    fmus: Mapping[Place, FmuDescription],
-    description: Description,
-) -> list[dict[str, str]]:
-    into = {wire.target: wire for wire in flat.wires if wire.target[0] in channels}
-    found = []
-    for wire in flat.wires:
-        if wire.target[0] in channels:
-            continue
-        if wire.link is not None and wire.link not in description.links:
-            raise archive.wrong(
-                "a connection over a link that is not described",
-                f"{SSD}:{wire.line}",
-                got=wire.link,
-            )
-        source, link = _over(archive, wire, channels, into)
-        name = link if source[0] in channels else names[source[0]]
-        if source[0] not in channels:
-            _check(archive, wire, source, fmus)
-        row = {"from": f"{name}.{source[1]}", "to": f"{names[wire.target[0]]}.{wire.target[1]}"}
-        if link is not None and source[0] not in channels:
-            row["link"] = link
-        found.append(row)
-    return found
-
-
-def _over(
-    archive: Archive,
-    wire: FlatWire,
-    channels: Mapping[Place, tuple[str, str] | None],
-    into: Mapping[End, FlatWire],
-) -> tuple[End, str | None]:
-    """Where a wire begins, and its link; one from a link FMU begins before it."""
-    if wire.source[0] not in channels:
-        return wire.source, wire.link
-    channel = channels[wire.source[0]]
-    link = "" if channel is None else channel[0]
-    if wire.source[1] in _STATES:
-        return wire.source, link
-    lane = _LANE.fullmatch(wire.source[1])
-    before = into.get((wire.source[0], f"u[{lane[2]}]")) if lane and lane[1] == "y" else None
-    if before is None or before.source[0] in channels:
-        raise archive.wrong(
-            "a link FMU whose output has no input",
-            f"{SSD}:{wire.line}",
-            got=".".join((*wire.source[0], wire.source[1])),
-        )
-    return before.source, link
-
-
-def _check(
-    archive: Archive,
-    wire: FlatWire,
-    source: End,
-    fmus: Mapping[Place, FmuDescription],
-) -> None:
-    """Both ends exist, and no value would have to be converted on the way."""
-    ports = []
-    for (place, variable), causality in ((source, "output"), (wire.target, "input")):
-        port = fmus[place].ports.get(variable)
-        if port is None or port.causality != causality:
-            known = [p.name for p in fmus[place].ports.values() if p.causality == causality]
-            raise InputError.unknown(
-                causality,
-                variable,
-                known,
-                where=f"{archive.path}: {SSD}:{wire.line}: component {'.'.join(place)!r}",
-            )
-        ports.append(port)
-    one, other = (
-        None if port.unit is None else units_of_fmu(fmus[place].model).get(port.unit)
-        for port, (place, _) in zip(ports, (source, wire.target), strict=True)
-    )
-    begin = f"{'.'.join((*source[0], source[1]))} [{ports[0].unit}]"
-    text = f"{begin} -> {'.'.join((*wire.target[0], wire.target[1]))} [{ports[1].unit}]"
-    if not wire.converts or one is None or other is None or one == other:
-        return
-    if one.exponents != other.exponents:
-        archive.notes.append(f"{text}: the units measure different things")
-        return
-    raise archive.wrong(
-        "a connection that converts units is not supported",
-        f"{SSD}:{wire.line}",
-        got=text,
-        hint="an FMU that does it, between the two; or suppressUnitConversion",
-    )
