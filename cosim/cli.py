@@ -23,6 +23,7 @@ from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
 from cosim.verbs.scenario import scenario_app
+from cosim.verbs.ssp import ssp_app
 from cosim.verbs.study import study_app
 from cosim.verbs.trace import trace_app
 from cosim.verbs.trace_diff import diff
@@ -49,6 +50,7 @@ for shown in (report, play, view):
     trace_app.command()(shown)
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(ssp_app, name="ssp")
 app.add_typer(study_app, name="study")
 fmu_app.command()(build)
 fmu_app.command()(controller)

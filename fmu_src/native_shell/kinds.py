@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from fmu_src.hinf_controller.behaviour import StateFeedback
+from fmu_src.link_channel.behaviour import LinkChannel
 from fmu_src.python_shell.delay_plant import DelayPlant
+from fmu_src.signal_table.behaviour import SignalTable
 from fmu_src.spec import ComponentSpec
 from fmu_src.wave_field.behaviour import WaveField
 
 from .emit import reachable
+from .link_kind import record_link, record_table
 from .model import Draft, behaviour_of, distinct_enumerators
 from .recorder import Scalar
 from .tangent import tangents
@@ -35,6 +38,10 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
     elif isinstance(behaviour, WaveField):
         record_waves(draft, behaviour)
         sources = ("waves.c",)
+    elif isinstance(behaviour, LinkChannel):
+        sources = record_link(draft, behaviour)
+    elif isinstance(behaviour, SignalTable):
+        sources = record_table(draft, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
     return draft.files(identity), sources

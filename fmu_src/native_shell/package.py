@@ -22,6 +22,14 @@ _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
+_HEADERS_OF = (
+    ("delay_line.c", "delay_line.h"),
+    ("packet_link.c", "draws.h"),
+    ("packet_link.c", "clock.h"),
+    ("transport_link.c", "clock.h"),
+    ("table.c", "clock.h"),
+)
+"""Headers that a component's own C needs beside those of every component."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
 
 
@@ -44,8 +52,9 @@ def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str,
     generated, own = model_files(spec, identity)
     compiled = [*COMMON, *own, "fmi2.c" if version == "2.0" else "fmi3.c"]
     headers = [*_OWN_HEADERS, *_HEADERS[version]]
-    if "delay_line.c" in own:
-        headers.append("delay_line.h")
+    for source, header in _HEADERS_OF:
+        if source in own:
+            headers.append(header)
     found = {name: text.encode() for name, text in generated.items()}
     found.update({name: _shell(name) for name in (*compiled, *headers)})
     return found, sorted([*compiled, "model.c"])

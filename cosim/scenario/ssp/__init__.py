@@ -1,0 +1,1 @@
+"""SSP: a scenario as an archive that other tools load, and theirs as a scenario."""

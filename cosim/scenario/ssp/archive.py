@@ -1,0 +1,222 @@
+"""An SSP archive from the outside: its entries, none of which is trusted."""
+
+from __future__ import annotations
+
+import io
+import math
+import posixpath
+import zipfile
+import zlib
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+from urllib.parse import unquote, urlsplit
+
+from lxml import etree
+
+from cosim.errors import InputError
+from cosim.scenario.ssp.names import SSD, tag
+from cosim.scenario.ssp.write_ssd import check_schema
+
+MOST_XML = 64 * 2**20
+MOST_FMU = 2**29
+MOST_IN_ALL = 2**31
+MOST_ENTRIES = 10_000
+"""More than these is no system but an attack, or needs another tool."""
+
+_ROOTS = (
+    tag("ssd", "SystemStructureDescription"),
+    tag("ssv", "ParameterSet"),
+    tag("ssm", "ParameterMapping"),
+)
+_PIECE = 2**20
+_UNREADABLE = (EOFError, zipfile.BadZipFile, RuntimeError, NotImplementedError, zlib.error)
+
+
+class Archive:
+    """An archive that is open for reading; use as a context manager.
+
+    Attributes
+    ----------
+    notes : what is not as it should be, or was left out; sentences.
+
+    Raises
+    ------
+    InputError : no archive, too many entries, or two of one name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.notes: list[str] = []
+        self._read = 0
+
+    def __enter__(self) -> Self:
+        try:
+            self._zip = zipfile.ZipFile(self.path)
+        except (OSError, zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+            raise self.wrong("not an SSP archive", expected="a zip file", got=str(error)) from error
+        names = self._zip.namelist()
+        if len(names) > MOST_ENTRIES or len(set(names)) != len(names):
+            self._zip.close()
+            raise self.wrong(
+                "not an SSP archive that can be read",
+                expected=f"at most {MOST_ENTRIES} entries, each name once",
+                got=f"{len(names)} entries, {len(set(names))} names",
+            )
+        self._names = set(names)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._zip.close()
+
+    def wrong(self, what: str, inside: str | None = None, **more: str | None) -> InputError:
+        """An error of this archive; `inside` names the entry, with a line if there is one."""
+        where = str(self.path) if inside is None else f"{self.path}: {inside}"
+        return InputError(what, where=where, **more)
+
+    def names(self) -> list[str]:
+        """Names of the entries, sorted."""
+        return sorted(self._names)
+
+    def entry(self, source: str, base: str, where: str) -> str:
+        """Name of the entry that a URI beside the entry `base` means.
+
+        Raises
+        ------
+        InputError : it leads out of the archive, or there is no such entry.
+        """
+        parts = urlsplit(source)
+        path = unquote(parts.path)
+        joined = posixpath.normpath(posixpath.join(posixpath.dirname(base), path))
+        outside = joined.startswith("..") or path.startswith("/") or "\\" in path or "\0" in path
+        if parts.scheme or parts.netloc or parts.fragment or parts.query or outside or not path:
+            raise self.wrong(
+                "a source outside of the archive, or of a kind that is not supported",
+                where,
+                expected="a path in the archive, as in resources/plant.fmu",
+                got=source,
+            )
+        if joined not in self._names:
+            raise self.wrong("there is no such entry", where, got=joined)
+        return joined
+
+    def read(self, name: str, most: int = MOST_XML) -> bytes:
+        """Content of an entry, of at most `most` bytes, whatever size it claims.
+
+        Raises
+        ------
+        InputError : too large, damaged, or encrypted.
+        """
+        if name not in self._names:
+            hint = "is this an FMU, or a trace?" if name == SSD else None
+            raise self.wrong(f"there is no {name}", hint=hint)
+        content = io.BytesIO()
+        self._copy(name, content, most)
+        return content.getvalue()
+
+    def extract(self, name: str, to: Path) -> None:
+        """Write an FMU of the archive to a file.
+
+        Raises
+        ------
+        InputError : too large, damaged, encrypted, or a file that cannot be written.
+        """
+        try:
+            with to.open("wb") as stream:
+                self._copy(name, stream, MOST_FMU)
+        except OSError as error:
+            raise InputError("the FMU cannot be written", where=str(to), got=str(error)) from error
+
+    def _copy(self, name: str, to: IO[bytes], most: int) -> None:
+        copied = 0
+        try:
+            with self._zip.open(name) as stream:
+                while copied <= most and (piece := stream.read(_PIECE)):
+                    copied += len(piece)
+                    to.write(piece)
+        except _UNREADABLE as error:
+            raise self.wrong("an entry cannot be read", name, got=str(error)) from error
+        self._read += copied
+        if copied > most or self._read > MOST_IN_ALL:
+            raise self.wrong(
+                "an entry is too large",
+                name,
+                expected=f"at most {most} bytes, {MOST_IN_ALL} of all that is read",
+            )
+
+    def xml(self, name: str, kind: str) -> Any:
+        """The root of an XML entry; where the schema `kind`.xsd is broken, `notes` say so.
+
+        Tools write archives that the schema does not allow and that mean something all the same.
+
+        Raises
+        ------
+        InputError : no XML, with entities of its own, or of another kind altogether.
+        """
+        content = self.read(name)
+        parser = etree.XMLParser(
+            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
+        )
+        try:
+            root = etree.fromstring(content, parser)
+        except etree.XMLSyntaxError as error:
+            raise self.wrong("not XML", name, got=str(error)) from error
+        if root.getroottree().docinfo.doctype:
+            raise self.wrong(
+                "a document type, which no file of SSP has", name, expected="none: no <!DOCTYPE"
+            )
+        try:
+            check_schema(content, kind, where=name)
+        except InputError as error:
+            if root.tag not in _ROOTS:
+                raise self.wrong(
+                    "this is no file of SSP 1.0", name, expected=f"{kind}.xsd", got=error.got
+                ) from error
+            self.notes.append(f"{error.where}: not as the schema of SSP 1.0 has it: {error.got}")
+        return root
+
+    def needed(self, element: Any, attribute: str, entry: str) -> str:
+        """An attribute that nothing can be made of without.
+
+        Raises
+        ------
+        InputError : it is missing.
+        """
+        found = element.get(attribute)
+        if found is None:
+            raise self.wrong(
+                f"there is no {attribute}",
+                f"{entry}:{element.sourceline}",
+                got=etree.QName(element).localname,
+            )
+        return str(found)
+
+    def number(self, element: Any, attribute: str, entry: str, default: float) -> float:
+        """A finite number, or `default` where there is none.
+
+        Raises
+        ------
+        InputError : it is no number.
+        """
+        text = element.get(attribute)
+        return default if text is None else self.as_number(text, f"{entry}:{element.sourceline}")
+
+    def as_number(self, text: str, where: str) -> float:
+        """A text as a finite number.
+
+        Raises
+        ------
+        InputError : it is none.
+        """
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.wrong("not a finite number", where, got=text)
+        return value

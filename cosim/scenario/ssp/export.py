@@ -1,0 +1,209 @@
+"""A scenario as an SSP archive: FMUs, parameters, connections; links as annotations or FMUs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import tomli_w
+
+from cosim.errors import InputError
+from cosim.master import System
+from cosim.scenario.assemble import assemble
+from cosim.scenario.execute import Prepared
+from cosim.scenario.gain import gain_parameters
+from cosim.scenario.schema import Scenario
+from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.network import Built, network_of
+from cosim.scenario.ssp.resources import Resources
+from cosim.scenario.ssp.structure import Element, Structure
+from cosim.scenario.ssp.units import units_of
+from cosim.scenario.ssp.write_ssd import ssd_bytes
+from fmu_src.archive import deterministic_zip
+
+Links = Literal["annotate", "fmu"]
+
+_EXPORTED = {
+    *("title", "description", "run", "components", "connections", "connect", "links"),
+    *("reference", "disturbance", "design"),
+}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An archive that was written.
+
+    Attributes
+    ----------
+    links : by name: "annotation", "FMU", or "wire" for a transport link without delay.
+    resources : paths in the archive.
+    warnings : what other tools do differently, or what is left out; sentences.
+    """
+
+    path: Path
+    components: tuple[str, ...]
+    connections: int
+    links: Mapping[str, str]
+    resources: tuple[str, ...]
+    step_s: float
+    end_s: float
+    warnings: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """What `cosim ssp export --json` prints."""
+        return {
+            "ssp": str(self.path),
+            "components": list(self.components),
+            "connections": self.connections,
+            "links": dict(self.links),
+            "resources": list(self.resources),
+            "step": self.step_s,
+            "end": self.end_s,
+            "warnings": list(self.warnings),
+        }
+
+
+def export_ssp(prepared: Prepared, path: Path, links: Links = "annotate") -> Exported:
+    """Write the archive; the same scenario gives the same bytes.
+
+    Parameters
+    ----------
+    prepared : the scenario with its FMUs and its gain.
+    links : what becomes of links: annotations, which other tools ignore, or FMUs.
+
+    Raises
+    ------
+    InputError : something of the scenario that an archive cannot say, a file that cannot be
+        written, or a link FMU without a compiler.
+    """
+    scenario = prepared.loaded.scenario
+    if links == "fmu":  # other tools step on a grid: so do the figures that theirs compare with
+        run = scenario.run.model_copy(update={"events": "grid"})
+        scenario = scenario.model_copy(update={"run": run})
+    system = system_of(prepared, scenario)
+    resources = Resources()
+    tomls = {name: _toml(part) for name, part in scenario.links.items()}
+    built = network_of(system, resources, links, tomls)
+    warnings = [*built.warnings, *_left_out(prepared, system)]
+    units = units_of(system, warnings)
+    structure = Structure(
+        name=_identifier(prepared.loaded.name),
+        description=scenario.title,
+        elements=[_with_known_units(e, units) for e in built.elements],
+        wires=built.wires,
+        units=units,
+        links=built.annotated,
+        run=_toml(scenario.run),
+        rest=_rest(scenario),
+        step_s=system.timetable.step_ns / 1e9,
+        end_s=int(system.timetable.points_ns[-1]) / 1e9,
+    )
+    content = {SSD: ssd_bytes(structure), **resources.files}
+    _write(content, path)
+    return Exported(
+        path=path,
+        components=tuple(e.name for e in built.elements),
+        connections=len(built.wires),
+        links=_fates(built, scenario),
+        resources=tuple(sorted(resources.files)),
+        step_s=structure.step_s,
+        end_s=structure.end_s,
+        warnings=tuple(warnings),
+    )
+
+
+def system_of(prepared: Prepared, scenario: Scenario) -> System:
+    """What the master would run, the designed gain among the parameters."""
+    parameters = {}
+    if scenario.design is not None and prepared.design is not None:
+        name = scenario.design.controller
+        parameters[name] = gain_parameters(prepared.design.K, prepared.fmus[name])
+    return assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
+
+
+def _toml(part: object) -> str:
+    """A table of the scenario with every key that has a value."""
+    data = part.model_dump(by_alias=True, exclude_none=True)  # type: ignore[attr-defined]
+    return tomli_w.dumps(data)
+
+
+def _unspoken(scenario: Scenario) -> list[str]:
+    """Parts that SSP has no word for."""
+    return sorted(name for name in scenario.model_fields_set - _EXPORTED if getattr(scenario, name))
+
+
+def _rest(scenario: Scenario) -> str:
+    """TOML of the parts that SSP has no word for, as they were given."""
+    data = scenario.model_dump(
+        by_alias=True, exclude_unset=True, exclude_none=True, include=set(_unspoken(scenario))
+    )
+    return tomli_w.dumps(data)
+
+
+def _left_out(prepared: Prepared, system: System) -> list[str]:
+    """Sentences about what the archive does not say."""
+    scenario = prepared.loaded.scenario
+    said = [
+        f"[{name}] is an annotation of this project's own: other tools ignore it"
+        for name in _unspoken(scenario)
+    ]
+    if scenario.design is not None:
+        said.append("[design]: its gain is among the parameters; its proof is left out")
+    if system.algorithm != "jacobi":
+        said.append(f"run.algorithm = {system.algorithm!r}: other tools step in their own order")
+    for name, component in system.components.items():
+        if component.every_ns is not None:
+            said.append(
+                f"component {name!r}: its own step of {component.every_ns / 1e9:g} s is left out"
+            )
+        if component.description.version != "2.0":
+            said.append(
+                f"component {name!r} is an FMU of FMI {component.description.version}, which "
+                "SSP 1.0 does not speak of; many tools refuse it"
+            )
+        if component.description.needs_execution_tool:
+            said.append(f"component {name!r} needs another program (a Python host, for one)")
+    held = sorted({str(c.target) for c in system.connections if c.policy != "hold"})
+    if held:
+        said.append(f"other tools hold these inputs over a step: {', '.join(held)}")
+    return said
+
+
+def _fates(built: Built, scenario: Scenario) -> dict[str, str]:
+    fmus = {e.name for e in built.elements if e.link is not None}
+    words = {}
+    for name in scenario.links:
+        if name in built.annotated:
+            words[name] = "annotation"
+        elif built.element_of.get(name) in fmus:
+            words[name] = "FMU"
+        else:
+            words[name] = "wire" if name in built.wired else "unused"
+    return words
+
+
+def _with_known_units(element: Element, units: Mapping[str, Mapping[str, str]]) -> Element:
+    return replace(
+        element,
+        connectors=[c if c.unit in units else replace(c, unit=None) for c in element.connectors],
+        values={
+            name: v if v.unit in units else replace(v, unit=None)
+            for name, v in element.values.items()
+        },
+    )
+
+
+def _identifier(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", name) or "system"
+
+
+def _write(content: Mapping[str, bytes], path: Path) -> None:
+    try:
+        deterministic_zip(content, path)
+    except OSError as error:
+        raise InputError(
+            "the archive cannot be written", where=str(path), got=str(error)
+        ) from error

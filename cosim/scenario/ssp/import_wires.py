@@ -1,0 +1,122 @@
+"""Connections of an archive as those of a scenario; link FMUs of this project become links."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription
+from cosim.scenario.ssp.archive import Archive
+from cosim.scenario.ssp.flatten import End, Flat, FlatWire
+from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.tree import Description
+from cosim.scenario.ssp.units import units_of_fmu
+
+_STATES = ("age", "sequence", "dropped")
+_LANE = re.compile(r"([uy])\[([1-9][0-9]*)\]")
+
+
+def connections_of(
+    archive: Archive,
+    flat: Flat,
+    channels: Mapping[Place, tuple[str, str] | None],
+    names: Mapping[Place, str],
+    fmus: Mapping[Place, FmuDescription],
+    description: Description,
+) -> list[dict[str, str]]:
+    """Rows of [[connections]].
+
+    Parameters
+    ----------
+    channels : link FMUs, with name and TOML of their links.
+    names : of the other components in the scenario.
+
+    Raises
+    ------
+    InputError : an end that the FMU does not have, units that would have to be converted, a link
+        that is not described.
+    """
+    into = {wire.target: wire for wire in flat.wires if wire.target[0] in channels}
+    found = []
+    for wire in flat.wires:
+        if wire.target[0] in channels:
+            continue
+        if wire.link is not None and wire.link not in description.links:
+            raise archive.wrong(
+                "a connection over a link that is not described",
+                f"{SSD}:{wire.line}",
+                got=wire.link,
+            )
+        source, link = _over(archive, wire, channels, into)
+        name = link if source[0] in channels else names[source[0]]
+        if source[0] not in channels:
+            _check(archive, wire, source, fmus)
+        row = {"from": f"{name}.{source[1]}", "to": f"{names[wire.target[0]]}.{wire.target[1]}"}
+        if link is not None and source[0] not in channels:
+            row["link"] = link
+        found.append(row)
+    return found
+
+
+def _over(
+    archive: Archive,
+    wire: FlatWire,
+    channels: Mapping[Place, tuple[str, str] | None],
+    into: Mapping[End, FlatWire],
+) -> tuple[End, str | None]:
+    """Where a wire begins, and its link; one from a link FMU begins before it."""
+    if wire.source[0] not in channels:
+        return wire.source, wire.link
+    channel = channels[wire.source[0]]
+    link = "" if channel is None else channel[0]
+    if wire.source[1] in _STATES:
+        return wire.source, link
+    lane = _LANE.fullmatch(wire.source[1])
+    before = into.get((wire.source[0], f"u[{lane[2]}]")) if lane and lane[1] == "y" else None
+    if before is None or before.source[0] in channels:
+        raise archive.wrong(
+            "a link FMU whose output has no input",
+            f"{SSD}:{wire.line}",
+            got=".".join((*wire.source[0], wire.source[1])),
+        )
+    return before.source, link
+
+
+def _check(
+    archive: Archive,
+    wire: FlatWire,
+    source: End,
+    fmus: Mapping[Place, FmuDescription],
+) -> None:
+    """Both ends exist, and no value would have to be converted on the way."""
+    ports = []
+    for (place, variable), causality in ((source, "output"), (wire.target, "input")):
+        port = fmus[place].ports.get(variable)
+        if port is None or port.causality != causality:
+            known = [p.name for p in fmus[place].ports.values() if p.causality == causality]
+            raise InputError.unknown(
+                causality,
+                variable,
+                known,
+                where=f"{archive.path}: {SSD}:{wire.line}: component {'.'.join(place)!r}",
+            )
+        ports.append(port)
+    one, other = (
+        None if port.unit is None else units_of_fmu(fmus[place].model).get(port.unit)
+        for port, (place, _) in zip(ports, (source, wire.target), strict=True)
+    )
+    begin = f"{'.'.join((*source[0], source[1]))} [{ports[0].unit}]"
+    text = f"{begin} -> {'.'.join((*wire.target[0], wire.target[1]))} [{ports[1].unit}]"
+    if not wire.converts or one is None or other is None or one == other:
+        return
+    if one.exponents != other.exponents:
+        archive.notes.append(f"{text}: the units measure different things")
+        return
+    raise archive.wrong(
+        "a connection that converts units is not supported",
+        f"{SSD}:{wire.line}",
+        got=text,
+        hint="an FMU that does it, between the two; or suppressUnitConversion",
+    )

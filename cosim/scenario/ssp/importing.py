@@ -1,0 +1,220 @@
+"""An SSP archive as a scenario: FMUs beside a TOML file, parameters, connections, links."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from cosim.errors import InputError
+from cosim.fmu import FmuDescription, describe_fmu
+from cosim.scenario.read import parse
+from cosim.scenario.ssp.archive import MOST_XML, Archive
+from cosim.scenario.ssp.flatten import Flat, flatten, scenario_names
+from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.import_values import table_of, values_of
+from cosim.scenario.ssp.import_wires import connections_of
+from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.tree import Description, read_description
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A scenario that was written.
+
+    Attributes
+    ----------
+    names : element as the archive calls it -> component of the scenario.
+    links : that were annotated, or link FMUs of this project.
+    unsupported : what was left out or taken another way; sentences.
+    """
+
+    path: Path
+    names: Mapping[str, str]
+    connections: int
+    links: tuple[str, ...]
+    fmus: tuple[str, ...]
+    step_s: float
+    end_s: float
+    unsupported: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """What `cosim ssp import --json` prints."""
+        return {
+            "scenario": str(self.path),
+            "components": dict(self.names),
+            "connections": self.connections,
+            "links": list(self.links),
+            "fmus": list(self.fmus),
+            "step": self.step_s,
+            "end": self.end_s,
+            "unsupported": list(self.unsupported),
+        }
+
+
+def import_ssp(
+    ssp: Path, path: Path, *, step: float | None = None, end: float | None = None
+) -> Imported:
+    """Write a scenario, and the FMUs of the archive into a folder beside it.
+
+    Parameters
+    ----------
+    path : the TOML file; FMUs go into the folder of its name with `_fmus`.
+    step, end : in place of the archive's [s].
+
+    Raises
+    ------
+    InputError : no archive, one that is not valid, one with parts that no run can do without and
+        that are not supported, or a file that cannot be written.
+    """
+    with Archive(ssp) as archive, _beside(path) as unpacked:
+        description = read_description(archive)
+        flat = flatten(archive, description.system)
+        channels = {p: part.link for p, part in flat.parts.items() if part.link is not None}
+        places = [place for place in flat.parts if place not in channels]
+        if not places:
+            raise archive.wrong("a system without components", SSD)
+        names = scenario_names(places)
+        folder = path.with_name(f"{path.stem}_fmus")
+        files = _unpack(archive, flat, places, unpacked)
+        fmus = {place: describe_fmu(unpacked / files[flat.parts[place].entry]) for place in places}
+        links = {**description.links, **{link[0]: link[1] for link in channels.values()}}
+        data: dict[str, Any] = {
+            "title": description.text or description.name or ssp.stem,
+            "description": f"From {ssp.name}.",
+            "run": _run(archive, description, fmus, step, end),
+            "components": {
+                names[place]: {
+                    "fmu": f"{folder.name}/{files[flat.parts[place].entry]}",
+                    **table_of(values_of(archive, flat, place, fmus[place], description)),
+                }
+                for place in places
+            },
+            "connections": connections_of(archive, flat, channels, names, fmus, description),
+            "links": {name: _table(archive, name, toml) for name, toml in links.items()},
+        }
+        rest = _table(archive, "scenario", description.rest)
+        data |= {key: value for key, value in rest.items() if key not in data}
+        text = tomli_w.dumps({key: value for key, value in data.items() if value})
+        loaded = parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
+        try:
+            folder.mkdir(exist_ok=True)
+            for file in files.values():
+                (unpacked / file).replace(folder / file)
+            path.write_text(text, "utf-8")
+        except OSError as error:
+            raise _unwritten(path, error) from error
+    return Imported(
+        path=path,
+        names={".".join(place): name for place, name in names.items()},
+        connections=len(data["connections"]),
+        links=tuple(loaded.scenario.links),
+        fmus=tuple(sorted(f"{folder.name}/{file}" for file in files.values())),
+        step_s=loaded.scenario.run.step,
+        end_s=loaded.scenario.run.end,
+        unsupported=tuple(archive.notes),
+    )
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A folder that is removed again: nothing is left of an archive that is refused."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.TemporaryDirectory(prefix=".ssp-", dir=path.parent)
+    except OSError as error:
+        raise _unwritten(path, error) from error
+    with folder as name:
+        yield Path(name)
+
+
+def _unwritten(path: Path, error: OSError) -> InputError:
+    return InputError("the scenario cannot be written", where=str(path), got=str(error))
+
+
+def _unpack(archive: Archive, flat: Flat, places: list[Place], folder: Path) -> dict[str, str]:
+    """Write the FMUs; entry -> file name."""
+    files: dict[str, str] = {}
+    for entry in sorted({flat.parts[place].entry for place in places}):
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(entry).stem).strip("._") or "component"
+        file, number = f"{stem}.fmu", 2
+        while file.lower() in {other.lower() for other in files.values()}:
+            file, number = f"{stem}_{number}.fmu", number + 1
+        files[entry] = file
+        archive.extract(entry, folder / file)
+        _look_into(archive, entry, folder / file)
+    return files
+
+
+def _look_into(archive: Archive, entry: str, fmu: Path) -> None:
+    """Refuse what is no FMU, or has a description too large to be read."""
+    try:
+        with zipfile.ZipFile(fmu) as packed, packed.open("modelDescription.xml") as stream:
+            left = MOST_XML
+            while left >= 0 and (piece := stream.read(2**20)):
+                left -= len(piece)
+    except Exception as error:  # zipfile raises many kinds; each means the same here
+        raise archive.wrong("not an FMU", entry, got=str(error)) from error
+    if left < 0:
+        raise archive.wrong(
+            "the model description is too large", entry, expected=f"at most {MOST_XML} bytes"
+        )
+
+
+def _run(
+    archive: Archive,
+    description: Description,
+    fmus: Mapping[Place, FmuDescription],
+    step: float | None,
+    end: float | None,
+) -> dict[str, Any]:
+    table = {} if description.run is None else _table(archive, "run", description.run)
+    notes = archive.notes
+    experiments = [fmu.model.defaultExperiment for fmu in fmus.values()]
+    start = description.start_s or 0.0
+    if "end" not in table:
+        table["end"] = None if description.stop_s is None else description.stop_s - start
+        if start:
+            notes.append(f"the start time {start:g} s: a run starts at 0")
+    if end is None and table["end"] is None:
+        stops = [float(e.stopTime) for e in experiments if e is not None and e.stopTime]
+        if not stops:
+            raise archive.wrong(
+                "neither the archive nor its FMUs say when the run ends",
+                SSD,
+                expected="a DefaultExperiment with a stopTime",
+                hint="--end SECONDS",
+            )
+        table["end"] = max(stops)
+        notes.append(f"no stop time: {table['end']:g} s is that of its FMUs' default experiments")
+    if end is not None:
+        table["end"] = end
+    if "step" not in table and step is None:
+        steps = [float(e.stepSize) for e in experiments if e is not None and e.stepSize]
+        table["step"] = description.step_s
+        if table["step"] is None:
+            table["step"] = min(steps) if steps else table["end"] / 1000
+            notes.append(
+                f"SSP does not say the communication step: {table['step']:g} s is "
+                + ("the least of its FMUs' default experiments" if steps else "a thousandth of it")
+            )
+    if step is not None:
+        table["step"] = step
+    return table
+
+
+def _table(archive: Archive, name: str, toml: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(toml)
+    except tomllib.TOMLDecodeError as error:
+        raise archive.wrong(
+            f"the annotation of {name!r} is not TOML", SSD, got=str(error)
+        ) from error

@@ -1,0 +1,126 @@
+"""Links as link FMUs: their parameters as those of the FMU, and what an FMU cannot do, by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+
+from cosim.errors import InputError
+from cosim.master import Link
+from cosim.network import GilbertElliott, PacketLink
+from fmu_src.link_channel.behaviour import JITTERS, ORDERS
+from fmu_src.link_channel.variables import LONGEST_S, Lane, packet_spec, transport_spec
+from fmu_src.spec import ComponentSpec
+
+MOST_SEED = 2**31 - 1
+
+
+def link_spec(
+    name: str, link: Link, lanes: Sequence[Lane], step_ns: int
+) -> tuple[ComponentSpec, list[str]]:
+    """The link FMU `name` of a link, and what is to be known about it.
+
+    Raises
+    ------
+    InputError : a link whose delay varies, or a seed that an Integer of FMI does not hold.
+    """
+    _refuse(link)
+    step = step_ns / 1e9
+    if isinstance(link, PacketLink):
+        warnings = [*_late(link), *_unknown(link)]
+        return packet_spec(name, link.name, lanes, packet_parameters(link), step), warnings
+    warnings = []
+    if link.delay_ns < step_ns:
+        warnings.append(
+            f"link {link.name!r}: its delay of {link.delay_ns / 1e9:g} s is shorter than the "
+            f"step of {step:g} s; in other tools it is the step"
+        )
+    return transport_spec(name, link.name, lanes, link.delay_ns / 1e9, step), warnings
+
+
+def packet_parameters(link: PacketLink) -> dict[str, float]:
+    """Values of the parameters of a packet link's FMU."""
+    jitter, loss = link.jitter, link.loss
+    values: dict[str, float] = {
+        "sample_time": link.sample_time_ns / 1e9,
+        "offset": link.offset_ns / 1e9,
+        "delay": link.delay_ns / 1e9,
+        "jitter.kind": JITTERS.index(jitter.kind),
+        "jitter.width": jitter.width_ns / 1e9,
+        "jitter.mean": jitter.mean_ns / 1e9,
+        "jitter.sigma": jitter.sigma_ns / 1e9,
+        "jitter.max": 0.0 if jitter.max_ns is None else jitter.max_ns / 1e9,
+        "duplicate": link.duplicate,
+        "order": ORDERS.index(link.order),
+        "on_loss.hold": int(link.on_loss == "hold"),
+        "on_loss.value": link.substitute or 0.0,
+        "quantization": link.quantization,
+        "data_rate": float(link.data_rate),
+        "frame_size": float(link.frame_size),
+        "queue_limit": -1 if link.queue_limit is None else min(link.queue_limit, MOST_SEED),
+        "seed": link.seed,
+    }
+    if isinstance(loss, GilbertElliott):
+        values |= {"loss.bursts": 1, "loss.good": loss.loss_good, "loss.bad": loss.loss_bad}
+        values |= {"loss.p_enter": loss.p_enter, "loss.p_exit": loss.p_exit}
+    else:
+        values |= {"loss.bursts": 0, "loss.good": float(loss)}
+    return values
+
+
+def _refuse(link: Link) -> None:
+    where = f"link {link.name!r}"
+    if link.delay is not None:
+        raise InputError(
+            "a link FMU has a constant delay",
+            where=where,
+            expected="delay as a number",
+            got=type(link.delay).__name__,
+            hint="export it as an annotation: --links annotate",
+        )
+    times = [link.delay_ns]
+    if isinstance(link, PacketLink):
+        times += [link.sample_time_ns, link.offset_ns, link.jitter.mean_ns, link.jitter.sigma_ns]
+        times += [link.jitter.width_ns, link.jitter.max_ns or 0]
+        if link.seed > MOST_SEED:
+            raise InputError(
+                "the seed is too large for an Integer of FMI",
+                where=where,
+                expected=f"at most {MOST_SEED}",
+                got=str(link.seed),
+            )
+        if "\0" in link.name:
+            raise InputError("a name in C has no zero in it", where=where, got=repr(link.name))
+    if max(times) > math.floor(LONGEST_S * 1e9):
+        raise InputError(
+            "a time of this link is too long for a link FMU",
+            where=where,
+            expected=f"at most {LONGEST_S:g} s",
+            got=f"{max(times) / 1e9:g} s",
+        )
+
+
+def _late(link: PacketLink) -> list[str]:
+    if link.delay_ns + link.frame_ns > 0:
+        return []
+    said = (
+        f"link {link.name!r}: what arrives in the instant of sending (delay 0) is one step late "
+        "in other tools: no output of an FMU may follow an input at once"
+    )
+    return [said]
+
+
+_KNOWN = {
+    *("name", "sample_time_ns", "offset_ns", "delay_ns", "delay", "jitter", "loss", "duplicate"),
+    *("order", "on_loss", "quantization", "seed", "data_rate", "frame_size", "queue_limit"),
+}
+
+
+def _unknown(link: PacketLink) -> list[str]:
+    """What else the link does, by the names of its fields."""
+    return [
+        f"link {link.name!r}: its {field.name} are not in the link FMU"
+        for field in fields(link)
+        if field.name not in _KNOWN and getattr(link, field.name) not in ((), None, field.default)
+    ]

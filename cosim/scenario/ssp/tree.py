@@ -1,0 +1,259 @@
+"""SystemStructure.ssd as it stands: systems, components, connections, not yet flattened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lxml import etree
+
+from cosim.scenario.ssp.archive import Archive
+from cosim.scenario.ssp.names import (
+    FMU_TYPE,
+    LINK_ANNOTATION,
+    LINK_FMU_ANNOTATION,
+    NAMESPACES,
+    OMS,
+    OSP,
+    OWN,
+    REST_ANNOTATION,
+    RUN_ANNOTATION,
+    SSD,
+    tag,
+)
+from cosim.scenario.ssp.parameters import Bound, bound_values
+from cosim.scenario.ssp.units import UnitBase, units_in
+
+MOST_DEPTH = 50
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A connection inside one system; element None: the system's own connector."""
+
+    source: tuple[str | None, str]
+    target: tuple[str | None, str]
+    link: str | None
+    line: int
+    converts: bool
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component: its FMU in the archive.
+
+    `link` : name and TOML of the link that it stands for, if any.
+    """
+
+    name: str
+    entry: str
+    bound: Sequence[Bound]
+    link: tuple[str, str] | None
+    line: int
+
+
+@dataclass(frozen=True)
+class SubSystem:
+    """A system with what is in it."""
+
+    name: str
+    parts: Sequence[Part]
+    systems: Sequence[SubSystem]
+    joints: Sequence[Joint]
+    bound: Sequence[Bound]
+
+
+@dataclass(frozen=True)
+class Description:
+    """The whole description.
+
+    Attributes
+    ----------
+    links : TOML of annotated links.
+    run : TOML of [run], or None.
+    rest : TOML of what SSP has no word for.
+    start_s, stop_s, step_s : as the default experiment and other tools' annotations say; or None.
+    units : that the description defines.
+    """
+
+    name: str
+    text: str
+    system: SubSystem
+    links: dict[str, str]
+    run: str | None
+    rest: str
+    start_s: float | None
+    stop_s: float | None
+    step_s: float | None
+    units: Mapping[str, UnitBase]
+
+
+def read_description(archive: Archive) -> Description:
+    """Read the archive's default system structure.
+
+    Raises
+    ------
+    InputError : missing, no such description, or with parts that no run can do without and that
+        are not supported.
+    """
+    root = archive.xml(SSD, "SystemStructureDescription")
+    system = root.find(tag("ssd", "System"))
+    if system is None:
+        raise archive.wrong("there is no System", SSD)
+    archive.notes += [
+        f"{other}: another variant of the system, left out"
+        for other in archive.names()
+        if other.endswith(".ssd") and other != SSD
+    ]
+    experiment = root.find(tag("ssd", "DefaultExperiment"))
+    run = None
+    start = stop = None
+    if experiment is not None:
+        start = _time(archive, experiment, "startTime")
+        stop = _time(archive, experiment, "stopTime")
+        runs = _own(experiment, RUN_ANNOTATION)
+        run = runs[0].text if runs else None
+    links = {e.get("name", ""): e.text or "" for e in _own(system, LINK_ANNOTATION)}
+    return Description(
+        name=root.get("name", ""),
+        text=system.get("description") or root.get("description") or "",
+        system=_system(archive, system, 0),
+        links=links,
+        run=run,
+        rest="".join(e.text or "" for e in _own(root, REST_ANNOTATION)),
+        start_s=start,
+        stop_s=stop,
+        step_s=_foreign_step(root),
+        units=units_in(root),
+    )
+
+
+def _time(archive: Archive, experiment: Any, name: str) -> float | None:
+    if experiment.get(name) is None:
+        return None
+    return archive.number(experiment, name, SSD, 0.0)
+
+
+def _own(element: Any, kind: str) -> list[Any]:
+    """What stands in this project's annotations of an element."""
+    path = f"{tag('ssd', 'Annotations')}/{tag('ssc', 'Annotation')}"
+    holders = [a for a in element.findall(path) if a.get("type") == kind]
+    return [
+        inside
+        for holder in holders
+        for inside in holder
+        if str(inside.tag).startswith(f"{{{OWN}}}")
+    ]
+
+
+def _foreign_step(root: Any) -> float | None:
+    """The step that libcosim or OMSimulator would take."""
+    for name, attribute in (
+        (f"{{{OSP}}}FixedStepAlgorithm", "baseStepSize"),
+        (f"{{{OMS}}}FixedStepMaster", "stepSize"),
+    ):
+        for found in root.iter(name):
+            try:
+                return float(found.get(attribute, ""))
+            except ValueError:
+                continue
+    return None
+
+
+def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
+    name = element.get("name", "")
+    if depth > MOST_DEPTH:
+        raise archive.wrong("systems nested too deeply", _at(element), got=f"{depth} levels")
+    parts, systems = [], []
+    for child in _children(element, "Elements"):
+        if child.tag == tag("ssd", "Component"):
+            parts.append(_part(archive, child))
+        elif child.tag == tag("ssd", "System"):
+            systems.append(_system(archive, child, depth + 1))
+        elif child.tag == tag("ssd", "SignalDictionaryReference"):
+            raise archive.wrong(
+                "signal dictionaries are not supported",
+                _at(child),
+                got=child.get("name"),
+                hint="connect the components themselves",
+            )
+    names = [p.name for p in parts] + [s.name for s in systems]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise archive.wrong("two elements of one name", _at(element), got=", ".join(twice))
+    joints = [
+        _joint(archive, child)
+        for child in _children(element, "Connections")
+        if child.tag == tag("ssd", "Connection")
+    ]
+    return SubSystem(name, parts, systems, joints, bound_values(archive, element, SSD))
+
+
+def _part(archive: Archive, element: Any) -> Part:
+    kind = element.get("type", FMU_TYPE)
+    if kind != FMU_TYPE:
+        raise archive.wrong(
+            "a component that is no FMU is not supported",
+            _at(element),
+            expected=FMU_TYPE,
+            got=f"component {element.get('name')!r}: {kind}",
+        )
+    if element.get("implementation", "any") == "ModelExchange":
+        raise archive.wrong(
+            "a component for model exchange cannot be run",
+            _at(element),
+            expected="co-simulation",
+            got=f"component {element.get('name')!r}",
+        )
+    links = _own(element, LINK_FMU_ANNOTATION)
+    return Part(
+        name=archive.needed(element, "name", SSD),
+        entry=archive.entry(archive.needed(element, "source", SSD), SSD, _at(element)),
+        bound=bound_values(archive, element, SSD),
+        link=(links[0].get("name", ""), links[0].text or "") if links else None,
+        line=element.sourceline,
+    )
+
+
+def _joint(archive: Archive, element: Any) -> Joint:
+    names = [
+        (element.get(f"{side}Element"), archive.needed(element, f"{side}Connector", SSD))
+        for side in ("start", "end")
+    ]
+    text = " -> ".join(".".join(n for n in pair if n) for pair in names)
+    for child in element.iterchildren(tag=etree.Element):
+        local = str(child.tag).removeprefix(f"{{{NAMESPACES['ssc']}}}")
+        if local == "LinearTransformation":
+            factor = archive.number(child, "factor", SSD, 1.0)
+            offset = archive.number(child, "offset", SSD, 0.0)
+            if (factor, offset) == (1.0, 0.0):
+                continue
+            got = f"{text}: factor {factor:g}, offset {offset:g}"
+        elif local.endswith("Transformation"):
+            got = f"{text}: {local}"
+        else:
+            continue
+        raise archive.wrong(
+            "a connection that transforms its values is not supported",
+            _at(element),
+            got=got,
+            hint="an FMU that does it, between the two",
+        )
+    links = _own(element, LINK_ANNOTATION)
+    return Joint(
+        names[0],
+        names[1],
+        links[0].get("name") if links else None,
+        element.sourceline,
+        element.get("suppressUnitConversion", "false") not in ("true", "1"),
+    )
+
+
+def _children(element: Any, name: str) -> list[Any]:
+    holder = element.find(tag("ssd", name))
+    return [] if holder is None else list(holder.iterchildren(tag=etree.Element))
+
+
+def _at(element: Any) -> str:
+    return f"{SSD}:{element.sourceline}"

@@ -1,0 +1,99 @@
+"""Units of variables with their base units: as an archive lists them, and as it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+from cosim.master import System
+from cosim.scenario.ssp.names import tag
+from fmu_src.units import UNITS
+
+_EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+def units_of(system: System, warnings: list[str]) -> dict[str, dict[str, str]]:
+    """Name -> exponents, factor and offset; two FMUs that mean different things are warned of."""
+    found: dict[str, dict[str, str]] = {
+        name: {k: str(e) for k, e in exponents.items()} for name, exponents in UNITS.items()
+    }
+    used: set[str] = {"s"}
+    for component_name, component in system.components.items():
+        model = component.description.model
+        used |= {p.unit for p in component.description.ports.values() if p.unit is not None}
+        for unit in getattr(model, "unitDefinitions", None) or ():
+            base = _base(unit)
+            if base is None:
+                continue
+            known = found.setdefault(unit.name, base)
+            if known != base:
+                warnings.append(
+                    f"component {component_name!r} defines the unit {unit.name!r} in its own way; "
+                    "the archive has it as others do"
+                )
+    return {name: found[name] for name in sorted(used & set(found))}
+
+
+def _base(unit: Any) -> dict[str, str] | None:
+    base = unit.baseUnit
+    if base is None:
+        return None
+    exponents = {k: str(int(getattr(base, k) or 0)) for k in _EXPONENTS}
+    found = {k: e for k, e in exponents.items() if e != "0"}
+    for key, neutral in (("factor", 1.0), ("offset", 0.0)):
+        value = float(getattr(base, key, None) or neutral)
+        if value != neutral:
+            found[key] = repr(value)
+    return found
+
+
+class UnitBase(NamedTuple):
+    """What a unit is in base units: value in base units = factor * value + offset."""
+
+    exponents: tuple[tuple[str, int], ...]
+    factor: float
+    offset: float
+
+
+def units_in(root: Any) -> dict[str, UnitBase]:
+    """Units that an SSD defines."""
+    found = {}
+    path = f"{tag('ssd', 'Units')}/{tag('ssc', 'Unit')}"
+    for unit in root.findall(path):
+        base = unit.find(tag("ssc", "BaseUnit"))
+        with suppress(ValueError):  # one that is no unit converts nothing
+            if base is not None:
+                found[str(unit.get("name"))] = _of_texts(dict(base.attrib))
+    return found
+
+
+def units_of_fmu(model: Any) -> dict[str, UnitBase]:
+    """Units that an FMU defines."""
+    found = {}
+    for unit in getattr(model, "unitDefinitions", None) or ():
+        base = _base(unit)
+        if base is not None:
+            found[unit.name] = _of_texts(base)
+    return found
+
+
+def _of_texts(base: Mapping[str, str]) -> UnitBase:
+    exponents = tuple(
+        (k, int(base[k])) for k in _EXPONENTS if base.get(k) is not None and int(base[k]) != 0
+    )
+    return UnitBase(exponents, float(base.get("factor", "1")), float(base.get("offset", "0")))
+
+
+def converted(value: float, of: UnitBase, to: UnitBase) -> float:
+    """A value in another unit of the same dimension.
+
+    Raises
+    ------
+    ValueError : of another dimension.
+    """
+    if of.exponents != to.exponents:
+        raise ValueError("the units measure different things")
+    if (of.factor, of.offset) == (to.factor, to.offset):
+        return value
+    return (of.factor * value + of.offset - to.offset) / to.factor

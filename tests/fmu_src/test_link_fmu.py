@@ -1,0 +1,231 @@
+"""A link FMU draws, delays, loses and orders as the project's own links do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from link_flights import INITIAL, Channel, build, expected, signal
+
+from cosim.errors import InputError
+from cosim.network import (
+    DelayProfile,
+    GilbertElliott,
+    Jitter,
+    PacketLink,
+    TransportLink,
+)
+from cosim.scenario.ssp.link_fmu import link_spec, packet_parameters
+from fmu_src.link_channel.variables import Lane
+
+MS = 1_000_000
+STEP = 50 * MS
+STEPS = 400
+BURSTS = GilbertElliott(0.1, 0.3, 0.02, 0.9)
+CROSSING = GilbertElliott(0.7, 0.6, 0.0, 1.0)
+
+LINKS = {
+    "constant": {"delay_ns": 250 * MS},
+    "less than a step": {"delay_ns": 1},
+    "offset": {"delay_ns": 70 * MS, "offset_ns": 333 * MS},
+    "faster than the step": {"delay_ns": 120 * MS, "sample_time_ns": 20 * MS},
+    "off the grid": {"delay_ns": 123_456_789, "sample_time_ns": 70_000_001},
+    "uniform": {"delay_ns": 90 * MS, "jitter": Jitter("uniform", width_ns=400 * MS)},
+    "exponential": {"delay_ns": 60 * MS, "jitter": Jitter("exponential", mean_ns=150 * MS)},
+    "bounded": {
+        "delay_ns": 60 * MS,
+        "jitter": Jitter("exponential", mean_ns=150 * MS, max_ns=200 * MS),
+    },
+    "normal": {"delay_ns": 60 * MS, "jitter": Jitter("normal", mean_ns=100 * MS, sigma_ns=80 * MS)},
+    "half normal": {
+        "delay_ns": 60 * MS,
+        "jitter": Jitter("normal", sigma_ns=100 * MS, max_ns=120 * MS),
+    },
+    "lossy": {"delay_ns": 90 * MS, "loss": 0.3},
+    "all lost": {"delay_ns": 90 * MS, "loss": 1.0, "on_loss": 5.5},
+    "bursts": {"delay_ns": 90 * MS, "loss": BURSTS, "on_loss": "zero"},
+    "crossing bursts": {"delay_ns": 90 * MS, "loss": CROSSING},
+    "copies": {
+        "delay_ns": 90 * MS,
+        "duplicate": 0.4,
+        "loss": 0.2,
+        "jitter": Jitter("uniform", width_ns=300 * MS),
+    },
+    "quantized": {"delay_ns": 90 * MS, "quantization": 0.01},
+    "slow": {"delay_ns": 90 * MS, "data_rate": 1000, "frame_size": 103},
+    "odd rate": {"delay_ns": 90 * MS, "data_rate": 9_999_991, "frame_size": 1_234_567},
+}
+
+
+@pytest.fixture(scope="module")
+def channel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A link FMU called uplink, whose parameters the tests set."""
+    link = PacketLink("uplink", 100 * MS, delay_ns=100 * MS)
+    return build(link, tmp_path_factory.mktemp("channel"), STEP)
+
+
+@pytest.mark.parametrize("order", ["newest-wins", "fifo", "as-arrived"])
+@pytest.mark.parametrize("case", LINKS)
+def test_link_fmu_is_the_link_on_the_grid(channel: Path, case: str, order: str) -> None:
+    """Values, age, sequence numbers and drops, bit for bit."""
+    changed = {"sample_time_ns": 80 * MS, "seed": 11, "order": order} | LINKS[case]
+    link = PacketLink("uplink", **changed)  # type: ignore[arg-type]
+    values, state = expected(link, STEP, STEPS)
+    parameters = packet_parameters(link)
+    with Channel(channel) as raw:
+        raw.begin(parameters)
+        assert raw.row() == [*INITIAL, 0.0, -1, 0]
+        rows = raw.run(STEP, 0, STEPS)
+    assert np.array_equal(rows[:, :2], values[1:])
+    assert np.array_equal(rows[:, 2], state.age_s[1:])
+    assert np.array_equal(rows[:, 3], state.sequence[1:])
+    assert np.array_equal(rows[:, 4], state.dropped[1:])
+    assert np.unique(values[:, 0]).size > 30 or case in ("all lost", "odd rate", "slow")
+
+
+def test_full_queue_refuses_as_the_link_does(channel: Path) -> None:
+    """What is refused is counted with the next output, and never comes."""
+    link = PacketLink(
+        "uplink", 80 * MS, delay_ns=30 * MS, data_rate=1000, frame_size=150, queue_limit=2
+    )
+    values, state = expected(link, STEP, STEPS)
+    with Channel(channel) as raw:
+        rows = raw.begin(packet_parameters(link)).run(STEP, 0, STEPS)
+    assert np.array_equal(rows[:, :2], values[1:])
+    assert np.array_equal(rows[:, 3], state.sequence[1:])
+    assert np.array_equal(rows[1:, 4], state.dropped[1:-1])
+    assert rows[-1, 4] > 100
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**31 - 1])
+@pytest.mark.parametrize("name", ["a", "downlink-2", "Funkstrecke \u00fc " + "x" * 120])
+def test_draws_follow_name_and_seed(tmp_path: Path, name: str, seed: int) -> None:
+    """Key of the stream: any length of name, any seed."""
+    link = PacketLink(
+        name, 30 * MS, delay_ns=90 * MS, loss=0.3, seed=seed,
+        jitter=Jitter("normal", mean_ns=100 * MS, sigma_ns=80 * MS),
+    )  # fmt: skip
+    values, _ = expected(link, STEP, STEPS)
+    with Channel(build(link, tmp_path, STEP)) as raw:
+        rows = raw.begin().run(STEP, 0, STEPS)
+    assert np.array_equal(rows[:, :2], values[1:])
+
+
+def test_another_seed_is_another_run(channel: Path) -> None:
+    link = PacketLink("uplink", 80 * MS, delay_ns=90 * MS, loss=0.3)
+    found = []
+    for seed in (3, 4):
+        with Channel(channel) as raw:
+            found.append(raw.begin(packet_parameters(replace(link, seed=seed))).run(STEP, 0, 50))
+    assert not np.array_equal(found[0], found[1])
+
+
+def test_steps_that_are_added_up_do_not_shift_a_message(channel: Path) -> None:
+    """A master that says k * step with the rounding of k additions sends and delivers alike."""
+    link = PacketLink("uplink", 100 * MS, delay_ns=100 * MS)
+    steps = 20_000
+    values, _ = expected(link, STEP, steps)
+    sent = signal(np.arange(steps) * STEP)
+    with Channel(channel) as raw:
+        raw.begin(packet_parameters(link))
+        t, rows = 0.0, []
+        for k in range(steps):
+            raw.put({"u[1]": sent[k, 0], "u[2]": sent[k, 1]})
+            raw.step(t, 0.05)
+            t += 0.05
+            rows.append(raw.get("y[1]", "y[2]"))
+    assert t != steps * 0.05
+    assert np.array_equal(np.array(rows), values[1:])
+
+
+def test_message_that_arrives_where_it_was_sent_is_one_step_late(channel: Path) -> None:
+    link = PacketLink("uplink", STEP)
+    _, warnings = link_spec("Channel", link, [Lane()], STEP)
+    assert len(warnings) == 1
+    assert "'uplink'" in warnings[0]
+    with Channel(channel) as raw:
+        rows = raw.begin(packet_parameters(link)).run(STEP, 0, 20)
+    assert np.array_equal(rows[:, :2], signal(np.arange(20) * STEP))
+    assert np.allclose(rows[:, 2], 0.05)
+
+
+@pytest.mark.parametrize("case", ["copies", "bursts", "slow"])
+def test_saved_link_goes_on_as_it_would_have(channel: Path, case: str) -> None:
+    """Messages on their way, the chain of bursts and the clock are in the state."""
+    changed = {"sample_time_ns": 30 * MS, "order": "fifo"} | LINKS[case]
+    parameters = packet_parameters(PacketLink("uplink", **changed))  # type: ignore[arg-type]
+    with Channel(channel) as raw, Channel(channel, "twin", raw) as twin:
+        raw.begin(parameters).run(STEP, 0, 37)
+        data = raw.saved()
+        after = raw.run(STEP, 37, 120)
+        twin.begin(parameters).run(STEP, 0, 90)
+        twin.resume(data)
+        assert np.array_equal(twin.run(STEP, 37, 120), after)
+        assert twin.saved() == raw.saved()
+
+
+@pytest.mark.parametrize("delay_ns", [0, 20 * MS, 50 * MS, 130 * MS, 200 * MS, 60_000 * MS])
+def test_transport_link_fmu_reads_the_past(tmp_path: Path, delay_ns: int) -> None:
+    """Interpolated as the project's own; a delay below the step is the step."""
+    link = TransportLink("pipe", delay_ns)
+    points = np.arange(STEPS + 1) * STEP
+    index, weight = TransportLink("pipe", max(delay_ns, STEP)).rows(points)
+    sent = signal(points)
+    values = (1 - weight[:, None]) * sent[index] + weight[:, None] * np.append(sent, sent[-1:], 0)[
+        index + 1
+    ]
+    _, warnings = link_spec("Channel", link, [Lane()], STEP)
+    assert bool(warnings) == (delay_ns < STEP)
+    with Channel(build(link, tmp_path, STEP)) as raw:
+        rows = raw.begin().run(STEP, 0, 200)
+        data = raw.saved()
+        rest = raw.run(STEP, 200, STEPS)
+        raw.resume(data)
+        assert np.array_equal(raw.run(STEP, 200, STEPS), rest)
+    found = np.concatenate([rows, rest])
+    assert np.array_equal(found[:, :2], values[1:])
+    assert np.allclose(found[:, 2], np.minimum(points[1:], max(delay_ns, STEP)) / 1e9)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"data_rate": 10.5, "frame_size": 1.0}, "whole numbers"),
+        ({"data_rate": 10.0}, "both or neither"),
+        ({"data_rate": 1.0, "frame_size": 1e9}, "frame_size / data_rate"),
+        ({"queue_limit": 3}, "queue_limit"),
+        ({"jitter.kind": 3, "jitter.mean": 0.2, "jitter.max": 0.1}, "jitter.max"),
+        ({"sample_time": 0.0}, "sample_time"),
+        ({"loss.good": 1.5}, "loss.good"),
+        ({"seed": -1}, "seed"),
+        ({"order": 3}, "order"),
+    ],
+)
+def test_parameters_without_a_meaning_are_refused(
+    channel: Path, parameters: dict[str, float], said: str
+) -> None:
+    with Channel(channel) as raw:
+        with pytest.raises(Exception, match=r"failed with status 3"):
+            raw.begin(parameters)
+        assert said in raw.messages
+
+
+def test_far_too_many_messages_discard_the_step(channel: Path) -> None:
+    with Channel(channel) as raw:
+        raw.begin({"sample_time": 1e-9})
+        with pytest.raises(Exception, match=r"failed with status 2"):
+            raw.run(1000 * 1000 * MS, 0, 2)
+        assert "sample_time is too short" in raw.messages
+
+
+def test_link_that_no_fmu_can_be_is_refused_by_name() -> None:
+    profile = DelayProfile((0, 10), (1, 2))
+    for link in (
+        PacketLink("up", MS, delay=profile),
+        TransportLink("up", delay=profile),
+        PacketLink("up", MS, delay_ns=MS, seed=2**40),
+    ):
+        with pytest.raises(InputError, match="'up'"):
+            link_spec("Up", link, [Lane()], MS)
