@@ -32,6 +32,7 @@ def files() -> dict[str, str]:
     result = {re.match(r"# (\S+\.toml)\n", block)[1]: block for block in blocks}  # type: ignore[index]
     typed = " ".join(COMMANDS)
     written = {f"{name}.toml" for name in re.findall(r"cosim scenario new (\S+)", typed)}
+    written |= set(re.findall(r"cosim ssp import \S+ -o (\S+)", typed))
     assert set(result) | written == {word for word in typed.split() if word.endswith(".toml")}
     return result
 
