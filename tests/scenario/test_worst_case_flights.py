@@ -195,7 +195,7 @@ def test_frequency_beyond_the_step_is_refused(fmus: Path, tmp_path: Path) -> Non
     system = PLAIN + "C = [[1.0], [0.0]]\nD = [[1.0, 0.0]]\n"
     refused = fly("omega = 63.0", system, tmp_path, fmus)
     assert refused.code == 2
-    assert refused.error["where"] == "run.step"
+    assert refused.error["where"].endswith("run.step")
     assert "0.04987 s" in refused.error["expected"]
 
 
