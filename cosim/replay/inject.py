@@ -23,10 +23,10 @@ from cosim.replay.attached import scenario_in
 from cosim.replay.feed import Fed, Link, fed
 from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unfed
 from cosim.replay.order import Order, provenance, start_values
-from cosim.replay.watch import Progress, Watcher
 from cosim.scenario.channels import link_of
 from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.read import LoadedScenario
+from cosim.scenario.watch import Progress, Watcher
 from cosim.trace import (
     SCENARIO_ATTACHMENT,
     Attachment,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
 from cosim.scenario.drive import Driver, Rows
@@ -12,6 +11,7 @@ from cosim.scenario.interrupt import Interruptible
 from cosim.scenario.prepare import Progress
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
+from cosim.scenario.watch import Watcher
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def conduct(
     InputError, ComponentError : see `Session`.
     """
     with Interruptible() as wish:
-        watcher = _Watcher(system, lambda share: tell(what, share), wish)
+        watcher = Watcher(system, what, tell, wish)
         rows = Rows(RunScope(system))
         with Session(system, [*observers, watcher, rows], engine=engine) as session:
             driver = Driver(system, events, rows)
@@ -51,24 +51,3 @@ def conduct(
         if driver.stopped is not None and run.ending in ("stopped", "finished"):
             run = replace(run, ending="stopped", reason=driver.stopped)
         return Flown(run, driver.touched, tuple(driver.happened))
-
-
-class _Watcher(Observer):
-    """Reports how far a run has come, and ends it on request."""
-
-    def __init__(self, system: System, tell: Callable[[float], None], wish: Interruptible) -> None:
-        self._wish = wish
-        self._points = system.timetable.points_ns.size
-        self._tell = tell
-
-    def begin(self, stations: Sequence[Any]) -> None:
-        del stations
-        self._tell(0.0)
-
-    def span(self, first: int, last: int) -> None:
-        del first
-        self._wish.obey()
-        self._tell(last / self._points)
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Log lines go to the trace; nothing to do here."""

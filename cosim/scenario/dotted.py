@@ -87,11 +87,11 @@ def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> N
     *way, last = path
     here: Any = data
     for key in way:
-        following = _inside(here, key, where)
+        following = inside(here, key, where)
         if following is None:
             following = here[key] = {}
         here = following
-    _inside(here, last, where)
+    inside(here, last, where)
     here[last] = value
 
 
@@ -104,26 +104,28 @@ def remove(data: MutableMapping[str, Any], path: Path, where: str) -> None:
     """
     here: Any = data
     for key in path[:-1]:
-        here = _inside(here, key, where)
+        here = inside(here, key, where)
     if not isinstance(here, dict) or path[-1] not in here:
         known = list(here) if isinstance(here, dict) else []
         raise InputError.unknown("key", str(path[-1]), known, where=where)
     del here[path[-1]]
 
 
-def _inside(here: Any, key: str | int, where: str) -> Any:
+def inside(here: Any, key: str | int, where: str) -> Any:
+    """What stands under a key, None for what a table does not have."""
     if isinstance(key, int):
         if not isinstance(here, list):
-            raise InputError("there is no list to count in", where=where, got=_kind(here))
+            raise InputError("there is no list to count in", where=where, got=kind_of(here))
         if key >= len(here):
             raise InputError(
                 f"there is no place {key}", where=where, expected=f"0 to {len(here) - 1}"
             )
         return here[key]
     if not isinstance(here, dict):
-        raise InputError(f"{key!r} lies in what is no table", where=where, got=_kind(here))
+        raise InputError(f"{key!r} lies in what is no table", where=where, got=kind_of(here))
     return here.get(key)
 
 
-def _kind(value: Any) -> str:
+def kind_of(value: Any) -> str:
+    """A value in a message, in few words."""
     return f"{value!r}"[:60] if not isinstance(value, dict) else "a table"

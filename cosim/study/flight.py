@@ -23,6 +23,7 @@ from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import Scenario
+from cosim.scenario.write import to_toml
 from cosim.study.consistency import Place, nowhere
 from cosim.study.measure import needs_companion
 from cosim.study.points import Points
@@ -127,17 +128,7 @@ class Flyer:
 
     def _text(self, run: int) -> str:
         """The scenario of a run as TOML."""
-        try:
-            import tomli_w  # noqa: PLC0415 - optional: the extra `study`
-        except ImportError as error:
-            raise InputError(
-                "traces of a study's runs need tomli-w",
-                got=str(error),
-                hint="pip install 'auv-cosim[study]'",
-            ) from error
-        scenario = self.variations.scenario(self.points[run])
-        data = scenario.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
-        return tomli_w.dumps(data)
+        return to_toml(self.variations.scenario(self.points[run]))
 
     def _prepared(self, loaded: LoadedScenario) -> Prepared:
         for component in loaded.scenario.components.values():

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import CosimError, InputError
+from cosim.scenario.dotted import split
 from cosim.study.batch import Job, Row, taken
 from cosim.study.consistency import Place, check_consistent, nowhere
-from cosim.study.dotted import split
 from cosim.study.flight import Base, Flyer
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.varied import check_parameter

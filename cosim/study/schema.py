@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from cosim.errors import InputError
-from cosim.study.dotted import split
+from cosim.scenario.dotted import split
 from cosim.study.expression import Expression
 
 Text = Annotated[str, StringConstraints(min_length=1)]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.study.batch import Row
 from cosim.study.folder import RESULTS, read_manifest, read_rows
 from cosim.study.points import Points
@@ -20,16 +21,9 @@ KEY = b"cosim.study"
 
 def pyarrow() -> Any:
     """pyarrow, with its Parquet part; an `InputError` if it is not installed."""
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - optional: the extra `study`
-        import pyarrow.parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "tables of results need pyarrow",
-            got=str(error),
-            hint="pip install 'auv-cosim[study]'",
-        ) from error
-    return pa
+    return optional(
+        "pyarrow", "pyarrow.parquet", extra="study", what="tables of results need pyarrow"
+    )
 
 
 def make_table(manifest: dict[str, Any], rows: Iterable[Row]) -> Any:

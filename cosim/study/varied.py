@@ -13,9 +13,9 @@ from pydantic import ValidationError
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
+from cosim.scenario.dotted import put, split
 from cosim.scenario.schema import Scenario
 from cosim.study.consistency import Place, nowhere
-from cosim.study.dotted import put, split
 from cosim.study.expression import Expression
 from cosim.study.schema import Axis, GridAxis, Study
 
@@ -42,7 +42,12 @@ class Mover:
         """Put the value, or what it becomes, into every place."""
         for i, (place, expression) in enumerate(zip(self.places, self.expressions, strict=True)):
             own = value[i] if self.zipped else value
-            put(data, place, copy.deepcopy(own) if expression is None else expression(own))
+            put(
+                data,
+                split(place),
+                copy.deepcopy(own) if expression is None else expression(own),
+                place,
+            )
 
 
 class Variations:
@@ -64,7 +69,7 @@ class Variations:
         self._known = base.model_dump(by_alias=True)
         for place, value in study.set.items():
             check_place(self._known, place, where("set", place))
-            put(data, place, copy.deepcopy(value))
+            put(data, split(place), copy.deepcopy(value), place)
         # what only comes with an axis is not there yet: judged with the first run's values
         self._data = data
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.trace.hold import held, rows_in_force
 
 if TYPE_CHECKING:
@@ -23,15 +24,7 @@ _MOST_POINTS = 100_000_000
 
 def pandas() -> Any:
     """The package pandas; an `InputError` if it is not installed."""
-    try:
-        import pandas as pd  # noqa: PLC0415 - optional: the extra `tables`
-    except ImportError as error:
-        raise InputError(
-            "data frames need pandas",
-            got=str(error),
-            hint="install the extra: pip install 'auv-cosim[tables]'",
-        ) from error
-    return pd
+    return optional("pandas", extra="tables", what="data frames need pandas")
 
 
 def to_pandas(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.trace.reader import Trace
 
 _ROWS = 20_000
@@ -65,16 +65,13 @@ def _texts(column: Column, begin: int, end: int) -> Iterator[Any]:
 
 def pyarrow() -> Any:
     """The package pyarrow; an `InputError` if it is not installed."""
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - optional: the extra `tables`
-        import pyarrow.parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "Parquet needs pyarrow",
-            got=str(error),
-            hint="install the extra: pip install 'auv-cosim[tables]'; or --to csv",
-        ) from error
-    return pa
+    return optional(
+        "pyarrow",
+        "pyarrow.parquet",
+        extra="tables",
+        what="Parquet needs pyarrow",
+        otherwise="--to csv",
+    )
 
 
 def write_parquet(pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash: str) -> None:

@@ -7,7 +7,8 @@ import math
 import pytest
 
 from cosim.errors import InputError
-from cosim.study.dotted import look, put, split
+from cosim.scenario.dotted import put, split
+from cosim.study.dotted import look
 from cosim.study.expression import Expression
 
 
@@ -31,13 +32,13 @@ def test_what_is_no_path_is_refused(path: str) -> None:
 def test_values_are_put_where_the_path_leads() -> None:
     """Tables on the way are made; places in lists must be there."""
     data = {"design": {"gain": [[1.0, 2.0]]}}
-    put(data, "design.gain[0][1]", 9.0)
-    put(data, "links.up.jitter.width", 0.1)
+    put(data, split("design.gain[0][1]"), 9.0, "design.gain[0][1]")
+    put(data, split("links.up.jitter.width"), 0.1, "links.up.jitter.width")
     assert data == {"design": {"gain": [[1.0, 9.0]]}, "links": {"up": {"jitter": {"width": 0.1}}}}
     with pytest.raises(InputError, match="no place 1"):
-        put(data, "design.gain[1][0]", 1.0)
+        put(data, split("design.gain[1][0]"), 1.0, "design.gain[1][0]")
     with pytest.raises(InputError, match="no table"):
-        put(data, "design.gain.x", 1.0)
+        put(data, split("design.gain.x"), 1.0, "design.gain.x")
 
 
 def test_figures_are_found_under_names_with_dots() -> None:

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.trace.live.playback import LARGEST_RATE, Playback, Status
 from cosim.trace.reader import Trace
 
@@ -255,13 +256,9 @@ def _check(rate: float, port: int, start_s: float) -> None:
 
 
 def _sdk() -> Any:
-    try:
-        import foxglove  # noqa: PLC0415 - optional: the extra `foxglove`
-        import foxglove.websocket  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "a trace is played with foxglove-sdk",
-            got=str(error),
-            hint='install the extra: pip install "auv-cosim[foxglove]"',
-        ) from error
-    return foxglove
+    return optional(
+        "foxglove",
+        "foxglove.websocket",
+        extra="foxglove",
+        what="a trace is played with foxglove-sdk",
+    )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.trace.live.rerun_recording import write_recording
 from cosim.trace.reader import Trace
 from cosim.trace.report.content import content_of
@@ -163,12 +164,4 @@ def _see_place(save: Path) -> None:
 
 
 def _sdk() -> Any:
-    try:
-        import rerun  # noqa: PLC0415 - optional: the extra `rerun`
-    except ImportError as error:
-        raise InputError(
-            "a trace is viewed with rerun-sdk",
-            got=str(error),
-            hint='install the extra: pip install "auv-cosim[rerun]"',
-        ) from error
-    return rerun
+    return optional("rerun", extra="rerun", what="a trace is viewed with rerun-sdk")
