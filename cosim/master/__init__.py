@@ -2,11 +2,11 @@
 
 from cosim.master.engine import EngineChoice, EngineName
 from cosim.master.journal import Observer
-from cosim.master.loop import simulate
 from cosim.master.pacing import Pace
 from cosim.master.recorder import TraceRecorder
 from cosim.master.run import Run
 from cosim.master.session import Session
+from cosim.master.simulate import simulate
 from cosim.master.snapshot import Snapshot
 from cosim.master.system import (
     Algorithm,

@@ -17,28 +17,191 @@ delay is the loop's own and is reported apart from the links'.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping
 
-from cosim.master.engine import EngineName
-from cosim.master.journal import Observer
-from cosim.master.run import Run
-from cosim.master.session import Session
+import numpy as np
+
+from cosim.errors import InputError
+from cosim.master.ending import ending_of
+from cosim.master.engine import (
+    Adjustment,
+    Engine,
+    EngineChoice,
+    Halt,
+    Program,
+    build,
+    fill_in,
+    make_program,
+)
+from cosim.master.journal import Journal
+from cosim.master.pacing import Pace
+from cosim.master.run import Ending, Run
 from cosim.master.system import System
+from cosim.master.wiring import Wiring
+
+_STRETCH_S = 0.05
+_LONGEST = 1 << 16
 
 
-def simulate(
-    system: System, observers: Sequence[Observer] = (), *, engine: EngineName = "auto"
-) -> Run:
-    """Run a system from 0 to its end, or to where it diverges or fails.
+class _Stretch:
+    """How many points a stretch has: what takes about `_STRETCH_S`."""
 
-    Parameters
+    def __init__(self) -> None:
+        self.points = 1
+
+    def took(self, points: int, seconds: float) -> None:
+        """Take note of how long the last stretch took."""
+        share = min(8.0, _STRETCH_S / max(seconds, 1e-9))
+        self.points = max(1, min(_LONGEST, int(points * share)))
+
+
+class Loop:
+    """A run on its way; its slaves are initialised.
+
+    Attributes
     ----------
-    engine : "python", "compiled", or "auto": compiled where it pays (`choose`).
-
-    Raises
-    ------
-    InputError, ComponentError : as `Session`.
+    complete : number of complete rows; every slave stands at the point after them.
+    ending, reason : as in `Run`; None as long as it goes on.
+    adjustments : what outputs and inputs are adjusted by, by column of the rows.
+    may_go_back : saved states of slaves may be restored.
     """
-    with Session(system, observers, engine=engine) as session:
-        session.run_until()
-        return session.result()
+
+    def __init__(
+        self, system: System, wiring: Wiring, journal: Journal, choice: EngineChoice
+    ) -> None:
+        self._system, self._wiring, self._journal = system, wiring, journal
+        self._choice = choice
+        self._course = wiring.course
+        self._delays = wiring.columns_of_delays(system)
+        self._stretch = _Stretch()
+        self._halt: Halt | None = None
+        self._in_turns = system.algorithm == "gauss-seidel"
+        self._program: Program
+        self._engine: Engine
+        self.complete = 0
+        self.ending: Ending | None = None
+        self.reason: str | None = None
+        self.adjustments: dict[int, Adjustment] = {}
+        self.may_go_back = False
+        self.rebuild()
+
+    @property
+    def time_ns(self) -> int:
+        """Where the slaves stand [ns]."""
+        return int(self._course.points_ns[min(self.complete, self._course.count - 1)])
+
+    def go(
+        self,
+        until_ns: int | None = None,
+        *,
+        most: int | None = None,
+        stop: Callable[[], bool] | None = None,
+        pace: Pace | None = None,
+    ) -> bool:
+        """Go on to an instant, or by so many points, or to the end; whether `stop` ended it.
+
+        `stop` is looked at after every row; `pace` holds the run back to the clock on the wall.
+        """
+        points, begun = self._course.points_ns, self.complete
+        while self.ending is None:
+            first, last = self.complete, self._course.count
+            if until_ns is not None:
+                last = int(np.searchsorted(points[:last], until_ns))
+            if most is not None:
+                last = min(last, begun + most)
+            if first >= last:
+                return False
+            longest = 1 if stop is not None else self._stretch.points
+            if pace is not None:
+                longest = min(longest, pace.wait(points[: self._course.count], first))
+            self._advance(first, min(last, first + longest))
+            if pace is not None:
+                pace.done(points[: self._course.count], first, self.complete)
+            if stop is not None and self.complete > first and stop():
+                return True
+        return False
+
+    def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
+        """To where so many rows were complete; slaves and wiring are there already."""
+        self.complete, self.adjustments = complete, dict(adjustments)
+        self.ending = self.reason = self._halt = None
+        self.rebuild()
+
+    def rebuild(self) -> None:
+        """Take up what is adjusted, and whether states may be restored."""
+        for station in self._wiring.stations:
+            for number, route in enumerate(station.routes):
+                if any(int(column) in self.adjustments for column in route.targets):
+                    station.move(number, self.complete)
+        self._program = make_program(
+            self._system, self._wiring, self.adjustments, may_go_back=self.may_go_back
+        )
+        self._engine = build(self._choice.name, self._program)
+        self._journal.where = self._where
+
+    def result(self) -> Run:
+        """What has happened so far; "stopped" for a run that has not ended by itself."""
+        points = self._course.points_ns[: self.complete]
+        return Run(
+            self.ending or "stopped",
+            self.reason if self.ending else f"stopped at t = {self.time_ns / 1e9:g} s",
+            points,
+            self._wiring.stations,
+            self._choice,
+            self._course.schedules(int(points[-1]) if points.size else 0),
+        )
+
+    def _advance(self, first: int, last: int) -> None:
+        began = time.perf_counter()
+        horizon = self._course.horizon
+        if first == horizon:
+            last = first + 1
+            halt = self._cross(horizon)
+        else:
+            last = min(last, horizon)
+            halt = self._engine.advance(first, last)
+        if self.ending is None:
+            self.complete = last if halt is None else halt.complete
+        if halt is not None:
+            self._halt = halt
+            self.ending, self.reason = ending_of(self._system, self._wiring, halt)
+            if self._in_turns and halt.what != "range" and halt.complete > halt.k:
+                fill_in(self._program, self._wiring.stations, halt)
+        elif self.ending is None and self.complete > self._course.final:
+            self.ending = "finished"
+        # what is said in a step from a point out of range is void, like the step
+        self._journal.hand_on(self.complete, said_after=halt is None or halt.what != "range")
+        self._stretch.took(last - first, time.perf_counter() - began)
+        if self.ending is not None:
+            self._conclude()
+
+    def _cross(self, k: int) -> Halt | None:
+        """A point at which a message is sent whose delay what is sent there decides."""
+        halt = self._engine.send(k)
+        if halt is not None:
+            return halt
+        row = self._wiring.rows[k]
+        outside = ~(np.abs(row[: self._wiring.outputs]) <= self._system.divergence)
+        if not outside.any():
+            try:
+                self._course.resolve(k, row, self._delays)
+            except InputError as error:
+                self.ending, self.reason = "failed", error.text()
+                return None
+        horizon = self._course.horizon
+        self._wiring.lay_out(k, horizon)
+        self._engine.known(k, horizon)
+        return self._engine.leave(k)
+
+    def _conclude(self) -> None:
+        points, halt = self._course.points_ns, self._halt
+        level = {"finished": "info", "stopped": "info"}.get(self.ending or "", "error")
+        last = halt.k if self.ending == "failed" and halt else max(self.complete - 1, 0)
+        place = (self.complete, int(points[last]))
+        self._journal.where = lambda: place
+        self._journal.note("master", level, self.reason or "the end is reached")
+
+    def _where(self) -> tuple[int, int]:
+        k, complete = self._engine.where()
+        return k + complete, int(self._course.points_ns[k])

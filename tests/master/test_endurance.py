@@ -39,7 +39,7 @@ def test_run_goes_when_nobody_holds_it(tiny: Path, tmp_path: Path, engine: Any) 
                 session.run_until()
             writer.finish({})
         station = session.result().stations[0]
-        held = [session, recorder, station, station.rows, station.slave, session._engine]
+        held = [session, recorder, station, station.rows, station.slave, session._loop._engine]
         left = {type(one).__name__: weakref.ref(one) for one in held}
         del session, recorder, station, held, writer
         assert [name for name, found in left.items() if found() is not None] == []
