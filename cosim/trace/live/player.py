@@ -18,6 +18,9 @@ from cosim.trace.reader import Trace
 _TICK_S = 0.02
 _AFTER_JUMP_S = 0.05
 """So long nothing is sent after a jump: the client hears of the jump first."""
+_AFTER_SUBSCRIPTION_S = 0.25
+"""So long it waits before it begins: the server takes a client in after it has told of it, and
+clients ask for one channel after the other."""
 _LATEST = 2**63 - 1
 """A file may claim times beyond; what comes that late is sent at the end."""
 _BACKLOG = 1 << 17
@@ -168,6 +171,8 @@ class Player:
     def _run(self) -> None:
         told = 0
         while not self._stop.wait(_TICK_S):
+            if self._listened_to.is_set() and not self._begun:
+                self._stop.wait(_AFTER_SUBSCRIPTION_S)
             if self._jumps != told:
                 told = self._jumps
                 self._stop.wait(_AFTER_JUMP_S)
