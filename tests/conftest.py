@@ -8,6 +8,8 @@ that share no code with what they measure.
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
@@ -18,6 +20,13 @@ if TYPE_CHECKING:
 
 # Drawn without a display, and before anything imports matplotlib.
 os.environ["MPLBACKEND"] = "Agg"
+
+# A shell that starts the tests in the background has them ignore Ctrl-C, and what they start.
+if (
+    threading.current_thread() is threading.main_thread()
+    and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+):
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples on every run and machine; a slow machine is no failure.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)

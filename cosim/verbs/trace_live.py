@@ -42,8 +42,9 @@ def play(
     cosim trace play traces/auv-acoustic.mcap --rate 4
     cosim trace play traces/auv-acoustic.mcap --start 60 --loop --port 0
     """
-    # told to stop is told to stop, by whatever signal
-    before = signal.signal(signal.SIGTERM, _interrupt)
+    # told to stop is told to stop, by either signal, and also where a shell that put this into
+    # the background has it ignore Ctrl-C
+    before = {n: signal.signal(n, _interrupt) for n in (signal.SIGTERM, signal.SIGINT)}
     try:
         with (
             suppress(KeyboardInterrupt),
@@ -52,7 +53,8 @@ def play(
             _say_where(player, file, as_json=as_json)
             player.wait()
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def view(
