@@ -85,6 +85,9 @@ def demo_view(demo: Demo) -> RenderableType:
         "picture: ",
         (str(demo.picture), "bold"),
         *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
+        "\nlook closer: ",
+        (f"cosim trace report {outcomes[-1].trace}", "bold"),
+        f"\n             cosim trace diff {' '.join(str(outcome.trace) for outcome in outcomes)}",
     )
     return Group(table, files)
 
