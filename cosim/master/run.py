@@ -52,13 +52,7 @@ class Run:
         if station is None:
             raise InputError.unknown("component", component, names)
         reached = self.points_ns.size
-        held = station.beat.last[:reached]
-        for columns, rows in (
-            (station.output_columns, station.outputs),
-            (station.input_columns, station.inputs(reached)),
-        ):
-            for j, column in enumerate(columns):
-                if column.name == variable:
-                    return rows[:reached, j] if station.beat.always else rows[held, j]
-        known = [c.name for c in (*station.output_columns, *station.input_columns)]
-        raise InputError.unknown("signal", variable, known, where=f"component {component!r}")
+        number, _ = station.place(variable)
+        station.inputs(reached)
+        values = station.rows[:reached, number]
+        return values if station.beat.always else values[station.beat.last[:reached]]

@@ -171,16 +171,10 @@ class Session:
                 hint="step() first, or read() what the slave has",
             )
         station = self._station(component)
+        number, column = station.place(variable)
+        station.inputs(self.rows)
         k = int(station.beat.last[self.rows - 1])
-        for columns, rows in (
-            (station.output_columns, station.outputs),
-            (station.input_columns, station.inputs(self.rows)),
-        ):
-            for j, column in enumerate(columns):
-                if column.name == variable:
-                    return station.values(rows[k : k + 1, j : j + 1], [column])[0][0]
-        known = [c.name for c in (*station.output_columns, *station.input_columns)]
-        raise InputError.unknown("signal", variable, known, where=f"component {component!r}")
+        return station.values(station.rows[k : k + 1, number : number + 1], [column])[0][0]
 
     def set(self, component: str, variable: str, value: Any) -> None:
         """Set a tunable parameter, or an input that nothing is connected to.
@@ -291,21 +285,10 @@ class Session:
         loop.rebuild()
 
     def _column(self, component: str, variable: str) -> int:
-        station = self._station(component)
-        first = self._wiring.first_output(station)
-        for columns, start in (
-            (station.output_columns, first),
-            (station.input_columns, station.input_column),
-        ):
-            for j, column in enumerate(columns):
-                if column.name == variable and column.port.kind == "string":
-                    raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
-                if column.name == variable:
-                    return start + j
-        known = [c.name for c in (*station.output_columns, *station.input_columns)]
-        raise InputError.unknown(
-            "output or connected input", variable, known, where=f"component {component!r}"
-        )
+        number, column = self._station(component).place(variable, "output or connected input")
+        if column.port.kind == "string":
+            raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
+        return number
 
     def _station(self, component: str) -> Station:
         if component not in self.system.components:

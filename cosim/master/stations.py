@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.errors import InputError
 from cosim.fmu import FmuSlave, Port
 from cosim.master.beats import Beat
 from cosim.master.columns import Column
@@ -86,9 +87,31 @@ class Station:
         }
 
     @property
+    def output_column(self) -> int:
+        """The first column of its outputs in the rows."""
+        return min((group.column for group in (*self.sends, *self.answers)), default=0)
+
+    @property
     def input_column(self) -> int:
         """The first column of its inputs in the rows."""
         return self.takes[0].column if self.takes else 0
+
+    def place(self, variable: str, kind: str = "signal") -> tuple[int, Column]:
+        """The column of the rows that holds an output or connected input.
+
+        Raises
+        ------
+        InputError : it is none of them; called `kind` in the message.
+        """
+        for columns, first in (
+            (self.output_columns, self.output_column),
+            (self.input_columns, self.input_column),
+        ):
+            for j, column in enumerate(columns):
+                if column.name == variable:
+                    return first + j, column
+        known = [c.name for c in (*self.output_columns, *self.input_columns)]
+        raise InputError.unknown(kind, variable, known, where=f"component {self.name!r}")
 
     def inputs(self, reached: int) -> Rows:
         """Connected inputs at the first points, (reached, inputs), valid at its own points.

@@ -51,10 +51,6 @@ class Wiring:
         """The station of a component."""
         return next(s for s in self.stations if s.name == name)
 
-    def first_output(self, station: Station) -> int:
-        """The first column of a station's outputs."""
-        return min((group.column for group in (*station.sends, *station.answers)), default=0)
-
     def begin_again(self, row: int) -> None:
         """Lay out rows from `row` on: inputs at their start values, or at what drives them."""
         self.rows[row:] = 0.0
@@ -96,18 +92,16 @@ class Wiring:
         """By link whose delay follows a signal, the columns of its sources."""
         found = {}
         for name in self.course.live:
-            columns = []
-            for end in system.delays[name].signals:
-                station = self.station(end.component)
-                names = [column.name for column in station.output_columns]
-                columns.append(self.first_output(station) + names.index(end.variable))
-            found[name] = tuple(columns)
+            found[name] = tuple(
+                self.station(end.component).place(end.variable)[0]
+                for end in system.delays[name].signals
+            )
         return found
 
     def output(self, column: int) -> Endpoint:
         """The output that stands in a column."""
         for station in self.stations:
-            first = self.first_output(station)
+            first = station.output_column
             if 0 <= column - first < len(station.output_columns):
                 return Endpoint(station.name, station.output_columns[column - first].name)
         raise ValueError(f"expected the column of an output, got {column}")
