@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
 
@@ -61,18 +62,9 @@ def compare_flights(
 
 def pyplot() -> Any:
     """matplotlib's pyplot without a display; an `InputError` if it is not installed."""
-    try:
-        import matplotlib as mpl  # noqa: PLC0415 - optional: the extra `plot`
-
-        mpl.use("Agg")
-        import matplotlib.pyplot as plt  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "pictures need matplotlib",
-            got=str(error),
-            hint="install the extra: pip install 'auv-cosim[plot]'",
-        ) from error
-    return plt
+    needed = {"extra": "plot", "what": "pictures need matplotlib"}
+    optional("matplotlib", **needed).use("Agg")
+    return optional("matplotlib.pyplot", **needed)
 
 
 class _Flight:

@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from cosim.errors import InputError
+from cosim.extras import optional
 from cosim.trace.report.content import Content
 
 MOST_BYTES = 6_000_000
@@ -43,15 +43,8 @@ def plotly_js() -> str:
     ------
     InputError : plotly is not installed.
     """
-    try:
-        from plotly.offline import get_plotlyjs  # noqa: PLC0415 - optional: the extra `report`
-    except ImportError as error:
-        raise InputError(
-            "a report is drawn with plotly",
-            got=str(error),
-            hint='install the extra: pip install "auv-cosim[report]"',
-        ) from error
-    return str(get_plotlyjs()).replace("\r\n", "\n").replace("</script", "<\\/script")
+    offline = optional("plotly.offline", extra="report", what="a report is drawn with plotly")
+    return str(offline.get_plotlyjs()).replace("\r\n", "\n").replace("</script", "<\\/script")
 
 
 def figures(content: Content, points: int) -> dict[str, Any]:
