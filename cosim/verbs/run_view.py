@@ -12,7 +12,7 @@ from rich.text import Text
 from cosim.replay import Rerun
 from cosim.scenario.demo import Demo
 from cosim.scenario.outcome import Outcome
-from cosim.verbs.terminal import NONE, facts_table, number
+from cosim.verbs.terminal import NONE, facts_table, number, titles_table
 
 _STATUS = {
     "finished": "green",
@@ -112,12 +112,7 @@ def rerun_view(result: Rerun) -> RenderableType:
 
 def scenarios_view(rows: list[dict[str, str]]) -> RenderableType:
     """Names and titles."""
-    table = Table(box=None)
-    table.add_column("scenario", style="bold")
-    table.add_column("what it is")
-    for row in rows:
-        table.add_row(row["name"], row["title"])
-    return table
+    return titles_table("scenario", "what it is", rows)
 
 
 def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:

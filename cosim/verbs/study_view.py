@@ -13,19 +13,14 @@ from cosim.study.boundary import Boundary
 from cosim.study.conduct import Finished
 from cosim.study.summary import Group as RunGroup
 from cosim.study.summary import Numbers, Share, Summary
-from cosim.verbs.terminal import NONE, facts_table, number
+from cosim.verbs.terminal import NONE, facts_table, number, titles_table
 
 _GOOD = ("finished",)
 
 
 def studies_view(rows: list[dict[str, str]]) -> RenderableType:
     """Names and titles."""
-    table = Table(box=None)
-    table.add_column("study", style="bold")
-    table.add_column("what it asks")
-    for row in rows:
-        table.add_row(row["name"], row["title"])
-    return table
+    return titles_table("study", "what it asks", rows)
 
 
 def checked_view(data: dict[str, Any]) -> RenderableType:

@@ -17,6 +17,16 @@ def facts_table() -> Table:
     return table
 
 
+def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
+    """Rows of `name` and `title`, under these two headings."""
+    table = Table(box=None)
+    table.add_column(of, style="bold")
+    table.add_column(title)
+    for row in rows:
+        table.add_row(row["name"], row["title"])
+    return table
+
+
 def console(*, error: bool = False) -> Console:
     """Where people read: standard output, or standard error for progress and messages."""
     return Console(stderr=error, highlight=False)

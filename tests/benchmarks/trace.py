@@ -1,33 +1,21 @@
 """What traces cost: writing records, and reading them into NumPy.
 
 `python -m tests.benchmarks.trace --json` prints {"write": {VARIANT: ...}, "read": {VARIANT:
-...}}; `trace_write` and `trace_read` say what the variants are. Without it, tables.
+...}}; `_trace_write` and `_trace_read` say what the variants are. Without it, tables.
 """
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
 import sys
-from collections.abc import Callable
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-HALVES = ("write", "read")
+from . import _trace_read, _trace_write
 
 Measured = dict[str, dict[str, dict[str, float]]]
-
-
-def half(name: str, tell: Callable[[str], None]) -> Measured:
-    """One half: {VARIANT: {COUNT: figures}}; nothing where its script is not there."""
-    module = f"{__package__}.trace_{name}" if __package__ else f"trace_{name}"
-    if importlib.util.find_spec(module) is None:
-        return {}
-    found: Measured = importlib.import_module(module).measure(tell)
-    return found
 
 
 def table(title: str, found: Measured) -> Table:
@@ -62,7 +50,10 @@ def main() -> None:
     """Measure, print."""
     console = Console(stderr=True)
     with console.status("") as status:
-        found = {name: half(name, status.update) for name in HALVES}
+        found = {
+            "write": _trace_write.measure(status.update),
+            "read": _trace_read.measure(status.update),
+        }
     if "--json" in sys.argv:
         print(json.dumps(found, indent=1))
         return
