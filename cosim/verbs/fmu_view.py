@@ -66,7 +66,7 @@ def info_view(answer: dict[str, Any]) -> RenderableType:
     experiment = ", ".join(f"{k} {v:g}" for k, v in model["default_experiment"].items())
     row("default experiment", experiment)
     for binary in answer["binaries"]:
-        row(binary["file"], binary["damage"])
+        row(binary["file"], binary["damage"] or binary["unread"])
         for image in binary["images"]:
             row(binary["file"], _image(image))
     row("sources", f"{answer['sources']} files" if answer["sources"] else "none")

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import shutil
+import struct
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import fmpy
+import macholib.MachO
+import macholib.mach_o
 import pytest
 from fmu.packed import FMI3, compiled, described, files_of, pack
+from macholib.ptypes import Structure, p_uint32
 
-from cosim.fmu.inspect import inspect_fmu
+from cosim.fmu.inspect import inspect_fmu, macho
 from cosim.fmu.inspect.functions import functions
 from cosim.fmu.inspect.library import Binary, read_binary
 from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
@@ -41,6 +46,65 @@ def test_architecture_is_that_of_the_folder(path: Path) -> None:
     assert {image.format for image in found.images} == {
         {".so": "ELF", ".dll": "PE", ".dylib": "Mach-O"}[path.suffix]
     }
+
+
+LOGGER = SHIPPED / "logging" / "darwin64" / "logging.dylib"
+"""Made by Apple's linker for macOS 12: two architectures, each with LC_DYLD_EXPORTS_TRIE."""
+
+
+def without_symbols(content: bytes) -> bytes:
+    """Each architecture says that its symbol table has no entries, as a stripped one's."""
+    data = bytearray(content)
+    (count,) = struct.unpack_from(">I", data, 4)
+    for i in range(count):
+        (image,) = struct.unpack_from(">I", data, 8 + 20 * i + 8)
+        place = image + 32
+        for _ in range(struct.unpack_from("<I", data, image + 16)[0]):
+            command, size = struct.unpack_from("<II", data, place)
+            if command == macholib.mach_o.LC_SYMTAB:
+                struct.pack_into("<I", data, place + 12, 0)
+            place += size
+    return bytes(data)
+
+
+@pytest.mark.parametrize("spelling", ["datasize", "datassize"])
+def test_exports_of_a_new_mach_o_library_are_read_off_its_trie(
+    monkeypatch: pytest.MonkeyPatch, spelling: str
+) -> None:
+    """However macholib spells the size of it: releases differ. FMPy calls one function of it."""
+
+    class LinkEditData(Structure):  # type: ignore[misc]
+        _fields_ = (("dataoff", p_uint32), (spelling, p_uint32))
+
+    kind = macholib.mach_o.LC_DYLD_EXPORTS_TRIE
+    monkeypatch.setitem(macholib.MachO.LC_REGISTRY, kind, LinkEditData)
+    whole = read(LOGGER)
+    assert (whole.damage, whole.unread) == (None, None)
+    assert [i.platform.architecture for i in whole.images] == ["x86_64", "aarch64"]
+    stripped = read_binary("darwin64", "logging.dylib", without_symbols(LOGGER.read_bytes()))
+    assert [i.imports for i in stripped.images] == [frozenset(), frozenset()]
+    for image, bare in zip(whole.images, stripped.images, strict=True):
+        assert "addLoggerProxy" in bare.exports
+        assert bare.exports == image.exports
+
+
+@pytest.mark.parametrize(
+    ("slip", "said"), [(None, "TypeError"), ({}.__getitem__, "KeyError")], ids=["type", "key"]
+)
+def test_a_mistake_of_a_reader_is_no_fault_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slip: Any, said: str
+) -> None:
+    """It is told as what it is, as a warning; a cut file is damaged all the same."""
+    files = described(FMI3, "documentation/index.html")
+    for folder in ("x86_64-darwin", "aarch64-darwin"):
+        files[f"binaries/{folder}/New.dylib"] = LOGGER.read_bytes()
+    files["binaries/aarch64-darwin/New.dylib"] = LOGGER.read_bytes()[:5000]
+    monkeypatch.setattr(macho, "exported_names", slip)
+    found = {f.code: f for f in inspect_fmu(pack(files, tmp_path / "New.fmu")).findings}
+    assert found["binary-unread"].level == "warning"
+    assert found["binary-unread"].where == "binaries/x86_64-darwin/New.dylib"
+    assert found["binary-unread"].what.startswith(said)
+    assert found["binary-damaged"].where == "binaries/aarch64-darwin/New.dylib"
 
 
 @pytest.mark.parametrize("path", [p for p in FOREIGN if p.stem == "container_fmu"], ids=str)

@@ -121,3 +121,4 @@ def test_headers_of_libraries_flipped(
     content = flipped((CONTAINER / name).read_bytes(), flips, head=4096)
     found = read_binary("any", name, content[: int(len(content) * cut)] if cut < 0.5 else content)
     assert bool(found.images) != (found.damage is not None)
+    assert found.unread is None

@@ -100,6 +100,9 @@ def _binary(model: Declared, binary: Binary, beside: set[str]) -> Iterator[Findi
     if binary.damage is not None:
         yield finding("binary-damaged", where, binary.damage)
         return
+    if binary.unread is not None:
+        yield finding("binary-unread", where, binary.unread)
+        return
     expected = platform_of(binary.folder)
     image = next((i for i in binary.images if i.platform == expected), None)
     if image is None:

@@ -79,6 +79,7 @@ def _binary(binary: Binary) -> dict[str, Any]:
         "folder": binary.folder,
         "file": binary.name,
         "damage": binary.damage,
+        "unread": binary.unread,
         "images": [
             {
                 "format": image.format,

@@ -1,13 +1,19 @@
 """A shared library read by its headers alone; nothing of it is loaded.
 
-Pure Python readers, on purpose: a damaged file ends in an exception, never in a crash.
+Pure Python readers, on purpose: a damaged file ends in an exception, never in a crash. What a
+reader stumbles over by a mistake of its own is told apart from that: it is no fault of the file.
 """
 
 from __future__ import annotations
 
 import io
+import struct
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+
+from elftools.common.exceptions import ELFError
+from pefile import PEFormatError
 
 from cosim.fmu.inspect.elf import read_elf
 from cosim.fmu.inspect.image import Image, NotALibraryError
@@ -21,6 +27,19 @@ _MAGIC: Mapping[bytes, Callable[[io.BytesIO], list[Image]]] = {
     b"\xce\xfa\xed\xfe": read_macho,
     b"\xca\xfe\xba\xbe": read_macho,
 }
+# what pyelftools, pefile and macholib raise for a damaged file
+_OF_DAMAGE = (
+    ELFError,
+    PEFormatError,
+    struct.error,
+    ValueError,
+    OSError,
+    EOFError,
+    LookupError,
+    ArithmeticError,
+    AssertionError,
+    MemoryError,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +50,19 @@ class Binary:
     ----------
     folder : below binaries/.
     name : its path inside the FMU.
+    damage : what is wrong with the file.
+    unread : what the reader stumbled over; it says nothing about the file.
     """
 
     folder: str
     name: str
     images: tuple[Image, ...]
     damage: str | None = None
+    unread: str | None = None
 
 
 def read_binary(folder: str, name: str, content: bytes) -> Binary:
-    """The headers of a library; damage is told, never raised."""
+    """The headers of a library; damage is told, never raised, and so is a mistake of a reader."""
     for magic, reader in _MAGIC.items():
         if content.startswith(magic):
             try:
@@ -48,5 +70,15 @@ def read_binary(folder: str, name: str, content: bytes) -> Binary:
             except NotALibraryError as error:
                 return Binary(folder, name, (), str(error))
             except Exception as error:  # noqa: BLE001 - each reader has many ways to stumble
-                return Binary(folder, name, (), f"{type(error).__name__}: {error}")
+                said = f"{type(error).__name__}: {error}"
+                if _speaks_of_the_file(error):
+                    return Binary(folder, name, (), said)
+                return Binary(folder, name, (), unread=said)
     return Binary(folder, name, (), f"it starts with {content[:4].hex() or 'nothing'}")
+
+
+def _speaks_of_the_file(error: Exception) -> bool:
+    """Whether a reader's library raised it, as one that it raises for damage."""
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    ours = str(frame.f_globals.get("__name__")).startswith("cosim.")
+    return isinstance(error, _OF_DAMAGE) and not ours

@@ -67,7 +67,9 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
         elif load.cmd in (LC_DYLD_INFO, LC_DYLD_INFO_ONLY):
             trie = int(command.export_off), int(command.export_size)
         elif load.cmd == LC_DYLD_EXPORTS_TRIE:
-            trie = int(command.dataoff), int(command.datassize)
+            # by their place: releases of macholib spell the second name datasize or datassize
+            start, size = (int(getattr(command, name)) for name, _ in command._fields_)
+            trie = start, size
     exports, imports = _symbols(header, stream)
     if trie is not None:
         stream.seek(header.offset + trie[0])

@@ -143,6 +143,10 @@ _CONTENT = {
     "binary-folder": _warning("no tool looks into a folder of this name: rename it"),
     "binary-folder-tuple": _note("FMI 2 names no such platform; only some tools look there"),
     "binary-damaged": _error("it is no library that an operating system loads: build it again"),
+    "binary-unread": _warning(
+        "what reads it here made a mistake, so it was not checked; that says nothing about the "
+        "file: report it, with the file"
+    ),
     "binary-platform": _error("it is built for another machine than its folder says: move it"),
     "function-missing": _error("without this function nothing can run it: build it again"),
     "function-optional": _warning(
