@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,50 +13,15 @@ from cosim.scenario.origin import Findings
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, values_over
 from cosim.scenario.script import bound
+from cosim.trace import AssertionResult
+from cosim.trace.assertions import Result
 
-Result = Literal["holds", "fails", "undecided"]
 _Truths = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What became of an assertion.
-
-    Attributes
-    ----------
-    words : the assertion.
-    result : "undecided" where a run was stopped before it could be told.
-    expected : what it was expected to be.
-    at_s : where it was decided: the first point that breaks an `always`, that fulfils an
-        `eventually`, from which a `within` was not fulfilled in time; None where there is none.
-    """
-
-    words: str
-    name: str | None
-    result: Result
-    expected: Literal["holds", "fails"]
-    at_s: float | None
-
-    @property
-    def as_expected(self) -> bool:
-        """Whether it came out as expected; what a run did not get to is no disappointment."""
-        return self.result in (self.expected, "undecided")
-
-    def to_json(self) -> dict[str, Any]:
-        """For `--json` and the trace."""
-        return {
-            "assertion": self.words,
-            "name": self.name,
-            "result": self.result,
-            "expected": self.expected,
-            "as_expected": self.as_expected,
-            "at_s": self.at_s,
-        }
 
 
 def verdicts_of(
     scenario: Scenario, system: System, run: Run | None, findings: Findings
-) -> tuple[Verdict, ...]:
+) -> tuple[AssertionResult, ...]:
     """A verdict on every assertion; without a run, they are only checked against the system.
 
     Raises
@@ -91,7 +53,7 @@ def _verdict(
     scope: RunScope,
     run: Run,
     end: float,
-) -> Verdict:
+) -> AssertionResult:
     seconds = run.points_ns / 1e9
     after, before = part.after or 0.0, end if part.before is None else part.before
     inside = (seconds >= after) & (seconds <= before)
@@ -117,7 +79,7 @@ def _verdict(
         result, at = _first(np.flatnonzero(inside & holds), seconds, "holds", "fails")
         if result == "fails" and not whole:
             result = rest
-    return Verdict(part.words, part.name, result, part.expected, at)
+    return AssertionResult(part.words, part.name, result, part.expected, at)
 
 
 def _first(

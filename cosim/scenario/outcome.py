@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.master import EngineChoice, Pace
-from cosim.scenario.assertions import Verdict
+from cosim.trace import AssertionResult
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Outcome:
     links: dict[str, dict[str, Any]]
     engine: EngineChoice
     pace: Pace | None = None
-    assertions: tuple[Verdict, ...] = ()
+    assertions: tuple[AssertionResult, ...] = ()
 
     @property
     def as_expected(self) -> bool:

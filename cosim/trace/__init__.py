@@ -1,5 +1,6 @@
 """Traces: MCAP files of runs; write, read, describe, hash."""
 
+from cosim.trace.assertions import AssertionResult
 from cosim.trace.content import content_hash
 from cosim.trace.diff import Diff, diff
 from cosim.trace.info import describe
@@ -33,6 +34,7 @@ __all__ = [
     "DESIGN_ATTACHMENT",
     "DROPPED_SIGNALS",
     "SCENARIO_ATTACHMENT",
+    "AssertionResult",
     "Attachment",
     "Check",
     "Diff",

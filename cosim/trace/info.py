@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cosim.trace.reader import TopicInfo
 
 _LINK = "link."
-_STRUCTURED = ("metrics", "final")
+_STRUCTURED = ("metrics", "final", "assertions")
 _LOG_LINES = 20
 
 
@@ -25,7 +25,7 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
     """Return what a trace holds, JSON-safe (no NaN; None for what is not there).
 
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result`
-    (entries but those of links; `metrics` and `final` as objects), `links` (by link name: its
+    (entries but those of links; `metrics`, `final` and `assertions` as JSON), `links` (by link name: its
     figures), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
     `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one),
     `topics` (list of `topic`, `schema`, `encoding`, `count`, `start_ns`,

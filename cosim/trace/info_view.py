@@ -11,6 +11,7 @@ from rich.console import Group
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from cosim.trace.assertions import assertions_in, failed_in
 from cosim.trace.layout import HOST_PREFIX
 
 _HEADLINES = ("title", "scenario", "seed", "software")
@@ -72,9 +73,14 @@ def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     state = result.get("status", "finished")
     if not description["finished"]:
         state = "the run did not finish"
+    assertions = assertions_in(result)
+    state = "; ".join(filter(None, (state, failed_in(assertions))))
     yield "state", state if description["complete"] else f"{state}; {description['damage']}"
     if "reason" in result:
         yield "reason", result["reason"]
+    for each in assertions:
+        at = "" if each.at_s is None else f" at {each.at_s:g} s"
+        yield f"assertion {each.name or each.words}", each.told + at
     if description["start_ns"] is not None:
         yield "time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s"
     yield from ((key, run[key]) for key in _HEADLINES if key in run)

@@ -195,10 +195,9 @@ def _assertions(outcome: Outcome) -> list[RenderableType]:
     )
     for verdict in outcome.assertions:
         style = "green" if verdict.as_expected else "red"
-        wanted = ", as expected" if verdict.expected == "fails" and verdict.as_expected else ""
         at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
         table.add_row(
-            Text(f"{verdict.result}{wanted}{at}", style=style),
+            Text(f"{verdict.told}{at}", style=style),
             Text(verdict.name or verdict.words),
         )
     return [table]

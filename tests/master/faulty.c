@@ -1,15 +1,16 @@
 /* A slave of FMI 2.0 or 3.0 that fails where and when it is told to, and says what is done to it.
 
    0 input u, 1 output x: the sum of all u, each times its step; 2 parameter fail_in: a call of
-   the list below; 3 parameter status: what that call returns; 4 parameter fail_at: the time from
-   which on it does. */
+   the list below; 3 parameter status: what that call returns, or, if negative, the signal that
+   ends the process in it; 4 parameter fail_at: the time from which on it does. */
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <signal.h>
 #include <stdint.h>
 #include <stdlib.h>
 
-enum { NOTHING, STEP, GET, SET, ENTER, EXIT };
+enum { NOTHING, STEP, GET, SET, ENTER, EXIT, TERMINATE, FREE };
 
 typedef void (*Logger2)(void *, const char *, int, const char *, const char *, ...);
 typedef void (*Logger3)(void *, int, const char *, const char *);
@@ -39,9 +40,13 @@ static int say(Model *m, int status, const char *text) {
 }
 
 static int call(Model *m, int what, double now) {
-    if (m->fail_in == what && now > m->fail_at - 1e-9)
-        return say(m, m->status, "the pump has lost its prime");
-    return 0;
+    if (m->fail_in != what || now < m->fail_at - 1e-9)
+        return 0;
+    if (m->status < 0) {
+        signal(-m->status, SIG_DFL);
+        raise(-m->status);
+    }
+    return say(m, m->status, "the <pump> has lost its prime");
 }
 
 static int step(Model *m, double t, double h) {
@@ -71,7 +76,13 @@ static int set_integer(Model *m, const Reference vr[], size_t n, const int32_t v
     return 0;
 }
 
+static int terminate(Model *m) {
+    say(m, 0, "terminated");
+    return call(m, TERMINATE, m->time);
+}
+
 static void end(Model *m) {
+    call(m, FREE, m->time);
     say(m, 0, "freed");
     free(m);
 }
@@ -94,7 +105,7 @@ API int fmi2SetupExperiment(void *c, int t, double tol, double start, int s, dou
 }
 API int fmi2EnterInitializationMode(void *c) { return call(c, ENTER, 0.0); }
 API int fmi2ExitInitializationMode(void *c) { return call(c, EXIT, 0.0); }
-API int fmi2Terminate(void *c) { return say(c, 0, "terminated"); }
+API int fmi2Terminate(void *c) { return terminate(c); }
 API int fmi2GetReal(void *c, const Reference vr[], size_t n, double value[]) {
     return (void)vr, get_real(c, value, n);
 }
@@ -129,7 +140,7 @@ API int fmi3EnterInitializationMode(void *c, bool t, double tol, double start, b
     return (void)t, (void)tol, (void)start, (void)s, (void)stop, call(c, ENTER, 0.0);
 }
 API int fmi3ExitInitializationMode(void *c) { return call(c, EXIT, 0.0); }
-API int fmi3Terminate(void *c) { return say(c, 0, "terminated"); }
+API int fmi3Terminate(void *c) { return terminate(c); }
 API int fmi3GetFloat64(void *c, const Reference vr[], size_t n, double value[], size_t m) {
     return (void)vr, (void)n, get_real(c, value, m);
 }

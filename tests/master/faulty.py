@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fmpy
 
-CALLS = ("nothing", "step", "get", "set", "enter", "exit")
+CALLS = ("nothing", "step", "get", "set", "enter", "exit", "terminate", "free")
 """Value of fail_in, by place."""
 
 _2 = """<?xml version="1.0" encoding="UTF-8"?>

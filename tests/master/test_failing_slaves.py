@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 STEP, LAST, FAIL_AT = 0.1, 0.8, 0.3
 DISCARD, ERROR, FATAL = 2, 3, 4
 WORDS = {DISCARD: "Discard", ERROR: "Error", FATAL: "Fatal"}
-MESSAGE = "the pump has lost its prime"
+MESSAGE = "the <pump> has lost its prime"
 ORDER = ("first", "middle", "last")
 ENGINES, ALGORITHMS, VERSIONS = ("python", "compiled"), ("jacobi", "gauss-seidel"), ("2.0", "3.0")
 

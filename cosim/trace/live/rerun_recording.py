@@ -206,10 +206,11 @@ def _verdict(content: Content) -> str:
     lines.append(f"**{content.status.what}** {_markdown(content.status.why)}")
     if content.guarantee is not None:
         lines.append(f"{content.guarantee.what}: {content.guarantee.why}")
+    lines += [f"- {_markdown(each.what)}: {_markdown(each.why)}" for each in content.assertions]
     signs = {"good": "met", "bad": "NOT MET", "open": "open"}
     lines += [
         f"- {signs[check.tone]}: {_markdown(check.what)} ({_markdown(check.why)})"
-        for check in (*content.assumptions, *content.assertions)
+        for check in content.assumptions
     ]
     return "\n\n".join(lines)
 

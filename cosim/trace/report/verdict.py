@@ -1,14 +1,15 @@
 """What may be said of the run: its status, the gain against gamma, assumptions, assertions.
 
-The words for what `cosim.scenario.verdict` measured and wrote into `cosim.result`.
+The words for what the run measured and wrote into `cosim.result`.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from cosim.trace.assertions import assertions_in, failed_in
 
 GOOD, BAD, OPEN = "good", "bad", "open"
 
@@ -22,8 +23,6 @@ _MEANING = {
     "limit_cycle": "At the end commands go from limit to limit more than half of the time: the "
     "limits, not the feedback, bound the motion.",
 }
-_HELD = {"true", "held", "holds", "passed", "pass", "met", "ok"}
-_BROKEN = {"false", "violated", "failed", "fail", "not met", "broken"}
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
 
 
@@ -55,6 +54,8 @@ def status_of(info: Mapping[str, Any]) -> Check:
         return Check(BAD, "did not finish", "There is no result: the run was ended before its end.")
     said = str(result.get("status", "finished"))
     tone, word = _STATUS.get(said, (OPEN, said.replace("_", " ")))
+    if failed := failed_in(assertions_in(result)):
+        tone, word = BAD, f"{word}, {failed}"
     return Check(tone, word, str(result.get("reason", _MEANING.get(said, ""))))
 
 
@@ -92,34 +93,17 @@ def assumptions_of(info: Mapping[str, Any]) -> list[Check]:
 
 
 def assertions_of(info: Mapping[str, Any]) -> list[Check]:
-    """What the scenario said must hold: entries of name, kind, verdict, at."""
-    result = info["result"] or {}
-    listed = metrics_of(result).get("assertions", result.get("assertions"))
-    if isinstance(listed, str):
-        try:
-            listed = json.loads(listed)
-        except (ValueError, RecursionError):
-            return []
-    entries = listed if isinstance(listed, list) else []
-    return [_assertion(entry) for entry in entries if isinstance(entry, dict)]
-
-
-def _assertion(entry: Mapping[str, Any]) -> Check:
-    word = str(entry.get("verdict", "")).lower().replace("_", " ")
-    tone = GOOD if word in _HELD else BAD if word in _BROKEN else OPEN
-    at = entry.get("at")
-    more = [
-        f"{key.replace('_', ' ')}: {value}"
-        for key, value in sorted(entry.items())
-        if key not in {"name", "kind", "verdict", "at"} and value is not None
+    """What the scenario said must hold, that which failed first."""
+    return [
+        Check(
+            OPEN if each.result == "undecided" else GOOD if each.as_expected else BAD,
+            each.name or each.words,
+            each.told,
+            each.at_s,
+            each.words if each.name else "",
+        )
+        for each in assertions_in(info["result"])
     ]
-    return Check(
-        tone,
-        str(entry.get("name", "assertion")),
-        "; ".join([word, *more]),
-        float(at) if isinstance(at, int | float) and not isinstance(at, bool) else None,
-        str(entry.get("kind", "")),
-    )
 
 
 def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

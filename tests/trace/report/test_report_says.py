@@ -14,7 +14,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from cli.shell import cosim, flight, trace_of
-from report_files import TITLE, foreign, small, wild
+from report_files import TITLE, failing, foreign, small, wild
 
 from cosim.errors import InputError
 from cosim.trace import Trace
@@ -157,17 +157,112 @@ def test_plotly_knows_every_property(kind: str, tmp_path: Path) -> None:
 
 
 def test_a_failed_run_has_its_cause_on_top(tmp_path: Path) -> None:
-    """Reason and last log lines before all else; markup in texts stays text."""
-    html = page(content_of(wild(tmp_path / "wild.mcap")))
+    """Reason, assertions and last log lines before all else; markup in texts stays text."""
+    html = page(content_of(failing(tmp_path)))
     said = words(html)
     assert TITLE in said
-    assert said.index("doStep returned fmi2Error") < said.index("the <matrix> is singular")
-    assert said.index("the <matrix> is singular") < said.index("Figures")
-    assert "not met: depth stays below 5 m always violated at 3.5 s" in said
-    assert "met: arrives eventually held" in said
+    order = [
+        "failed, 2 of 3 assertions failed",
+        "step from t = 0.4 s returned fmi2Error",
+        "the <i>tank</i> stays empty always pump.x < 0.25 failed at 0.3 s",
+        "always pump.x >= 0 failed",
+        "eventually pump.x > 0.15 passed at 0.2 s",
+        "0.3 s the <i>tank</i> stays empty: failed",
+        "The last lines of the log",
+        "the <pump> has lost its prime",
+        "What happened",
+    ]
+    places = [said.index(part) for part in order[:-2]]
+    assert places == sorted(places)
+    assert said.index(order[-2], places[-1]) < said.index(order[-1], places[-1])
+    for markup in ("<b>run</b>", "<i>tank</i>", "<pump>"):
+        assert markup not in html
+
+
+def test_values_beyond_all_numbers_are_told(tmp_path: Path) -> None:
+    """The first of them, and where the others are drawn."""
+    said = words(page(content_of(wild(tmp_path / "wild.mcap"))))
     assert "plant.eta.psi is inf" in said
     assert "values beyond 1e+150: drawn there: plant.eta.z" in said
-    assert "<b>run</b>" not in html
+
+
+PROMISES = """
+extends = "auv-direct"
+title = "A guarantee is kept, and three of five promises"
+[run]
+end = 5.0
+[[assertions]]
+always = "abs(plant.eta.x) < 100"
+[[assertions]]
+always = "t < 0"
+expected = "fails"
+[[assertions]]
+name = "soon"
+always = "t < 1 s"
+[[assertions]]
+eventually = "t > 1.5 s"
+[[assertions]]
+always = "t >= 0"
+expected = "fails"
+"""
+TOLD = [
+    ("bad", "soon", "failed", 1.0),
+    ("bad", "always t >= 0", "failed: it holds, but was expected to fail", None),
+    ("good", "always abs(plant.eta.x) < 100", "passed", None),
+    ("good", "always t < 0", "passed: it fails, as expected", 0.0),
+]
+"""Those that failed first, else as in the scenario."""
+
+
+def test_a_broken_promise_is_the_first_that_is_told(native_fmus: Path, tmp_path: Path) -> None:
+    """By the run, its report, and `trace info`: failed as failed, kept as passed, none as open.
+
+    The bound on the gain is another matter, and is claimed beside them.
+    """
+    (tmp_path / "s.toml").write_text(PROMISES)
+    more = ("--flavour", "native", "--fmus", native_fmus.parent, "--out", "t.mcap")
+    flown = cosim("run", "s.toml", *more, cwd=tmp_path)
+    assert flown.code == 1
+    content = content_of(tmp_path / "t.mcap")
+    assert (content.status.tone, content.status.what) == (
+        "bad",
+        "finished, 2 of 5 assertions failed",
+    )
+    told = [(c.tone, c.what, c.why, c.at) for c in content.assertions]
+    assert told[:4] == TOLD
+    assert told[4] == ("good", "eventually t > 1.5 s", "passed", 1.55)
+    assert content.guarantee is not None
+    assert content.guarantee.tone == "good"
+    said = words(page(content))
+    assert said.index("soon always t < 1 s failed at 1 s") < said.index("The guarantee holds")
+    info = cosim("trace", "info", "t.mcap", cwd=tmp_path).out
+    places = [info.index(f"assertion {what}") for _, what, _, _ in told]
+    assert places == sorted(places)
+    lines = {line.strip() for line in re.sub(" {2,}", "  ", info).splitlines()}
+    assert "state  finished; 2 of 5 assertions failed" in lines
+    for _, what, why, at in told:
+        line = f"assertion {what}  {why}" + ("" if at is None else f" at {at:g} s")
+        assert line in lines
+        assert re.search(rf"{re.escape(line.partition('  ')[2])} +{re.escape(what)}", flown.out)
+
+
+def test_assertions_of_a_trace_for_programs_are_those_of_the_run(tmp_path: Path) -> None:
+    """`run --json`, the trace and `trace info --json` say the same, key by key; a run that was
+    stopped leaves open what it did not get to.
+    """
+    failing(tmp_path)
+    for more, results in (
+        ((), ["holds", "fails", "fails"]),
+        (("--until", "0.2"), ["holds", "undecided", "undecided"]),
+    ):
+        flown = cosim("run", "failing.toml", "--json", "--out", "t.mcap", *more, cwd=tmp_path)
+        told = cosim("trace", "info", "t.mcap", "--json", cwd=tmp_path)
+        assert told.json["result"]["assertions"] == flown.json["assertions"]
+        assert [v["result"] for v in flown.json["assertions"]] == results
+    content = content_of(tmp_path / "t.mcap")
+    assert content.status.what == "stopped"
+    assert [c.tone for c in content.assertions] == ["good", "open", "open"]
+    assert content.assertions[1].why == "undecided: the run ended before"
 
 
 def test_a_recording_of_another_tool_is_shown_too(tmp_path: Path) -> None:
@@ -295,20 +390,20 @@ def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_the_verb(tmp_path: Path) -> None:
     """`cosim trace report`: JSON, words, its own place, and refusals."""
-    wild(tmp_path / "wild.mcap")
-    told = cosim("trace", "report", "wild.mcap", "--json", cwd=tmp_path)
+    failing(tmp_path)
+    told = cosim("trace", "report", "failing.mcap", "--json", cwd=tmp_path)
     assert told.code == 0, told.err
-    assert told.json["output"] == "wild.html"
-    assert told.json["status"] == "failed"
+    assert told.json["output"] == "failing.html"
+    assert told.json["status"] == "failed, 2 of 3 assertions failed"
     assert told.json["guarantee"] is None
     assert told.json["assertions"][0]["tone"] == "bad"
-    assert (tmp_path / "wild.html").stat().st_size == told.json["bytes"] < 6_000_000
-    seen = cosim("trace", "report", "wild.mcap", "-o", "sub/x.html", cwd=tmp_path)
+    assert (tmp_path / "failing.html").stat().st_size == told.json["bytes"] < 6_000_000
+    seen = cosim("trace", "report", "failing.mcap", "-o", "sub/x.html", cwd=tmp_path)
     assert seen.code == 0
     assert "sub/x.html" in seen.out
     assert (tmp_path / "sub" / "x.html").exists()
-    for arguments in (("none.mcap",), ("wild.html",), ("wild.mcap", "-o", "wild.mcap"), (".",)):
+    for arguments in (("none.mcap",), ("failing.html",), ("failing.mcap", "-o", "failing.mcap"), (".",)):
         refused = cosim("trace", "report", *arguments, "--json", cwd=tmp_path)
         assert refused.code == 2
         assert refused.error["what"]
-    assert Trace(tmp_path / "wild.mcap").finished
+    assert Trace(tmp_path / "failing.mcap").finished
