@@ -28,11 +28,17 @@ _AS_DOUBLES = ("float", "int", "bool")
 
 
 class TraceRecorder(Observer):
-    """An observer that writes rows, messages, drops, poses and log lines in order of time."""
+    """An observer that writes rows, messages, drops, poses and log lines in order of time.
+
+    Attributes
+    ----------
+    log_after_end : level, component and message of what was said when the trace had ended.
+    """
 
     def __init__(self, writer: TraceWriter, system: System) -> None:
         self._writer = writer
         self._system = system
+        self.log_after_end: list[tuple[str, str, str]] = []
 
     def begin(self, stations: Sequence[Station]) -> None:
         """Declare a topic per component and direction, and two per link."""
@@ -105,7 +111,10 @@ class TraceRecorder(Observer):
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write a line to /log."""
-        self._writer.log(time_ns, level, name, message)
+        if self._writer.ended:
+            self.log_after_end.append((level, name, message))
+        else:
+            self._writer.log(time_ns, level, name, message)
 
 
 _Cast = Callable[[Any], Any]

@@ -223,6 +223,10 @@ class Session:
         self._journal.note(name, level, message)
         self._journal.where = before
 
+    def hand_on(self) -> None:
+        """Let the observers hear what was said since the last row; the end of a run is such."""
+        self._journal.hand_on(self.rows)
+
     def link_state(self, link: str) -> LinkState:
         """State of a packet link at the last complete row, arrays of shape (1,)."""
         return self._course.state(link, self.rows - 1, self.rows)

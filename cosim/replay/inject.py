@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,15 +19,15 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
-from cosim.master import Component, Endpoint, System, Timetable, TraceRecorder, simulate
+from cosim.master import Component, Endpoint, System, Timetable, TraceRecorder
 from cosim.replay.attached import scenario_in
 from cosim.replay.feed import Fed, Link, fed
 from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unfed
 from cosim.replay.order import Order, provenance, start_values
 from cosim.scenario.channels import link_of
-from cosim.scenario.interrupt import Interruptible
+from cosim.scenario.conduct import conduct
+from cosim.scenario.prepare import Progress, silent
 from cosim.scenario.read import LoadedScenario
-from cosim.scenario.watch import Progress, Watcher
 from cosim.trace import (
     SCENARIO_ATTACHMENT,
     Attachment,
@@ -55,6 +56,7 @@ class Injected:
     status : finished, diverged or failed; `reason` why.
     compared : the outputs against the recorded ones, if that was asked for; `identical`: whether
         they are the same, bit for bit.
+    log_after_end : as in `Outcome`.
     """
 
     trace: Path
@@ -74,6 +76,7 @@ class Injected:
     reason: str | None
     compared: Diff | None
     identical: bool | None
+    log_after_end: tuple[tuple[str, str, str], ...]
 
 
 def inject(
@@ -119,10 +122,9 @@ def inject(
         )
     entries = provenance(trace, fmu, name, order, link, {**direct, **linked}, parameters, feed)
     xml = Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml)
-    with TraceWriter(output, run=entries, attachments=[xml]) as writer:
-        with Interruptible() as wish:
-            watcher = Watcher(system, "injecting", progress, wish)
-            run = simulate(system, [TraceRecorder(writer, system), watcher])
+    with ExitStack() as living, TraceWriter(output, run=entries, attachments=[xml]) as writer:
+        recorder, tell = TraceRecorder(writer, system), progress or silent
+        run = conduct(system, "injecting", tell, "auto", recorder, living=living).run
         status = {"status": run.ending, "steps": str(max(run.points_ns.size - 1, 0))}
         status["host.engine"] = f"{run.engine.name}: {run.engine.reason}"
         writer.finish(status | ({"reason": run.reason} if run.reason else {}))
@@ -152,6 +154,7 @@ def inject(
         reason=run.reason,
         compared=compared,
         identical=identical,
+        log_after_end=tuple(recorder.log_after_end),
     )
 
 

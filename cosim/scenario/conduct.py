@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
@@ -29,6 +30,7 @@ def conduct(
     tell: Progress,
     engine: EngineName,
     *observers: Observer,
+    living: ExitStack,
     events: Sequence[Event] = (),
     pace: Pace | None = None,
 ) -> Flown:
@@ -37,6 +39,8 @@ def conduct(
     Parameters
     ----------
     what, tell : what the progress is called, and who is told.
+    living : ends the slaves when it is closed, which is for when the run is on disk: some FMUs
+        end the process with them.
 
     Raises
     ------
@@ -45,9 +49,10 @@ def conduct(
     with Interruptible() as wish:
         watcher = Watcher(system, what, tell, wish)
         rows = Rows(RunScope(system))
-        with Session(system, [*observers, watcher, rows], engine=engine) as session:
-            driver = Driver(system, events, rows)
-            run = driver.drive(session, pace)
+        session = living.enter_context(Session(system, [*observers, watcher, rows], engine=engine))
+        driver = Driver(system, events, rows)
+        run = driver.drive(session, pace)
+        session.hand_on()
         if driver.stopped is not None and run.ending in ("stopped", "finished"):
             run = replace(run, ending="stopped", reason=driver.stopped)
         return Flown(run, driver.touched, tuple(driver.happened))

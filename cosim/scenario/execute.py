@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +38,9 @@ def fly(
     pace: Pace | None = None,
     fsync: bool = False,
 ) -> Outcome:
-    """Run the scenario and its companion from rest; write the trace.
+    """Run the scenario and its companion from rest; write the trace; then end the slaves.
+
+    An FMU that allows one instance per process is ended before the companion begins.
 
     `engine` is a matter of speed alone: "python", "compiled", or "auto". `pace` holds the run
     back to the clock on the wall (the companion is not held back); `fsync` as for `TraceWriter`.
@@ -59,16 +62,22 @@ def fly(
             "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
         ) from error
     entries, attachments = identity_of(prepared, system)
-    with TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer:
+    with (
+        ExitStack() as living,
+        TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
+    ):
         recorder = TraceRecorder(writer, system)
-        flown = conduct(system, "flight", tell, engine, recorder, events=events, pace=pace)
-        companion = _companion(prepared, system, flown.run, parameters, tell)
+        flown = conduct(
+            system, "flight", tell, engine, recorder, living=living, events=events, pace=pace
+        )
+        companion = _companion(prepared, system, flown.run, parameters, tell, living, writer.flush)
         outcome, schedules = _outcome(prepared, system, flown, companion, trace, began, pace)
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
         writer.finish({**result_entries(outcome), **links})
-    return replace(outcome, content_hash=content_hash(trace))
+    late = tuple(recorder.log_after_end)
+    return replace(outcome, content_hash=content_hash(trace), log_after_end=late)
 
 
 def fly_unrecorded(
@@ -91,9 +100,12 @@ def fly_unrecorded(
     tell = progress or silent
     began = time.perf_counter()
     system, parameters, events = flown_system(prepared)
-    flown = conduct(system, "flight", tell, engine, events=events, pace=pace)
-    beside = _companion(prepared, system, flown.run, parameters, tell) if companion else None
-    return _outcome(prepared, system, flown, beside, None, began, pace)[0], flown.run
+    with ExitStack() as living:
+        flown = conduct(system, "flight", tell, engine, living=living, events=events, pace=pace)
+        beside = None
+        if companion:
+            beside = _companion(prepared, system, flown.run, parameters, tell, living)
+        return _outcome(prepared, system, flown, beside, None, began, pace)[0], flown.run
 
 
 def check_room(trace: Path) -> None:
@@ -135,9 +147,18 @@ def flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Even
 
 
 def _companion(
-    prepared: Prepared, system: System, run: Run, parameters: _Parameters, tell: Progress
+    prepared: Prepared,
+    system: System,
+    run: Run,
+    parameters: _Parameters,
+    tell: Progress,
+    living: ExitStack,
+    flush: Callable[[], None] | None = None,
 ) -> Run | None:
-    """The same from rest; None where nothing is designed, or there is nothing to compare."""
+    """The same from rest; None where nothing is designed, or there is nothing to compare.
+
+    flush : brings what is recorded to the disk, where slaves must be ended now.
+    """
     if prepared.design is None or run.ending == "failed":
         return None
     at_rest = assemble(
@@ -150,8 +171,12 @@ def _companion(
     # a run that starts from rest is its own companion
     if same_start(system, at_rest):
         return run
+    if any(fmu.can_be_instantiated_only_once for fmu in prepared.fmus.values()):
+        if flush is not None:
+            flush()
+        living.close()
     events = script_of(prepared.loaded.scenario, at_rest, Findings())
-    return conduct(at_rest, "companion", tell, "auto", events=events).run
+    return conduct(at_rest, "companion", tell, "auto", living=living, events=events).run
 
 
 def _outcome(

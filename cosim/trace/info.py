@@ -25,8 +25,9 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
     """Return what a trace holds, JSON-safe (no NaN; None for what is not there).
 
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result`
-    (entries but those of links; `metrics`, `final` and `assertions` as JSON), `links` (by link name: its
-    figures), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
+    (entries but those of links; `metrics`, `final` and `assertions` as what they hold), `links`
+    (by link name: its figures), `log` (the last warnings and errors), `start_ns`, `end_ns`,
+    `message_count`,
     `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one),
     `topics` (list of `topic`, `schema`, `encoding`, `count`, `start_ns`,
     `end_ns`, `rate_hz`, `signals`), `attachments` (list of `name`, `media_type`, `bytes`),

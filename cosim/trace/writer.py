@@ -55,7 +55,8 @@ class TraceWriter:
 
     Left by an exception, or by `close` without `finish`, it leaves `<path>.partial`: a
     well-formed MCAP file without `cosim.result`. A process killed leaves what was flushed; one
-    that is told to go (SIGTERM), or ends without closing the trace, everything.
+    that is told to go (SIGTERM), or ends without closing the trace, everything. Once it is
+    `ended` it takes nothing more.
 
     Parameters
     ----------
@@ -103,6 +104,7 @@ class TraceWriter:
                 got=repr(flush_interval_s),
             )
         self.path = Path(path)
+        self.ended = False
         self._encoders: dict[int, RowEncoder] = {}
         self._topics: set[str] = set()
         self._file = PartialFile(self.path, fsync=fsync)
@@ -334,6 +336,7 @@ class TraceWriter:
         self._flusher.flushed()
 
     def _ended(self) -> None:
+        self.ended = True
         self._flusher.stop()
         leaving.closed(self)
 

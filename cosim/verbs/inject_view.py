@@ -9,7 +9,9 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.replay import Injected
+from cosim.scenario.outcome import late_lines
 from cosim.trace.diff_json import diff_json, verdict
+from cosim.verbs.run_view import late_view
 
 
 def inject_json(found: Injected) -> dict[str, Any]:
@@ -33,6 +35,7 @@ def inject_json(found: Injected) -> dict[str, Any]:
         "reason": found.reason,
         "identical": found.identical,
         "compare": None if found.compared is None else _compared(found),
+        "log_after_end": late_lines(found.log_after_end),
     }
 
 
@@ -75,6 +78,7 @@ def inject_view(found: Injected) -> RenderableType:
         if found.identical:
             words = "identical: every output came out again, bit for bit"
         parts.append(Text(f"compared with what was recorded: {words}", style=colour))
+    parts += late_view(found.log_after_end)
     parts.append(_plain(f"trace: {found.trace}"))
     return Group(*parts)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -47,9 +47,19 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         _assumptions(outcome.metrics["assumptions"]),
         *_assertions(outcome),
     ]
+    parts += late_view(outcome.log_after_end)
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))
     return Group(*parts)
+
+
+def late_view(lines: Iterable[tuple[str, str, str]]) -> list[RenderableType]:
+    """Warnings and errors of when the trace was complete and the slaves were ended."""
+    return [
+        Text(f"{level}, not in the trace: {name}: {message}", style="yellow")
+        for level, name, message in lines
+        if level not in {"debug", "info"}
+    ]
 
 
 def demo_view(demo: Demo) -> RenderableType:

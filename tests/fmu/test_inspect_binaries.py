@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-import macholib.MachO
 import macholib.mach_o
+import macholib.MachO
 import pytest
 from fmu.packed import FMI3, compiled, described, files_of, pack
 from macholib.ptypes import Structure, p_uint32

@@ -1,5 +1,4 @@
-"""Traces that a report must cope with: runs that failed, values beyond all numbers, and files of
-other tools."""
+"""Traces that a report must cope with: failed runs, values beyond all numbers, other tools'."""
 
 from __future__ import annotations
 

@@ -247,8 +247,9 @@ def test_a_broken_promise_is_the_first_that_is_told(native_fmus: Path, tmp_path:
 
 
 def test_assertions_of_a_trace_for_programs_are_those_of_the_run(tmp_path: Path) -> None:
-    """`run --json`, the trace and `trace info --json` say the same, key by key; a run that was
-    stopped leaves open what it did not get to.
+    """`run --json`, the trace and `trace info --json` say the same, key by key.
+
+    A run that was stopped leaves open what it did not get to.
     """
     failing(tmp_path)
     for more, results in (
@@ -402,7 +403,12 @@ def test_the_verb(tmp_path: Path) -> None:
     assert seen.code == 0
     assert "sub/x.html" in seen.out
     assert (tmp_path / "sub" / "x.html").exists()
-    for arguments in (("none.mcap",), ("failing.html",), ("failing.mcap", "-o", "failing.mcap"), (".",)):
+    for arguments in (
+        ("none.mcap",),
+        ("failing.html",),
+        ("failing.mcap", "-o", "failing.mcap"),
+        (".",),
+    ):
         refused = cosim("trace", "report", *arguments, "--json", cwd=tmp_path)
         assert refused.code == 2
         assert refused.error["what"]

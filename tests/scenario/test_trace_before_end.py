@@ -1,0 +1,142 @@
+"""The trace is complete before any slave is ended: some FMUs end the process with themselves."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from cli.shell import cosim
+from master.faulty import CALLS, faulty_fmu
+
+from cosim.trace import Trace
+
+PUMP = """
+[components.pump]
+fmu = "pump.fmu"
+parameters = {{ u = 2.0, fail_in = {call}, status = {status} }}
+"""
+ALONE = '\ntitle = "A pump"\n[run]\nend = 1.0\nstep = 0.1\n'
+BESIDE = '\nextends = "auv-direct"\n[run]\nend = 1.0\n'
+"""Flies with a companion from rest, which measures the gain, and with the pump in both."""
+MESSAGE = "the <pump> has lost its prime"
+
+
+def scenario(folder: Path, call: str, status: int, text: str = ALONE, version: str = "2.0") -> None:
+    faulty_fmu(folder, version, "pump")
+    told = PUMP.format(call=CALLS.index(call), status=status)
+    (folder / "s.toml").write_text(text + told)
+
+
+def apart(folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own, which may die."""
+    line = [sys.executable, "-m", "cosim", *map(str, words), "--json"]
+    return subprocess.run(  # noqa: S603 - ourselves
+        line, cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+RUN = ("run", "s.toml", "--out", "t.mcap")
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize(
+    ("call", "number"), [("terminate", signal.SIGABRT), ("free", signal.SIGSEGV)]
+)
+def test_process_that_dies_with_its_slave_leaves_a_whole_trace(
+    tmp_path: Path, call: str, number: int, version: str
+) -> None:
+    """Every row, every figure, verified; only what was to be printed is lost."""
+    scenario(tmp_path, call, -number, version=version)
+    done = apart(tmp_path, *RUN)
+    assert done.returncode == -number
+    assert [p.name for p in tmp_path.glob("t.mcap*")] == ["t.mcap"]
+    trace = Trace(tmp_path / "t.mcap")
+    assert trace.finished
+    assert trace.result is not None
+    assert trace.result["status"] == "finished"
+    assert json.loads(trace.result["final"]) == {"pump.x": pytest.approx(2.0)}
+    assert trace.read("/pump/output")["x"][-1] == pytest.approx(2.0)
+    verified = cosim("trace", "verify", "t.mcap", "--json", cwd=tmp_path)
+    assert verified.code == 0, verified.out
+
+
+def test_companion_has_flown_by_then_and_is_not_ended_either(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """The gain is that of a run whose pump ends as it should."""
+    more = ("--flavour", "native", "--fmus", native_fmus.parent)
+    scenario(tmp_path, "nothing", 0, BESIDE)
+    sound = apart(tmp_path, *RUN, *more)
+    assert sound.returncode == 0, sound.stderr
+    scenario(tmp_path, "free", -signal.SIGABRT, BESIDE)
+    assert apart(tmp_path, *RUN, *more).returncode == -signal.SIGABRT
+    trace = Trace(tmp_path / "t.mcap")
+    assert trace.result is not None
+    metrics = json.loads(trace.result["metrics"])
+    assert metrics == json.loads(sound.stdout)["metrics"]
+    assert metrics["gain"] > 0
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_slave_that_refuses_to_terminate_is_told(tmp_path: Path, version: str) -> None:
+    """As a warning, with the words of the FMU: in the summary and as JSON, after the trace."""
+    scenario(tmp_path, "terminate", 3, version=version)
+    said = [
+        {"level": "info", "name": "pump", "message": "terminated"},
+        {"level": "error", "name": "pump", "message": MESSAGE},
+        {"level": "warning", "name": "pump", "message": "terminating the slave: status 3"},
+        {"level": "info", "name": "pump", "message": "freed"},
+    ]
+    told = cosim("run", "s.toml", "--json", "--out", "t.mcap", cwd=tmp_path)
+    assert (told.code, told.json["status"]) == (0, "finished")
+    assert told.json["log_after_end"] == said
+    seen = cosim("run", "s.toml", "--out", "t.mcap", cwd=tmp_path)
+    assert f"error, not in the trace: pump: {MESSAGE}" in seen.out
+    assert "warning, not in the trace: pump: terminating the slave: status 3" in seen.out
+    assert "freed" not in seen.out
+
+
+def test_injection_is_on_disk_before_its_slave_is_ended(tmp_path: Path) -> None:
+    """The same where recorded signals are fed into an FMU; its refusal is told there, too."""
+    scenario(tmp_path, "nothing", 0)
+    assert cosim(*RUN, cwd=tmp_path).code == 0
+    words = ("trace", "inject", "t.mcap", "--into", "pump.fmu", "--map", "pump.x=u", "-o", "i.mcap")
+    refuses = ("--set", f"fail_in={CALLS.index('terminate')}", "--set", "status=3")
+    told = cosim(*words, *refuses, "--json", cwd=tmp_path)
+    assert told.code == 0, told.err
+    late = "terminating the slave: status 3"
+    assert {"level": "warning", "name": "pump", "message": late} in told.json["log_after_end"]
+    assert late in cosim(*words, *refuses, cwd=tmp_path).out
+    (tmp_path / "i.mcap").unlink()
+    dies = ("--set", f"fail_in={CALLS.index('free')}", "--set", f"status={-signal.SIGABRT}")
+    assert apart(tmp_path, *words, *dies).returncode == -signal.SIGABRT
+    trace = Trace(tmp_path / "i.mcap")
+    assert trace.finished
+    assert len(trace.read("/pump/output")) == 11
+
+
+def test_fmu_of_one_instance_is_ended_before_its_companion(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """It flies all the same, and what it says at its end is in the trace."""
+    source = native_fmus / "AuvPlant.fmu"
+    flag = 'canBeInstantiatedOnlyOncePerProcess="{}"'
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(tmp_path / "one.fmu", "w") as new:
+        for entry in old.namelist():
+            content = old.read(entry)
+            if entry == "modelDescription.xml":
+                assert flag.format("false").encode() in content
+                content = content.replace(*(flag.format(x).encode() for x in ("false", "true")))
+            new.writestr(entry, content)
+    text = BESIDE + '[components.plant]\nfmu = "one.fmu"\n'
+    (tmp_path / "s.toml").write_text(text)
+    more = ("--json", "--flavour", "native", "--fmus", native_fmus.parent)
+    one = cosim("run", "s.toml", *more, cwd=tmp_path)
+    assert one.code == 0, one.err
+    (tmp_path / "s.toml").write_text(BESIDE)
+    assert one.json["metrics"] == cosim("run", "s.toml", *more, cwd=tmp_path).json["metrics"]
