@@ -17,6 +17,8 @@ from fmpy.model_description import ValidationError
 
 from cosim.errors import InputError
 from cosim.fmu.declared_ports import declared_ports
+from cosim.fmu.inspect.archive import Archive
+from cosim.fmu.inspect.variables import identifier_findings
 from cosim.fmu.port import FmiVersion, Port
 
 _INTERFACES = {
@@ -128,17 +130,20 @@ def describe_fmu(path: Path) -> FmuDescription:
 
     Raises
     ------
-    InputError : no such file, not an FMU, a model description that breaks the standard, or an
-        FMI version or type that is not supported.
+    InputError : no such file, not an FMU, an archive or a model identifier that reaches out of
+        its folder, a model description that breaks the standard, or an FMI version or type that
+        is not supported.
     """
     if not path.is_file():
         raise InputError("no such FMU", where=str(path), hint="build it: python build_fmu.py")
     try:
         content = path.read_bytes()
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            Archive(path, archive).require_sound()
             xml = archive.read("modelDescription.xml")
         model, departures = _read_model(content)
         version = _version(model, path)
+        _check_identifier(model, path)
         ports = declared_ports(model, xml, version)
     except InputError:
         raise
@@ -148,6 +153,19 @@ def describe_fmu(path: Path) -> FmuDescription:
         ) from error
     digest = hashlib.sha256(content).hexdigest()
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
+
+
+def _check_identifier(model: Any, path: Path) -> None:
+    """See that the library that is loaded is one of the FMU."""
+    kind = _INTERFACES["coSimulation"]
+    for wrong in identifier_findings(model.coSimulation.modelIdentifier, kind):
+        raise InputError(
+            "the library of this FMU is not loaded",
+            where=f"{path}: {wrong.where}",
+            expected="a C identifier",
+            got=wrong.what,
+            hint=wrong.why,
+        )
 
 
 def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:

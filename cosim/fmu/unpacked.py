@@ -19,10 +19,9 @@ import time
 from pathlib import Path
 from typing import IO
 
-import fmpy
-
 from cosim.errors import InputError
 from cosim.fmu.description import FmuDescription
+from cosim.fmu.inspect.archive import open_archive
 
 PREFIX = "cosim-fmus-"
 _LOCK = "in-use"
@@ -96,10 +95,11 @@ def unpacked(description: FmuDescription) -> Path:
         _check_unchanged(description)
         draft = folder.with_suffix(".new")
         try:
-            fmpy.extract(str(description.path), unzipdir=str(draft))
+            with open_archive(description.path) as archive:
+                archive.unpack(draft)
             (draft / "resources").mkdir(exist_ok=True)  # FMUs are told where it is
             draft.rename(folder)
-        except Exception as error:  # a damaged archive has many ways to say so
+        except OSError as error:
             raise InputError(
                 "the FMU cannot be unpacked", where=str(description.path), got=str(error)
             ) from error

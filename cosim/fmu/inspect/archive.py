@@ -19,6 +19,7 @@ MOST_BYTES = 4 << 30  # unpacked in all; the largest FMUs of practice have about
 MOST_ENTRIES = 100_000
 _BOMB_BYTES = 64 << 20  # below this size no ratio harms
 _BOMB_RATIO = 250  # deflate reaches 1032; text of numbers about 10
+_BOMB = f"at most {_BOMB_RATIO} times as many, where it is more than {_BOMB_BYTES}"
 _CHUNK = 1 << 20
 _ALLOWED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _LEADING = re.compile(r"^(?:[A-Za-z]:|[/\\])")
@@ -75,6 +76,8 @@ class Archive:
             size = f"{len(every)} entries of {self.unpacked_bytes} bytes in all"
             limit = f"at most {MOST_ENTRIES} of {MOST_BYTES}"
             self.findings.append(finding("archive-bomb", path.name, f"{size}; {limit}"))
+        # no entry of many need be large
+        self.findings += _bomb(path.name, sum(i.compress_size for i in every), self.unpacked_bytes)
 
     @property
     def sound(self) -> bool:
@@ -108,6 +111,22 @@ class Archive:
             except BROKEN as error:
                 self.findings.append(finding("entry-damaged", name, str(error)))
 
+    def require_sound(self) -> None:
+        """Refuse what may not be unpacked.
+
+        Raises
+        ------
+        InputError : it is not `sound`; names the entry, and the limit that it exceeds.
+        """
+        for wrong in self.findings:
+            if wrong.level == "error":
+                raise InputError(
+                    "this archive is not unpacked",
+                    where=f"{self.path}: {printable(wrong.where)}",
+                    got=wrong.what,
+                    hint=wrong.why,
+                )
+
     def unpack(self, folder: Path) -> None:
         """Write every entry under `folder`.
 
@@ -115,13 +134,12 @@ class Archive:
         ------
         InputError : it is not `sound`, or an entry is damaged.
         """
-        if not self.sound:
-            raise InputError("this archive is not unpacked", where=str(self.path))
+        self.require_sound()
         try:
             self._zip.extractall(folder)
         except BROKEN as error:
             raise InputError(
-                "this archive does not unpack", where=str(self.path), got=printable(str(error))
+                "the FMU cannot be unpacked", where=str(self.path), got=printable(str(error))
             ) from error
 
 
@@ -183,7 +201,9 @@ def _entry_findings(info: zipfile.ZipInfo) -> Iterator[Finding]:
         yield finding("entry-method", name, f"packed by ZIP method {info.compress_type}")
     if stat.S_ISLNK(info.external_attr >> 16):
         yield finding("entry-link", name, "the entry is a symbolic link")
-    ratio = info.file_size / max(info.compress_size, 1)
-    if info.file_size > _BOMB_BYTES and ratio > _BOMB_RATIO:
-        size = f"{info.compress_size} bytes unpack to {info.file_size}"
-        yield finding("archive-bomb", name, size)
+    yield from _bomb(name, info.compress_size, info.file_size)
+
+
+def _bomb(name: str, packed: int, unpacked: int) -> Iterator[Finding]:
+    if unpacked > _BOMB_BYTES and unpacked > _BOMB_RATIO * max(packed, 1):
+        yield finding("archive-bomb", name, f"{packed} bytes unpack to {unpacked}; {_BOMB}")

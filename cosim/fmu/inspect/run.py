@@ -24,6 +24,7 @@ from cosim.fmu.inspect.declared import Declared, Interface, Variable, integer, n
 from cosim.fmu.inspect.finding import Finding, Level, finding
 from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.platforms import this_machine
+from cosim.fmu.inspect.variables import identifier_findings
 
 STEPS = 5
 _PROBE = Path(__file__).with_name("probe.py")
@@ -60,6 +61,10 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
         folder = Path(scratch) / "fmu"
         archive.unpack(folder)
         for interface in model.interfaces:
+            if any(identifier_findings(interface.identifier, interface.kind)):
+                what = "its modelIdentifier names no file of the FMU"
+                findings.append(finding("run-absent", interface.kind, what))
+                continue
             library = _library(folder, interface)
             if library is None:
                 machine = this_machine()

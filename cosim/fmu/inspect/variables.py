@@ -23,9 +23,7 @@ _SETTABLE = ("input", "parameter", "structuralParameter")
 def model_findings(model: Declared) -> Iterator[Finding]:
     """Everything about the description but ModelStructure and the files."""
     for interface in model.interfaces:
-        if not _C_NAME.fullmatch(interface.identifier):
-            what = f"modelIdentifier is {interface.identifier!r}"
-            yield finding("identifier", f"{XML} {interface.kind}", what)
+        yield from identifier_findings(interface.identifier, interface.kind)
     if not model.interfaces:
         yield finding("kind-none", XML, "there is no CoSimulation, no ModelExchange")
     if not (model.token or "").strip():
@@ -38,6 +36,12 @@ def model_findings(model: Declared) -> Iterator[Finding]:
     yield from _references(model)
     yield from _units(model)
     yield from _experiment(model)
+
+
+def identifier_findings(identifier: str, kind: str) -> Iterator[Finding]:
+    """Whether it names a binary of the FMU, and none elsewhere."""
+    if not _C_NAME.fullmatch(identifier):
+        yield finding("identifier", f"{XML} {kind}", f"modelIdentifier is {identifier!r}")
 
 
 def _names(model: Declared) -> Iterator[Finding]:
