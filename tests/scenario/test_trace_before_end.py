@@ -73,6 +73,7 @@ def test_companion_has_flown_by_then_and_is_not_ended_either(
     scenario(tmp_path, "nothing", 0, BESIDE)
     sound = apart(tmp_path, *RUN, *more)
     assert sound.returncode == 0, sound.stderr
+    (tmp_path / "t.mcap").unlink()
     scenario(tmp_path, "free", -signal.SIGABRT, BESIDE)
     assert apart(tmp_path, *RUN, *more).returncode == -signal.SIGABRT
     trace = Trace(tmp_path / "t.mcap")
