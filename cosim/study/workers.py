@@ -25,6 +25,8 @@ Work = Callable[[Job, Batch], list[Any]]
 _ATTEMPTS = 2  # deaths of a worker under a batch, after which it is given back
 _AHEAD = 2  # batches in hand per worker: the next is there when one is done
 _PATIENCE_S = 20
+_NO_WORKER = "10 minutes"  # far longer than a worker takes to start: none will come any more
+_LOOK_S = 1.0
 _INSTALL = "pip install 'auv-cosim[study]'"
 
 
@@ -138,6 +140,11 @@ def local(workers: int) -> Iterator[Crew]:
     dask, distributed = _dask()
     settings = {
         "distributed.scheduler.allowed-failures": _ATTEMPTS - 1,
+        # so long after each death Dask looks once, and gives up a worker that is about to start
+        # again just then, for good; which ones are lost is seen by `_replace_lost`
+        "distributed.deploy.lost-worker-timeout": "10000 days",
+        # tasks that nobody is there for become errors: a study ends, and can be taken up again
+        "distributed.scheduler.no-workers-timeout": _NO_WORKER,
         "distributed.worker.preload": ["cosim.study.quiet"],
         # it keeps an hour of samples of every thread's stack: memory that only grows
         "distributed.worker.profile.enabled": False,
@@ -156,7 +163,26 @@ def local(workers: int) -> Iterator[Crew]:
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
+        cluster.loop.add_callback(_watch, cluster, workers)
         yield OnDask(client)
+
+
+def _watch(cluster: Any, workers: int) -> None:
+    """Replace lost workers for as long as the cluster is there; on its event loop."""
+    status = cluster.status.name
+    if status == "running":
+        _replace_lost(cluster, workers)
+    if status not in ("closing", "closed", "failed"):
+        cluster.loop.call_later(_LOOK_S, _watch, cluster, workers)
+
+
+def _replace_lost(cluster: Any, workers: int) -> None:
+    """Start anew the workers whose nanny, which starts them again, has given up itself."""
+    lost = [n for n, nanny in cluster.workers.items() if nanny.status.name in ("closed", "failed")]
+    for name in lost:
+        del cluster.workers[name]
+    if lost:
+        cluster.scale(workers)
 
 
 @contextlib.contextmanager

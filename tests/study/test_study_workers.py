@@ -5,14 +5,17 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
-from study.deadly import DEADLY, SLOW, plan, truth
+from study.deadly import DEADLY, SLOW, U, folder, plan, truth
 
-from cosim.errors import InputError
+from cosim.errors import ComponentError, InputError
 from cosim.study.conduct import conduct
 from cosim.study.folder import RESULTS
 from cosim.study.table import read_table
@@ -79,6 +82,63 @@ def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Pa
     assert found["status"][2] == "failed"
     assert "died" in found["reason"][2]
     others = [i for i in range(15) if i != 2]
+    assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
+
+
+def give_up(crew: Any) -> None:
+    """The one who would start the only worker again does not, as when a start fails."""
+    cluster = crew._client.cluster
+    cluster.sync(cluster.workers[0].close)
+
+
+def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_path: Path) -> None:
+    """Dask looks once, so long after a death, and closes for good what is not there just then.
+
+    Several runs that kill their workers hit that moment sooner or later, and nobody was left.
+    """
+    with local(1) as crew:
+        told = dask.config.get("distributed.deploy.lost-worker-timeout")
+        assert dask.utils.parse_timedelta(told) > 365 * 24 * 3600
+        give_up(crew)
+        done = conduct(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(crew))
+    assert done.statuses == {"finished": 2}
+
+
+def test_a_study_without_workers_ends_and_can_be_taken_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where none can be started any more, that is said; what is done is kept."""
+    monkeypatch.setattr("cosim.study.workers._NO_WORKER", "100 ms")
+    monkeypatch.setattr("cosim.study.workers._LOOK_S", 3600.0)
+    with local(1) as crew:
+        give_up(crew)
+        with pytest.raises(ComponentError, match="cannot be carried out") as caught:
+            conduct(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(crew))
+    assert "without any running workers" in str(caught.value.got)
+    assert conduct(plan([0.0, 1.0]), tmp_path).statuses == {"finished": 2}
+
+
+@pytest.mark.slow
+def test_many_runs_that_kill_their_workers_stop_no_study(tmp_path: Path) -> None:
+    """Five of forty: each is a row that says so, all others are the closed form.
+
+    In a process of its own, since a study that stops for ever is what is looked for.
+    """
+    deadly = range(3, 40, 8)
+    values = [DEADLY + i if i in deadly else 0.1 * i for i in range(40)]
+    (tmp_path / "s.toml").write_text(
+        f'title = "x follows u"\nscenario = "{folder() / "tiny.toml"}"\n'
+        f'[[vary]]\nkind = "grid"\nname = "u"\npath = {U!r}\nvalues = {values}\n'
+        '[metrics]\nx = "final.tiny.x[1]"\n'
+    )
+    line = [sys.executable, "-m", "cosim", "study", "run", "s.toml", "--workers", "2"]
+    subprocess.run(  # noqa: S603 - ourselves
+        [*line, "--out", "out"], cwd=tmp_path, check=True, capture_output=True, timeout=1800
+    )
+    found = read_table(tmp_path / "out")[0].to_pydict()
+    assert [i for i in range(40) if found["status"][i] == "failed"] == list(deadly)
+    assert all("died" in found["reason"][i] for i in deadly)
+    others = [i for i in range(40) if i not in deadly]
     assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
 
 
