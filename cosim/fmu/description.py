@@ -18,6 +18,7 @@ from fmpy.model_description import ValidationError
 from cosim.errors import InputError
 from cosim.fmu.declared_ports import declared_ports
 from cosim.fmu.inspect.archive import Archive
+from cosim.fmu.inspect.finding import refusal
 from cosim.fmu.inspect.variables import identifier_findings
 from cosim.fmu.port import FmiVersion, Port
 
@@ -143,7 +144,6 @@ def describe_fmu(path: Path) -> FmuDescription:
             xml = archive.read("modelDescription.xml")
         model, departures = _read_model(content)
         version = _version(model, path)
-        _check_identifier(model, path)
         ports = declared_ports(model, xml, version)
     except InputError:
         raise
@@ -151,21 +151,10 @@ def describe_fmu(path: Path) -> FmuDescription:
         raise InputError(
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
+    for wrong in identifier_findings(model.coSimulation.modelIdentifier, "co-simulation"):
+        raise refusal("its library is not loaded", path, wrong, "a C identifier")
     digest = hashlib.sha256(content).hexdigest()
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
-
-
-def _check_identifier(model: Any, path: Path) -> None:
-    """See that the library that is loaded is one of the FMU."""
-    kind = _INTERFACES["coSimulation"]
-    for wrong in identifier_findings(model.coSimulation.modelIdentifier, kind):
-        raise InputError(
-            "the library of this FMU is not loaded",
-            where=f"{path}: {wrong.where}",
-            expected="a C identifier",
-            got=wrong.what,
-            hint=wrong.why,
-        )
 
 
 def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:

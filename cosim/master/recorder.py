@@ -32,13 +32,13 @@ class TraceRecorder(Observer):
 
     Attributes
     ----------
-    log_after_end : level, component and message of what was said when the trace had ended.
+    log_after_end : what was said when the trace had ended: `level`, `name`, `message`.
     """
 
     def __init__(self, writer: TraceWriter, system: System) -> None:
         self._writer = writer
         self._system = system
-        self.log_after_end: list[tuple[str, str, str]] = []
+        self.log_after_end: list[dict[str, str]] = []
 
     def begin(self, stations: Sequence[Station]) -> None:
         """Declare a topic per component and direction, and two per link."""
@@ -112,7 +112,7 @@ class TraceRecorder(Observer):
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write a line to /log."""
         if self._writer.ended:
-            self.log_after_end.append((level, name, message))
+            self.log_after_end.append({"level": level, "name": name, "message": message})
         else:
             self._writer.log(time_ns, level, name, message)
 

@@ -76,7 +76,7 @@ class Injected:
     reason: str | None
     compared: Diff | None
     identical: bool | None
-    log_after_end: tuple[tuple[str, str, str], ...]
+    log_after_end: tuple[dict[str, str], ...]
 
 
 def inject(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,8 @@ class Outcome:
     engine : which engine carried it out, and why that one.
     pace : how the clock on the wall was kept, None for a run that was not held back to it.
     assertions : a verdict on each, in the order of the scenario.
-    log_after_end : level, component and message of what was said while the slaves were ended,
-        when the trace was complete.
+    log_after_end : what was said while the slaves were ended, when the trace was complete:
+        `level`, `name` of the component, `message`.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
         them, `final` the last value of every output by `component.variable`.
@@ -46,7 +45,7 @@ class Outcome:
     engine: EngineChoice
     pace: Pace | None = None
     assertions: tuple[AssertionResult, ...] = ()
-    log_after_end: tuple[tuple[str, str, str], ...] = ()
+    log_after_end: tuple[dict[str, str], ...] = ()
 
     @property
     def as_expected(self) -> bool:
@@ -73,15 +72,10 @@ class Outcome:
         if self.assertions:
             data["assertions"] = [verdict.to_json() for verdict in self.assertions]
         if self.log_after_end:
-            data["log_after_end"] = late_lines(self.log_after_end)
+            data["log_after_end"] = list(self.log_after_end)
         if self.pace is not None:
             data["pace"] = pace_figures(self.pace)
         return data
-
-
-def late_lines(lines: Iterable[tuple[str, str, str]]) -> list[dict[str, str]]:
-    """What was said when the trace was complete, for `--json`."""
-    return [dict(zip(("level", "name", "message"), line, strict=True)) for line in lines]
 
 
 def pace_figures(pace: Pace) -> dict[str, float | int]:

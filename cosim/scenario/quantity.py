@@ -178,15 +178,3 @@ def _registry() -> Any:
 
     # decimals keep "50 ms" at the double nearest to 0.05
     return UnitRegistry(non_int_type=Decimal)
-
-
-def unit_names() -> list[str]:
-    """Names of units that people write, to suggest from."""
-    return sorted(_COMMON)
-
-
-_COMMON = (
-    *("s", "ms", "us", "ns", "min", "h", "m", "mm", "cm", "km", "nmi", "m/s", "km/h", "kn"),
-    *("m/s2", "rad", "deg", "rad/s", "deg/s", "rpm", "Hz", "N", "kN", "N*m", "kN*m", "kg", "t"),
-    *("kg/m3", "bit", "byte", "bit/s", "kbit/s", "%"),
-)

@@ -9,7 +9,6 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.replay import Injected
-from cosim.scenario.outcome import late_lines
 from cosim.trace.diff_json import diff_json, verdict
 from cosim.verbs.run_view import late_view
 
@@ -35,7 +34,7 @@ def inject_json(found: Injected) -> dict[str, Any]:
         "reason": found.reason,
         "identical": found.identical,
         "compare": None if found.compared is None else _compared(found),
-        "log_after_end": late_lines(found.log_after_end),
+        "log_after_end": list(found.log_after_end),
     }
 
 

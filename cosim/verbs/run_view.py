@@ -53,13 +53,11 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     return Group(*parts)
 
 
-def late_view(lines: Iterable[tuple[str, str, str]]) -> list[RenderableType]:
+def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType]:
     """Warnings and errors of when the trace was complete and the slaves were ended."""
-    return [
-        Text(f"{level}, not in the trace: {name}: {message}", style="yellow")
-        for level, name, message in lines
-        if level not in {"debug", "info"}
-    ]
+    words = "{level}, not in the trace: {name}: {message}".format_map
+    serious = (line for line in log_after_end if line["level"] not in {"debug", "info"})
+    return [Text(words(line), style="yellow") for line in serious]
 
 
 def demo_view(demo: Demo) -> RenderableType:

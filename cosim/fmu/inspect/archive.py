@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from cosim.errors import InputError
-from cosim.fmu.inspect.finding import Finding, finding, printable
+from cosim.fmu.inspect.finding import Finding, finding, printable, refusal
 
 MOST_BYTES = 4 << 30  # unpacked in all; the largest FMUs of practice have about 1 GiB
 MOST_ENTRIES = 100_000
@@ -120,12 +120,7 @@ class Archive:
         """
         for wrong in self.findings:
             if wrong.level == "error":
-                raise InputError(
-                    "this archive is not unpacked",
-                    where=f"{self.path}: {printable(wrong.where)}",
-                    got=wrong.what,
-                    hint=wrong.why,
-                )
+                raise refusal("this archive is not unpacked", self.path, wrong)
 
     def unpack(self, folder: Path) -> None:
         """Write every entry under `folder`.

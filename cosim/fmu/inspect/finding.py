@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
+from cosim.errors import InputError
 from cosim.fmu.inspect.rules import RULES
 
 Level = Literal["error", "warning", "note"]
@@ -50,6 +52,12 @@ class Finding:
 def finding(code: str, where: str, what: str, *, level: Level | None = None) -> Finding:
     """A finding at its usual level, or at `level`."""
     return Finding(code, level or RULES[code].level, where, printable(what))
+
+
+def refusal(what: str, path: Path, found: Finding, expected: str | None = None) -> InputError:
+    """The error that a finding is for who wants to run the FMU."""
+    where = f"{path}: {printable(found.where)}"
+    return InputError(what, where=where, expected=expected, got=found.what, hint=found.why)
 
 
 def printable(text: str, most: int = 400) -> str:

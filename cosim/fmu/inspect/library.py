@@ -29,16 +29,8 @@ _MAGIC: Mapping[bytes, Callable[[io.BytesIO], list[Image]]] = {
 }
 # what pyelftools, pefile and macholib raise for a damaged file
 _OF_DAMAGE = (
-    ELFError,
-    PEFormatError,
-    struct.error,
-    ValueError,
-    OSError,
-    EOFError,
-    LookupError,
-    ArithmeticError,
-    AssertionError,
-    MemoryError,
+    *(ELFError, PEFormatError, struct.error, ValueError, OSError, EOFError),
+    *(LookupError, ArithmeticError, AssertionError, MemoryError),
 )
 
 
