@@ -205,6 +205,14 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
         K = np.array(gain, dtype=np.float64)
     except (TypeError, ValueError):
         K = np.full((1, 1), np.nan)
+    if not m and K.size:
+        raise InputError(
+            "this gain acts on nothing: the system has no control, B is missing",
+            where=f"{system.name}: B" if system.name else "B",
+            expected=f"B, {n} rows with one column per control",
+            got="no B",
+            hint="give B beside A, or leave the gain out",
+        )
     if K.shape != (m, n) or not np.isfinite(K).all():
         raise InputError(
             "the gain does not fit the system",

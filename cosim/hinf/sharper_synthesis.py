@@ -23,6 +23,7 @@ from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_ORDER
+from cosim.hinf.from_control import checked_system
 from cosim.hinf.sharper_lmi import SharperLmi, multipliers_of, scalar_multipliers
 from cosim.hinf.sharper_loop import SCALES, Gain, Loop, carry, rounded
 from cosim.models.delay_system import DelaySystem
@@ -198,7 +199,4 @@ def check_order(order: int, system: DelaySystem) -> None:
             expected="a positive delay",
             hint="leave the order out: without a delay Theorem 2 loses nothing",
         )
-    if not system.B.shape[1]:
-        raise InputError(
-            "there is no gain to design", where="B", expected="an input", hint="analyse it instead"
-        )
+    checked_system(system, control=True)
