@@ -100,7 +100,9 @@ def certified_delay(
         K=None if gain is None else K,
         order=order if search.d is None else search.order,
         certified=search.d is not None,
-        reason=None if search.d is not None else "no delay was found at which a proof exists",
+        reason=None
+        if search.d is not None
+        else f"no delay was found at which a proof exists; at {search.failed:g} s: {search.reason}",
         gamma=None if search.d is None else gamma,
         least_gamma=None,
         certificate=search.certificate,
@@ -125,6 +127,7 @@ class _Search:
         self.d: float | None = None
         self.failed: float | None = None
         self.order = 0
+        self.reason: str | None = None
         self.certificate: dict[str, Any] | None = None
 
     def at(self, d: float) -> DelaySystem:
@@ -149,7 +152,7 @@ class _Search:
         def certified(d: float) -> bool:
             proof = prover.proof(self.at(d))
             if proof is None:
-                self.failed = d
+                self.failed, self.reason = d, prover.reason
             else:
                 self.d, self.order, self.certificate = d, order, proof
             return proof is not None

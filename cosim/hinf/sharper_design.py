@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cosim.errors import NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay, greatest_delay
+from cosim.hinf.refusals import hint_after
 from cosim.hinf.sharper_loop import Gain, Loop, carry
 from cosim.hinf.sharper_synthesis import check_order, sharper_gain
 from cosim.hinf.synthesis import Design, check_reachable, design
@@ -60,6 +61,7 @@ def sharper_design(
                 where=system.name or None,
                 expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
                 got=found.reason,
+                hint=hint_after(str(found.reason), "a larger gamma, another order"),
             )
         return _as_design(found)
     check_order(order, system)

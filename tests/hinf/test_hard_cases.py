@@ -19,10 +19,8 @@ from cosim.hinf import (
 )
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
-from cosim.hinf.conic import Solution
 from cosim.hinf.modes import unmovable_root
 from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.refusals import said
 from cosim.hinf.scaling import scaling_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -317,19 +315,6 @@ def test_k2_of_zero_is_refused(k2: float) -> None:
         arguments = (6.0, (0.6,), (k2,)) if ask is greatest_delay else ((0.6,), (k2,))
         with pytest.raises(InputError, match="k2 must not be zero"):
             ask(paper_example.system(), *arguments)  # type: ignore[operator]
-
-
-def test_a_solver_that_failed_is_not_called_infeasible() -> None:
-    """The words for its endings: only multipliers say that nothing is there."""
-    nothing = np.zeros(0)
-
-    def words(status: Any, own: str) -> str:
-        return said(Solution(status, nothing, 0.0, (), own))
-
-    assert "against any solution" in words("infeasible", "PrimalInfeasible")
-    failed = words("failed", "NumericalError")
-    assert "failed (NumericalError)" in failed
-    assert "nothing of the problem" in failed
 
 
 @pytest.mark.parametrize("case", range(12))
