@@ -256,7 +256,7 @@ def _central(
         if gain is None:
             X, Y = first.point.X, first.point.Y
             K = np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64)
-            gain = _rounded(K, problem.scaling)
+            gain = rounded_gain(K, problem.scaling)
     last = problem.margin(p, gamma, gain, scale)
     if gain is None or not isinstance(last, Answer) or last.value <= 0:
         return None
@@ -264,7 +264,7 @@ def _central(
     return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
 
 
-def _rounded(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
+def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
     """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise.
 
     Largest in units in which states and inputs compare; each entry to decimals of its own.
