@@ -184,8 +184,9 @@ def as_cvxpy(
         constraints.append(sum(v.X[i, i] for i in range(len(system.A))) == len(system.A))
         objective = cp.Maximize(margin)
     problem = cp.Problem(objective, constraints)
-    parts = {"constraints": constraints, "problem": problem}
-    return CvxpyLmi(**vars(v), **parts, system=system, k1=p.k1, k2=p.k2)
+    return CvxpyLmi(
+        **vars(v), system=system, k1=p.k1, k2=p.k2, constraints=constraints, problem=problem
+    )
 
 
 def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -> Unknowns:
