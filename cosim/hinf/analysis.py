@@ -92,9 +92,9 @@ def analyse(
     """
     system = checked_system(system)
     K = gain_of(system, gain)
-    _order(order)
+    check_order_of_analysis(order)
     if gamma is not None:
-        _possible(gamma, system)
+        check_gamma(gamma, system)
     yardsticks = measured(system, K)
     least, proof, reason = None, None, None
     delays = [delay.d for delay in system.delays]
@@ -230,7 +230,13 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
     return K
 
 
-def _order(order: int) -> None:
+def check_order_of_analysis(order: int) -> None:
+    """Refuse an order that there is none of.
+
+    Raises
+    ------
+    InputError : naming those that there are.
+    """
     if not 0 <= order <= MAX_ORDER:
         raise InputError(
             "not an order",
@@ -240,7 +246,13 @@ def _order(order: int) -> None:
         )
 
 
-def _possible(gamma: float, system: DelaySystem) -> None:
+def check_gamma(gamma: float, system: DelaySystem) -> None:
+    """Refuse a gamma that is no bound, and any gamma of a system without w and z.
+
+    Raises
+    ------
+    InputError : naming which.
+    """
     if not (np.isfinite(gamma) and gamma > 0):
         raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
     if not system.has_performance:

@@ -19,8 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError
-from cosim.hinf.analysis import Analysis, Prover, gain_of
-from cosim.hinf.analysis_proof import MAX_ORDER
+from cosim.hinf.analysis import (
+    Analysis,
+    Prover,
+    check_gamma,
+    check_order_of_analysis,
+    gain_of,
+)
 from cosim.hinf.greatest_delay import DELAY_LIMIT
 from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
@@ -184,16 +189,8 @@ def _check(system: DelaySystem, gamma: float | None, which: int, order: int, lim
     if not 0 <= which < N:
         expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
         raise InputError("there is no such delay", where="which", expected=expected, got=str(which))
-    if not 0 <= order <= MAX_ORDER:
-        raise InputError(
-            "not an order", where="order", expected=f"0 to {MAX_ORDER}", got=str(order)
-        )
+    check_order_of_analysis(order)
     if not (np.isfinite(limit) and limit > 0):
         raise InputError("not a limit", where="limit", expected="seconds > 0", got=repr(limit))
-    if gamma is not None and not (np.isfinite(gamma) and gamma > 0 and system.has_performance):
-        raise InputError(
-            "no gain that this system can be held to",
-            where="gamma",
-            expected="a positive number, and a system with C and with D, D1 or D2",
-            got=repr(gamma),
-        )
+    if gamma is not None:
+        check_gamma(gamma, system)

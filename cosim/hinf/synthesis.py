@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError, NotAchievableError
-from cosim.hinf.analysis import gain_of
+from cosim.hinf.analysis import check_gamma, gain_of
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.guarantees import Guarantees
 from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.rational import rounded_up
 from cosim.hinf.refusals import (
     below_least,
     is_nothing,
@@ -174,7 +175,7 @@ def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list
         return [gamma]
     above: list[float | None] = []
     if not is_nothing(problem, least):
-        above += [_rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
+        above += [rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
     if gamma is None:
         return above
     # what is proved for less is proved for gamma, and far above the least level the numbers of
@@ -279,12 +280,6 @@ def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
     return np.array(rounded, dtype=np.float64) + 0.0  # no negative zero
 
 
-def _rounded_up(gamma: float) -> float:
-    """Seven significant digits, upward."""
-    digits = 6 - int(np.floor(np.log10(gamma)))
-    return float(np.ceil(gamma * 10**digits) / 10**digits)
-
-
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
     """k1, k2 and the system's delays; an `InputError` where they do not fit it."""
     one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
@@ -316,14 +311,7 @@ def check_reachable(gamma: float, system: DelaySystem) -> None:
     NotAchievableError : gamma <= ||D1||.
     """
     floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
-    if not (np.isfinite(gamma) and gamma > 0):
-        raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
-    if not system.has_performance:
-        raise InputError(
-            "this system has no gain to bound",
-            where="gamma",
-            expected="a system with C and with D, D1 or D2",
-        )
+    check_gamma(gamma, system)
     proof = gamma_floor(system, gamma)
     if proof is not None or gamma <= floor:
         raise NotAchievableError(

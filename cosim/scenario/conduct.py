@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from cosim.core.progress import Progress
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
 from cosim.scenario.drive import Driver, Rows
 from cosim.scenario.interrupt import Interruptible
-from cosim.scenario.prepare import Progress
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 from cosim.scenario.watch import Watcher
