@@ -17,7 +17,7 @@ USAGE = [
     ["run", "--json"],
     ["run", "auv-acoustic", "--ot", "x", "--json"],
     ["run", "auv-acoustic", "extra", "--json"],
-    ["scenarios", "extra", "--json"],
+    ["scenario", "list", "extra", "--json"],
     ["design", "--json"],
     ["design", "paper", "--gamma", "much", "--json"],
     ["trace", "--json"],
