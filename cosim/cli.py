@@ -17,12 +17,12 @@ import typer
 from cosim.errors import CosimError, InputError
 from cosim.verbs.certificate import certificate_app
 from cosim.verbs.design import analyse, design
-from cosim.verbs.fly import demo, run, scenarios
+from cosim.verbs.fly import demo, run
 from cosim.verbs.fmu import fmu_app
 from cosim.verbs.fmu_build import build
 from cosim.verbs.fmu_controller import controller
 from cosim.verbs.paper import paper
-from cosim.verbs.scenario import scenario_app
+from cosim.verbs.scenario import list_scenarios, scenario_app
 from cosim.verbs.ssp import ssp_app
 from cosim.verbs.study import study_app
 from cosim.verbs.trace import trace_app
@@ -40,10 +40,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Certified control of an underwater vehicle over delayed links: design, fly, trace.",
-    epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenarios[/bold].",
+    epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenario list[/bold].",
 )
-for verb in (demo, scenarios, design, analyse, paper, run):
+for verb in (demo, design, analyse, paper, run):
     app.command()(verb)
+app.command("scenarios", hidden=True)(list_scenarios)  # its name before `scenario list`
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(trace_app, name="trace")
 for shown in (report, play, view):

@@ -13,6 +13,7 @@ from cosim.hinf.designing import design
 from cosim.hinf.envelope import Envelope
 from cosim.hinf.from_control import frequency_response, to_control
 from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay, with_delays
+from cosim.hinf.lmi import CvxpyLmi, as_cvxpy
 from cosim.hinf.named import NamedSystem, system_by_name
 from cosim.hinf.norm import hinf_norm
 from cosim.hinf.norm_proof import norm_proved
@@ -31,6 +32,7 @@ __all__ = [
     "AuvDesign",
     "Certificate",
     "CertifiedDelay",
+    "CvxpyLmi",
     "Delay",
     "DelaySystem",
     "Demands",
@@ -41,6 +43,7 @@ __all__ = [
     "WorstCase",
     "Yardsticks",
     "analyse",
+    "as_cvxpy",
     "auv_system",
     "certificate_bytes",
     "certificate_hash",

@@ -22,6 +22,7 @@ from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_BOX, MAX_ORDER, analysis_proved, covers_smaller
 from cosim.hinf.from_control import checked_system
+from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
 
@@ -91,9 +92,9 @@ def analyse(
     """
     system = checked_system(system)
     K = gain_of(system, gain)
-    _order(order)
+    check_order_of_analysis(order)
     if gamma is not None:
-        _possible(gamma, system)
+        check_gamma(gamma, system)
     yardsticks = measured(system, K)
     least, proof, reason = None, None, None
     delays = [delay.d for delay in system.delays]
@@ -104,9 +105,10 @@ def analyse(
         lmi = AnalysisLmi(system, K, order, performance=system.has_performance)
         if system.has_performance:
             floor = float(np.linalg.norm(system.D1, 2))
-            least = lmi.least_gamma(delays, max(floor, yardsticks.exact_norm or 0.0) or 1.0)
+            with solver_words() as words:
+                least = lmi.least_gamma(delays, max(floor, yardsticks.exact_norm or 0.0) or 1.0)
             if gamma is None and least is None:
-                levels, reason = [], "the solver finds no gamma at which the LMI is feasible"
+                levels, reason = [], f"no gamma was found: {not_found(words)}"
             elif gamma is None and least is not None:
                 levels = [float(f"{least * (1 + share):.7g}") for share in _ABOVE_LEAST]
     level = None
@@ -141,18 +143,22 @@ class Prover:
     K : (m, n).
     order : N.
     gamma : the gain to prove; None for stability alone.
+
+    `reason` says why the last `proof` was None.
     """
 
     def __init__(
         self, system: DelaySystem, K: NDArray[np.float64], order: int, gamma: float | None
     ) -> None:
         self._K, self._gamma = K, gamma
+        self.reason: str | None = None
         self._lmi = AnalysisLmi(system, K, order, performance=gamma is not None)
 
     def proof(self, system: DelaySystem) -> dict[str, Any] | None:
         """The certificate of `system`, which differs in its delays only; None if there is none."""
         delays = [delay.d for delay in system.delays]
-        return _proof(system, self._K, self._lmi, delays, self._gamma)[0]
+        found, self.reason = _proof(system, self._K, self._lmi, delays, self._gamma)
+        return found
 
     def widened(self, system: DelaySystem) -> dict[str, Any] | None:
         """As `proof`, for every constant delay up to the system's; None at order 0, too."""
@@ -183,9 +189,10 @@ def _proof(
     down_to_zero: bool = False,
 ) -> tuple[dict[str, Any] | None, str | None]:
     """The certificate, or why there is none."""
-    found = lmi.central(delays, gamma, down_to_zero=down_to_zero)
+    with solver_words() as words:
+        found = lmi.central(delays, gamma, down_to_zero=down_to_zero)
     if found is None:
-        return None, "the solver finds no feasible point"
+        return None, not_found(words)
     exact = exact_analysis(system, found)
     proof = analysis_proved(system, K, exact)
     return (analysis_to_json(system, K, exact) if proof.valid else None), proof.reason
@@ -205,6 +212,14 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
         K = np.array(gain, dtype=np.float64)
     except (TypeError, ValueError):
         K = np.full((1, 1), np.nan)
+    if not m and K.size:
+        raise InputError(
+            "this gain acts on nothing: the system has no control, B is missing",
+            where=f"{system.name}: B" if system.name else "B",
+            expected=f"B, {n} rows with one column per control",
+            got="no B",
+            hint="give B beside A, or leave the gain out",
+        )
     if K.shape != (m, n) or not np.isfinite(K).all():
         raise InputError(
             "the gain does not fit the system",
@@ -215,7 +230,13 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
     return K
 
 
-def _order(order: int) -> None:
+def check_order_of_analysis(order: int) -> None:
+    """Refuse an order that there is none of.
+
+    Raises
+    ------
+    InputError : naming those that there are.
+    """
     if not 0 <= order <= MAX_ORDER:
         raise InputError(
             "not an order",
@@ -225,7 +246,13 @@ def _order(order: int) -> None:
         )
 
 
-def _possible(gamma: float, system: DelaySystem) -> None:
+def check_gamma(gamma: float, system: DelaySystem) -> None:
+    """Refuse a gamma that is no bound, and any gamma of a system without w and z.
+
+    Raises
+    ------
+    InputError : naming which.
+    """
     if not (np.isfinite(gamma) and gamma > 0):
         raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
     if not system.has_performance:

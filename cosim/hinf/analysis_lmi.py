@@ -23,11 +23,6 @@ a quadratic form in [x, x1.., W.., w, p]: no Schur complement, linear in all unk
 d [M1 M2]'R^-1[M1 M2], which is least at M1 = -R/d, M2 = R/d (complete the square); there
 Lemma 2 is Jensen's inequality, and nothing is lost by putting them there.
 
-**Every delay between.** With the same P, Q, R the form Phi is affine in (d1, d2, ..), but for
-dj^2 f'Rj f, which is convex: Phi < 0 at the corners of a box of delays is Phi < 0 all over it.
-What Qj adds to P > 0 falls with dj: it holds where it holds for the longest. `lower` asks for
-the box between it and the delays, at little cost.
-
 **Every delay up to these.** With the same P, Q, R the form Phi is affine in (d1, d2, ..), but
 for dj^2 f'Rj f, which is convex: negative at the corners of a box of delays, it is negative all
 over the box. What Qj adds to P > 0 only grows as dj falls. So the corners of [0, d1] x [0, d2]

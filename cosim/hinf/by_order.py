@@ -43,7 +43,7 @@ def greatest_delay(
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    system = checked_system(system)
+    system = checked_system(system, control=True)
     one, two, look = starting(system, k1, k2, search)
     if order is None:
         return delay_of_theorem_2(system, gamma, one, two, which=which, limit=limit, search=look)

@@ -19,8 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError
-from cosim.hinf.analysis import Analysis, Prover, gain_of
-from cosim.hinf.analysis_proof import MAX_ORDER
+from cosim.hinf.analysis import (
+    Analysis,
+    Prover,
+    check_gamma,
+    check_order_of_analysis,
+    gain_of,
+)
 from cosim.hinf.greatest_delay import DELAY_LIMIT
 from cosim.hinf.yardsticks import measured
 from cosim.models.delay_system import DelaySystem
@@ -100,7 +105,9 @@ def certified_delay(
         K=None if gain is None else K,
         order=order if search.d is None else search.order,
         certified=search.d is not None,
-        reason=None if search.d is not None else "no delay was found at which a proof exists",
+        reason=None
+        if search.d is not None
+        else f"no delay was found at which a proof exists; at {search.failed:g} s: {search.reason}",
         gamma=None if search.d is None else gamma,
         least_gamma=None,
         certificate=search.certificate,
@@ -125,6 +132,7 @@ class _Search:
         self.d: float | None = None
         self.failed: float | None = None
         self.order = 0
+        self.reason: str | None = None
         self.certificate: dict[str, Any] | None = None
 
     def at(self, d: float) -> DelaySystem:
@@ -149,7 +157,7 @@ class _Search:
         def certified(d: float) -> bool:
             proof = prover.proof(self.at(d))
             if proof is None:
-                self.failed = d
+                self.failed, self.reason = d, prover.reason
             else:
                 self.d, self.order, self.certificate = d, order, proof
             return proof is not None
@@ -181,16 +189,8 @@ def _check(system: DelaySystem, gamma: float | None, which: int, order: int, lim
     if not 0 <= which < N:
         expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
         raise InputError("there is no such delay", where="which", expected=expected, got=str(which))
-    if not 0 <= order <= MAX_ORDER:
-        raise InputError(
-            "not an order", where="order", expected=f"0 to {MAX_ORDER}", got=str(order)
-        )
+    check_order_of_analysis(order)
     if not (np.isfinite(limit) and limit > 0):
         raise InputError("not a limit", where="limit", expected="seconds > 0", got=repr(limit))
-    if gamma is not None and not (np.isfinite(gamma) and gamma > 0 and system.has_performance):
-        raise InputError(
-            "no gain that this system can be held to",
-            where="gamma",
-            expected="a positive number, and a system with C and with D, D1 or D2",
-            got=repr(gamma),
-        )
+    if gamma is not None:
+        check_gamma(gamma, system)

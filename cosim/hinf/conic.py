@@ -12,26 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
+from cosim.hinf.solver_status import Status, count, status_of
 from cosim.hinf.svec import Array, smat, svec
-
-Status = Literal["solved", "inaccurate", "infeasible", "unbounded", "failed"]
-
-_STATUS: dict[str, Status] = {
-    "Solved": "solved",
-    "AlmostSolved": "inaccurate",
-    "InsufficientProgress": "inaccurate",
-    "MaxIterations": "inaccurate",
-    "PrimalInfeasible": "infeasible",
-    "AlmostPrimalInfeasible": "infeasible",
-    "DualInfeasible": "unbounded",
-    "AlmostDualInfeasible": "unbounded",
-}
 
 TOLERANCE = 1e-9
 """Of gap and residuals, unless less is asked for."""
@@ -125,14 +113,17 @@ def solve(
         # Rust's panic on numbers far out of range is no Exception, and cannot be named
         if type(error).__name__ != "PanicException":
             raise
+        count("Panic")
         nothing = np.full(len(q), np.nan)
         return Solution("failed", nothing, np.nan, (), "Panic")
     y, z = np.array(found.x), np.array(found.z)
-    status = _STATUS.get(str(found.status), "failed")
+    word = str(found.status)
     if not (np.isfinite(y).all() and np.isfinite(z).all()):
-        status = "failed"
+        word = f"{word} with numbers that are not finite"
+    status = status_of(word)
+    count(word)
     if status == "infeasible":
         z = z / max(-float(b @ z), 1e-300)
     ends = np.cumsum([len(c.constant) for c in constraints])
     Z = tuple(smat(part, c.size) for part, c in zip(np.split(z, ends), constraints, strict=False))
-    return Solution(status, y, float(q @ y), Z, str(found.status))
+    return Solution(status, y, float(q @ y), Z, word)

@@ -31,7 +31,15 @@ import numpy as np
 from cosim.errors import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.proof import failure
-from cosim.hinf.rational import exact, exact_matrix, first_bad_matrix, from_text, identity, to_text
+from cosim.hinf.rational import (
+    exact,
+    exact_matrix,
+    first_bad_matrix,
+    from_text,
+    identity,
+    rounded_up,
+    to_text,
+)
 from cosim.hinf.system_json import known_keys
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
 from cosim.models.delay_system import DelaySystem
@@ -268,9 +276,3 @@ def proved_peaks(
 def _square_is_above(bound: Any, square: Any) -> bool:
     with flint.ctx.workprec(_PRECISIONS[0]):
         return bool(flint.arb(bound * bound) >= square)
-
-
-def rounded_up(value: float) -> float:
-    """Seven significant digits, upward."""
-    digits = 6 - math.floor(math.log10(value))
-    return float(math.ceil(value * 10**digits) / 10**digits)

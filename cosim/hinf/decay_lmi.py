@@ -17,13 +17,13 @@ from cosim.hinf.proof import exact_point
 from cosim.hinf.rational import exact
 from cosim.hinf.scaling import Scaling
 from cosim.hinf.search import starts
+from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.svec import svec
 from cosim.models.delay_system import Delay, DelaySystem
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import Matrix
 
-_NO_POINT = "the solver finds no feasible point"
 _DIGITS = 3  # of margins that are compared: those behind them may differ between machines
 
 
@@ -103,16 +103,17 @@ def proved_decay(
     """
     growth = tuple(exact(value) for value in growth_of(system, rate))
     problem = CornersProblem(system, rate)
-    reason = _NO_POINT
-    for at in corner_scalars(system, rate, p, gain):
-        weights = None
-        for _ in range(2):
-            answer = problem.margin(at, None, gain, weights)
-            if not isinstance(answer, Answer) or answer.value <= 0:
-                break
-            decay = Decay(exact(rate), growth, exact_point(system, answer.point, at))
-            failed = decay.failure(system, gain)
-            if failed is None:
-                return decay, ""
-            reason, weights = failed, answer.scale
-    return None, reason
+    reason = ""
+    with solver_words() as words:
+        for at in corner_scalars(system, rate, p, gain):
+            weights = None
+            for _ in range(2):
+                answer = problem.margin(at, None, gain, weights)
+                if not isinstance(answer, Answer) or answer.value <= 0:
+                    break
+                decay = Decay(exact(rate), growth, exact_point(system, answer.point, at))
+                failed = decay.failure(system, gain)
+                if failed is None:
+                    return decay, ""
+                reason, weights = failed, answer.scale
+    return None, reason or not_found(words)

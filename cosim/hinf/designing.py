@@ -79,7 +79,7 @@ def design(
     >>> found.gamma > found.exact_norm, found.abscissa < -0.5, found.K.shape
     (True, True, (1, 2))
     """
-    system = checked_system(system)
+    system = checked_system(system, control=True)
     one, two, look = starting(system, k1, k2, search)
     demands = demands_of(
         system,

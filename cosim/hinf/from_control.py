@@ -67,14 +67,23 @@ def to_control(loop: ClosedLoop, omega: ArrayLike) -> Any:
     return control.FRD(frequency_response(loop, points), points)
 
 
-def checked_system(system: Any) -> DelaySystem:
-    """`system`, if it is a `DelaySystem`.
+def checked_system(system: Any, *, control: bool = False) -> DelaySystem:
+    """`system`, if it is a `DelaySystem`; with `control`, one that a gain can be designed for.
 
     Raises
     ------
-    InputError : it is something else; the message says how to make one of it.
+    InputError : it is something else (the message says how to make one of it), or has no B.
     """
     if isinstance(system, DelaySystem):
+        n, m = system.B.shape
+        if control and not m:
+            raise InputError(
+                "there is no gain to design: the system has no control, B is missing",
+                where=f"{system.name}: B" if system.name else "B",
+                expected=f"B, {n} rows with one column per control",
+                got="no B",
+                hint="give B beside A, or analyse the system as it is (cosim analyse)",
+            )
         return system
     is_plant = all(hasattr(system, name) for name in "ABCD")
     raise InputError(

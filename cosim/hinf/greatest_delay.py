@@ -24,7 +24,9 @@ from cosim.hinf.assembly import Scalars
 from cosim.hinf.modes import unstabilisable
 from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.reach import furthest
+from cosim.hinf.refusals import hint_after
 from cosim.hinf.refutation import refute
+from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.synthesis import (
     Design,
     check_reachable,
@@ -118,9 +120,10 @@ def greatest_delay(
     start = _with_delay(system, which, limit)
     problem = Problem(start)
     p = replace(p, d=tuple(delay.d for delay in start.delays))
-    end = _searched_end(problem, p, gamma, which) if search else None
-    if end is None:
-        end = _end(problem, p, gamma, which)
+    with solver_words() as words:
+        end = _searched_end(problem, p, gamma, which) if search else None
+        if end is None:
+            end = _end(problem, p, gamma, which)
     if end is None:
         cause = unstabilisable(system)
         if cause is not None:
@@ -128,7 +131,7 @@ def greatest_delay(
         least = _replaced(p, which, _SMALLEST * limit)
         there = _with_delay(system, which, least.d[which])
         proof = None if search else refute(there, problem, least, gamma)
-        raise _none_at_all(system, gamma, least, proof, search=search)
+        raise _none_at_all(system, gamma, least, proof, not_found(words), search=search)
     shares = (0.0, *_BELOW) if end.d[which] == limit else _BELOW
     reason = ""
     for share in shares:
@@ -150,7 +153,7 @@ def greatest_delay(
         where=system.name or None,
         expected=f"an exact proof near d = {end.d[which]:.6g}, where the solver sees the end",
         got=reason,
-        hint="another k1, k2, or a larger gamma",
+        hint=hint_after(reason, "another k1, k2, or a larger gamma"),
     )
 
 
@@ -217,19 +220,24 @@ def _none_at_all(
     gamma: float | None,
     p: Scalars,
     proof: dict[str, Any] | None,
+    reason: str,
     *,
     search: bool,
 ) -> NotAchievableError:
+    """Refuse, with the proof; where there is none, `reason` says why nothing was found."""
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
     where = "the k1, k2 searched" if search else f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
+    usual = "a larger gamma" if search else "other k1, k2, or their search; a larger gamma"
     return NotAchievableError(
-        f"{goal} cannot be had at any delay",
+        f"no delay was found that {goal} can be certified at"
+        if proof is None
+        else f"{goal} cannot be had at any delay with these k1, k2",
         where=system.name or None,
         expected=f"a feasible LMI at a small delay, with {where}",
-        got="the solver finds no feasible point"
+        got=reason
         if proof is None
         else f"proved: the LMI has no solution at delays {list(p.d)}, nor at greater ones",
-        hint="a larger gamma" if search else "other k1, k2, or their search; a larger gamma",
+        hint=usual if proof is not None else hint_after(reason, usual),
         certificate=proof,
     )
 

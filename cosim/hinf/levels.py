@@ -82,7 +82,10 @@ def _around_natural(problem: LimitedProblem, p: Scalars, demands: Demands) -> li
     free = _asked(problem, p)
     if not isinstance(free, Answer):
         return []
-    natural = math.log(level_of(free.point.X, free.point.gamma, demands) / problem.scaling.T)
+    try:
+        natural = math.log(level_of(free.point.X, free.point.gamma, demands) / problem.scaling.T)
+    except (np.linalg.LinAlgError, ValueError):
+        return []  # the solver failed at a point where X is singular, or the level not positive
     thetas = THETAS if any(Q is not None for Q in problem.structure.Q) else THETAS[:1]
     return [Level(natural + step, theta) for theta in thetas for step in _COARSE]
 

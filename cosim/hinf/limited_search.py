@@ -27,6 +27,7 @@ from cosim.hinf.peak_lmi import proved_peak_control
 from cosim.hinf.problem import Answer
 from cosim.hinf.rational import exact
 from cosim.hinf.search import least_gamma, starts
+from cosim.hinf.solver_status import FAILED, not_found, solver_words
 from cosim.hinf.synthesis import Design, checked_scalars
 from cosim.models.delay_system import DelaySystem
 
@@ -95,7 +96,8 @@ class LimitedSearch:
     def best(self, plain: Design | None = None) -> Design:
         """The demands in full, then as little of them as can be proved, towards `plain`."""
         found, reason = None, ""
-        for p in starts(self._start)[:_STARTS]:
+        tried = starts(self._start)[:_STARTS]
+        for p in tried:
             found, reason = self._at(1.0, p)
             if found is not None:
                 self._start = p
@@ -106,8 +108,12 @@ class LimitedSearch:
                 where=self._system.name or None,
                 expected=words(self._demands)
                 + ("" if self._gamma is None else f", and gamma = {self._gamma:g}"),
-                got=reason,
-                hint="less of it, other k1, k2 or their search, a larger gamma",
+                got=f"at {len(tried)} pairs k1, k2"
+                + (", and from each by a search" if self._search else "")
+                + f", none is proved; at the last, k1 = {list(tried[-1].k1)}, "
+                f"k2 = {list(tried[-1].k2)}: {reason}",
+                hint="less of it, other k1, k2 or their search, a larger gamma"
+                + ("; the solver failed: other units" if FAILED in reason else ""),
             )
         if self._gamma is not None or found.gamma is None or plain is None:
             return found
@@ -126,16 +132,17 @@ class LimitedSearch:
 
     def _at(self, strength: float, p: Scalars) -> tuple[Design | None, str]:
         """A design for this share of the demands, if all of them are proved of it."""
-        problem = self._problem(self._eased(strength), p)
+        with solver_words() as solves:
+            problem = self._problem(self._eased(strength), p)
         if problem is None:
-            return None, "the solver finds no feasible point"
+            return None, not_found(solves)
         if self._search and problem.has_gamma:
             better = least_gamma(problem, p)
             p = p if better is None else better[0]
         try:
             found = synthesis.design(self._system, p.k1, p.k2, gamma=self._gamma, problem=problem)
         except NotAchievableError as error:
-            return None, error.what
+            return None, error.what if FAILED in error.what else f"{error.what}: {error.got}"
         guarantees, reason = proved(found, self._demands)
         return (None, reason) if guarantees is None else (with_guarantees(found, guarantees), "")
 

@@ -1,4 +1,8 @@
-"""The LMI of Theorem 2, corrected, for any number of delays, as a cvxpy expression.
+"""The LMI of Theorem 2, corrected, for any number of delays, as a cvxpy problem.
+
+A design of the project takes another way to the solver (`cosim.hinf.assembly`). This is the way
+for a user who has constraints of his own on X, Y, Q, R: `as_cvxpy`. cvxpy is imported when it is
+called.
 
 Functional V = x'Px + sum_j (int_{t-dj}^t x'Qj x + int_{-dj}^0 int_{t+th}^t x''Rj x'), Lemma 2
 per delay with M1j = k1j P, M2j = k2j P; X = P^-1, Rbar = R^-1, Qbar = P^-1 Q P^-1, Y = K X.
@@ -24,17 +28,28 @@ out. Qbar_j = 0 (`any_age`) makes it hold for every time-varying age up to dj.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import cvxpy as cp
 import numpy as np
+from numpy.typing import ArrayLike
+
+from cosim.errors import InputError
+from cosim.hinf.analysis import gain_of
+from cosim.hinf.from_control import checked_system
+from cosim.hinf.scaling import scaling_of
+from cosim.hinf.synthesis import Design, check_reachable, checked_scalars, design, rounded_gain
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import DelaySystem, Matrix
 
 
-@dataclass(frozen=True)
+_SINGULAR = 1e14
+"""A condition of X beyond which Y X^-1 is noise."""
+
+
+@dataclass(frozen=True, eq=False)
 class Unknowns:
     """The LMI's unknowns, as cvxpy variables or expressions.
 
@@ -50,20 +65,146 @@ class Unknowns:
     gamma: Any
 
 
+@dataclass(frozen=True, eq=False)
+class CvxpyLmi(Unknowns):
+    """The LMI of one system at given k1, k2, and what cvxpy is to do with it.
+
+    X, Y, Q, R, eps, gamma are variables of these names (Q1, R1 for the first delay); Y an
+    expression where the gain is given, gamma a number where it is, Q zero where any age is allowed.
+
+    Attributes
+    ----------
+    system, k1, k2 : what the LMI is of.
+    constraints : -Omega >= 0, X >= 0, and for a delay of zero R >= 0.
+    problem : the least gamma over them; with a gamma that is given, or without w and z, the
+        greatest t with -Omega >= t I and X of trace n.
+    """
+
+    system: DelaySystem
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    constraints: list[Any]
+    problem: Any
+
+    def gain(self) -> Matrix:
+        """K = Y X^-1 (m, n) of the values that the variables have, rounded as in every design.
+
+        Raises
+        ------
+        InputError : they have none, since no problem with them was solved, or X is singular.
+        """
+        X, Y = self.X.value, self.Y.value
+        if X is None or Y is None or not np.linalg.cond(X) < _SINGULAR:
+            raise InputError(
+                "there is no gain in X and Y",
+                where="X, Y",
+                expected="the values of a solved problem, X regular",
+                got="no value" if X is None or Y is None else "X as good as singular",
+                hint="call solve() and look at its status; bound X from below, X >> 0.01 I",
+            )
+        K = np.asarray(np.linalg.solve(X.T, Y.T).T, dtype=np.float64)
+        return rounded_gain(K, scaling_of(self.system))
+
+    def design(self, gamma: float | None = None) -> Design:
+        """The design with this gain, proved exactly at k1, k2.
+
+        The proof has variables of its own, and knows nothing of constraints that were added:
+        those have done their part in the gain. Its least gamma is at most that of the problem.
+
+        Parameters
+        ----------
+        gamma : a bound to prove instead of the least one of this gain.
+
+        Raises
+        ------
+        InputError : as `gain`.
+        NotAchievableError : the gain could not be certified.
+        """
+        return design(self.system, self.k1, self.k2, gamma=gamma, gain=self.gain())
+
+
+def as_cvxpy(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+) -> CvxpyLmi:
+    """The LMI of Theorem 2 as a cvxpy problem, to which constraints can be added.
+
+    Parameters
+    ----------
+    system : Eq. (7) with delays (n states, m inputs).
+    k1, k2 : one number per delay, k2 not zero.
+    gamma : a bound to be met instead of the least one.
+    gain : (m, n) a gain that is given; Y = K X then.
+
+    Returns
+    -------
+    CvxpyLmi
+        X (n, n) symmetric, Y (m, n), Q and R one (n, n) per delay, eps and gamma scalars, the
+        `constraints` and the `problem`; `design()` proves what was solved.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system, or no B.
+    NotAchievableError : gamma <= ||D1||.
+
+    Examples
+    --------
+    A gain whose first control does without the second state, X diagonal:
+
+    >>> import cvxpy as cp
+    >>> from cosim.hinf import as_cvxpy
+    >>> from cosim.models import paper_example
+    >>> lmi = as_cvxpy(paper_example.system(), [0.6], [0.2])
+    >>> more = [lmi.X[0, 1] == 0, lmi.Y[0, 1] == 0]
+    >>> least = cp.Problem(lmi.problem.objective, [*lmi.constraints, *more]).solve(cp.CLARABEL)
+    >>> found = lmi.design()
+    >>> abs(float(found.K[0, 1])) < 1e-5, found.gamma < least * 1.001
+    (True, True)
+    """
+    import cvxpy as cp  # noqa: PLC0415 - slow to load, and few need it
+
+    system = checked_system(system, control=True)
+    p = checked_scalars(system, k1, k2)
+    if gamma is not None:
+        check_reachable(gamma, system)
+    v = unknowns(system, gain=None if gain is None else gain_of(system, gain), gamma=gamma)
+    whole, positive = omega(system, p.k1, p.k2, v)
+    least = gamma is None and system.has_performance
+    margin = 0.0 if least else cp.Variable(name="margin")
+    constraints = [(whole + whole.T) / 2 << -margin * np.eye(whole.shape[0])]
+    constraints += [matrix >> 0 for matrix in positive]
+    if least:
+        objective: Any = cp.Minimize(v.gamma)
+    else:
+        # without a gamma that is free, how large the solution is to be must be said
+        constraints.append(sum(v.X[i, i] for i in range(len(system.A))) == len(system.A))
+        objective = cp.Maximize(margin)
+    problem = cp.Problem(objective, constraints)
+    return CvxpyLmi(
+        **vars(v), system=system, k1=p.k1, k2=p.k2, constraints=constraints, problem=problem
+    )
+
+
 def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -> Unknowns:
     """Fresh unknowns; a fixed `gain` makes Y = K X, a fixed `gamma` makes it a number."""
+    import cvxpy as cp  # noqa: PLC0415
+
     n, m = system.B.shape
-    X = cp.Variable((n, n), symmetric=True)
-    if gain is not None:
-        Y: Any = gain @ X
-    else:
-        Y = cp.Variable((m, n))
+    X = cp.Variable((n, n), symmetric=True, name="X")
+    Y: Any = cp.Variable((m, n), name="Y") if gain is None else gain @ X
     Q = tuple(
-        np.zeros((n, n)) if delay.any_age else cp.Variable((n, n), PSD=True)
-        for delay in system.delays
+        np.zeros((n, n)) if delay.any_age else cp.Variable((n, n), PSD=True, name=f"Q{j}")
+        for j, delay in enumerate(system.delays, 1)
     )
-    R = tuple(cp.Variable((n, n), symmetric=True) for _ in system.delays)
-    return Unknowns(X, Y, Q, R, cp.Variable(), cp.Variable() if gamma is None else gamma)
+    R = tuple(
+        cp.Variable((n, n), symmetric=True, name=f"R{j}") for j in range(1, len(system.delays) + 1)
+    )
+    free = cp.Variable(name="gamma") if gamma is None else gamma
+    return Unknowns(X, Y, Q, R, cp.Variable(name="eps"), free)
 
 
 def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
@@ -73,6 +214,8 @@ def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
 
     Rows without a size (no disturbance, nothing uncertain, d = 0) are left out.
     """
+    import cvxpy as cp  # noqa: PLC0415
+
     n, N = system.A.shape[0], len(system.delays)
     late = [j for j in range(1, N + 1) if system.delays[j - 1].d > 0]
     root = {j: math.sqrt(system.delays[j - 1].d) for j in late}

@@ -28,6 +28,7 @@ from cosim.hinf.problem import Answer, Point, Problem
 from cosim.hinf.proof import exact_point, failure
 from cosim.hinf.rational import exact
 from cosim.hinf.scaling import Scaling
+from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
@@ -177,14 +178,16 @@ def proved_peak_control(
     energy = exact(demands.energy or 0.0)
     limits = np.array(demands.peak_control or ())
     reached = reached_system(system, energy=energy != 0)
-    reason = "the solver finds no feasible point"
+    reason = ""
     problems = [(p, PeakProblem(system, gain, demands)) for p in scalars]
-    ends = ((problem.least(p), i) for i, (p, problem) in enumerate(problems))
+    with solver_words() as words:
+        ends = [(problem.least(p), i) for i, (p, problem) in enumerate(problems)]
     enough = [(end, i) for end, i in ends if end is not None]
     for least, i in sorted(enough)[:_TRIES]:
         p, problem = problems[i]
         for share in _ABOVE_LEAST:
-            point = problem.near(p, share)
+            with solver_words() as words:
+                point = problem.near(p, share)
             if point is None:
                 continue
             v = exact_point(reached, point, p)
@@ -203,4 +206,4 @@ def proved_peak_control(
             break
         if least > 1:
             break
-    return None, reason
+    return None, reason or not_found(words)

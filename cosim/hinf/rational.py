@@ -7,6 +7,7 @@ rounding included; a comparison of balls is true only if it holds for everything
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -196,3 +197,9 @@ def first_bad_matrix(matrices: Iterable[tuple[str, Any]]) -> str | None:
         if first_bad_pivot([[matrix[i, j] for j in range(i + 1)] for i in range(n)]) is not None:
             return name
     return None
+
+
+def rounded_up(value: float) -> float:
+    """Seven significant digits, upward."""
+    digits = 6 - math.floor(math.log10(value))
+    return float(math.ceil(value * 10**digits) / 10**digits)

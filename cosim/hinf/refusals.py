@@ -1,12 +1,12 @@
 """Why a design cannot be had: the error that says which of the causes it is, and what to try.
 
-What can be proved is (`cosim.hinf.refutation`), and the proof travels with the error; what a
-solver could not tell is called so.
+What can be proved is (`cosim.hinf.refutation`), and the proof travels with the error. Only then
+is it said that there is no solution: what a solver did not find was not found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cosim.errors import NotAchievableError
@@ -15,6 +15,7 @@ from cosim.hinf.conic import Solution
 from cosim.hinf.modes import unstabilisable
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.refutation import refute
+from cosim.hinf.solver_status import FAILED, OTHER_ROUTES, not_found
 from cosim.models.delay_system import DelaySystem
 
 _OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
@@ -22,21 +23,15 @@ _NOTHING = 1e-6
 """A least gamma below this, in units in which the system's numbers are near one, is zero."""
 
 
-def said(solution: Solution) -> str:
-    """What a solver's ending means, in words that part `cannot be` from `could not tell`."""
-    words = {
-        "infeasible": "the solver finds multipliers against any solution",
-        "unbounded": "the solver finds no bound, and so no solution",
-    }
-    return words.get(
-        solution.status, f"the solver failed ({solution.said}), which says nothing of the problem"
-    )
+def hint_after(reason: str, usual: str) -> str:
+    """What to try: other routes where the solver failed, else the usual."""
+    return OTHER_ROUTES if FAILED in reason else usual
 
 
 def no_gamma_at_all(
     system: DelaySystem, p: Scalars, solution: Solution, *, given: bool
 ) -> NotAchievableError:
-    """The LMI has no solution for any gamma, with the proof where there is one.
+    """No solution of the LMI for any gamma: proved, or not found, or the solver failed.
 
     given : the gain is given, and may be the reason.
     """
@@ -45,14 +40,19 @@ def no_gamma_at_all(
         return cause
     bare = stability_alone(system)
     proof = None if given else refute(bare, Problem(bare), p, None)
+    if proof is not None:
+        what = "the LMI has no solution for any gamma"
+        reason = "proved: not even that of stability alone has one at these k1, k2 and delays"
+    else:
+        what = reason = not_found({solution.said: 1})
+        if FAILED not in reason:
+            what = "no solution of the LMI was found for any gamma"
     return NotAchievableError(
-        "the LMI has no solution for any gamma",
+        what,
         where=system.name or None,
         expected=f"a feasible LMI at {_at(p)}",
-        got=said(solution)
-        if proof is None
-        else "proved: not even that of stability alone has a solution at these k1, k2 and delays",
-        hint=_OTHER_SCALARS,
+        got=reason if reason != what else f"status {solution.said}, and no proof either way",
+        hint=hint_after(reason, _OTHER_SCALARS),
         certificate=proof,
     )
 
@@ -60,16 +60,20 @@ def no_gamma_at_all(
 def below_least(
     system: DelaySystem, problem: Problem, p: Scalars, gamma: float, least: Answer, *, given: bool
 ) -> NotAchievableError | None:
-    """Gamma is below what the LMI reaches at these k1, k2; None if nothing reliable says so."""
+    """Gamma is below what the LMI reaches at these k1, k2; None if nothing reliable says so.
+
+    Where that is not proved, the message says that gamma was not reached, not that it cannot be.
+    """
     if gamma >= least.value * (1 - 1e-7):
         return None
     proof = None if given else refute(system, problem, p, gamma)
     if proof is None and not least.accurate:
         return None
+    verb = "was not" if proof is None else "cannot be"
     return NotAchievableError(
-        f"gamma = {gamma:g} cannot be reached with these k1, k2",
+        f"gamma = {gamma:g} {verb} reached with these k1, k2",
         where=system.name or None,
-        expected=f"gamma >= {least.value:.6g}, the least of the LMI at {_at(p)}",
+        expected=f"gamma >= {least.value:.6g}, the least that the solver finds at {_at(p)}",
         got=f"{gamma:g}" + ("" if proof is None else "; proved: the LMI has no solution there"),
         hint="another k1, k2: the least gamma depends on them strongly",
         certificate=proof,
@@ -81,10 +85,18 @@ def is_nothing(problem: Problem, least: Answer) -> bool:
     return least.value * problem.scaling.a**2 < _NOTHING
 
 
-def no_least_gamma(system: DelaySystem) -> NotAchievableError:
-    """The gain can be made as small as one likes: there is no least one to design for."""
+def no_least_gamma(system: DelaySystem, words: Mapping[str, int]) -> NotAchievableError:
+    """The gain can be made as small as one likes: there is no least one to design for.
+
+    words : how the solves ended that gave a gamma of zero; where one failed, it says nothing.
+    """
     idle = not (system.C.any() or system.D1.any())
     idle = idle or not (system.D.any() or system.D1.any() or system.D2.any())
+    failure = not_found(words)
+    if FAILED in failure and not idle:
+        return NotAchievableError(
+            failure, where=system.name or None, expected="a least gamma", hint=OTHER_ROUTES
+        )
     return NotAchievableError(
         "there is no gain from w to z to be made small: a matrix of it is zero"
         if idle
@@ -112,17 +124,19 @@ def not_certified(
     cause = None if given else unstabilisable(system)
     if cause is not None:
         return cause
-    proof: dict[str, Any] | None = None
-    if not given and not system.has_performance:
-        proof = refute(system, Problem(system), p, None)
     bounds = [level for level in levels if level is not None]
+    proof: dict[str, Any] | None = None
+    if not given:
+        proof = refute(system, Problem(system), p, max(bounds, default=None))
     goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
     return NotAchievableError(
-        "no solution of the LMI could be certified",
+        "no solution of the LMI could be certified"
+        if proof is None
+        else f"the LMI has no solution for {goal} with these k1, k2",
         where=system.name or None,
         expected=f"an exact proof of {goal} at {_at(p)}",
         got=reason if proof is None else "proved: the LMI has no solution there",
-        hint=_OTHER_SCALARS,
+        hint=hint_after(reason, _OTHER_SCALARS),
         certificate=proof,
     )
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cosim.errors import NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay, greatest_delay
+from cosim.hinf.refusals import hint_after
 from cosim.hinf.sharper_loop import Gain, Loop, carry
 from cosim.hinf.sharper_synthesis import check_order, sharper_gain
 from cosim.hinf.synthesis import Design, check_reachable, design
@@ -42,7 +43,8 @@ def sharper_design(
     ----------
     k1, k2 : of the gain of Theorem 2, from which the design starts; no part of its proof.
     order : N. 0 covers every constant delay up to the system's, as Theorem 2 does; above, the
-        proof is about exactly these delays. A delay of any age has order 0 in all cases.
+        proof does where that holds at the same gamma, and is else about exactly these delays
+        (`Design.up_to`). A delay of any age has order 0 in all cases.
 
     Raises
     ------
@@ -60,6 +62,7 @@ def sharper_design(
                 where=system.name or None,
                 expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
                 got=found.reason,
+                hint=hint_after(str(found.reason), "a larger gamma, another order"),
             )
         return _as_design(found)
     check_order(order, system)
@@ -84,7 +87,8 @@ def sharper_delay(
     """As `cosim.hinf.greatest_delay.greatest_delay`, with the inequality of order N.
 
     From the gain that bears the greatest delay of Theorem 2 on, gains are carried to longer
-    delays; nothing is refuted beyond. At N > 0 the proof is about exactly that delay.
+    delays; nothing is refuted beyond. At N > 0 the proof is about exactly that delay, or
+    every one up to it (`Design.up_to`).
 
     Raises
     ------

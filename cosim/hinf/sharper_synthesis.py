@@ -23,8 +23,10 @@ from cosim.errors import InputError, NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_ORDER
+from cosim.hinf.from_control import checked_system
 from cosim.hinf.sharper_lmi import SharperLmi, multipliers_of, scalar_multipliers
 from cosim.hinf.sharper_loop import SCALES, Gain, Loop, carry, rounded
+from cosim.hinf.solver_status import not_found, solver_words
 from cosim.models.delay_system import DelaySystem
 
 _ROUNDS = 25
@@ -55,10 +57,11 @@ def sharper_gain(
     """
     check_order(order, system)
     stable = Loop(system, order, None)
-    gains = [K for K in starts if stable.bears(K)]
-    gains += _scalar_gains(system, order) if system.has_performance else stable.started()
-    if not gains:
-        gains = _carried_on(stable)
+    with solver_words() as words:
+        gains = [K for K in starts if stable.bears(K)]
+        gains += _scalar_gains(system, order) if system.has_performance else stable.started()
+        if not gains:
+            gains = _carried_on(stable)
     if system.has_performance:
         gains = _descended(system, order, gains, gamma)
         if gamma is not None:
@@ -77,7 +80,10 @@ def sharper_gain(
         f"no gain could be certified at order {order}",
         where=system.name or None,
         expected=f"an exact proof of {goal}",
-        got=f"{len(gains)} gains, none of them proved" if gains else "no gain at all",
+        got=f"{len(gains)} gains, none of them proved"
+        if gains
+        else f"no gain was found from {len(starts)} gains of Theorem 2, {len(SCALES)} scalar "
+        f"multipliers and shorter delays: {not_found(words)}",
         hint="a larger gamma, a shorter delay, a smaller envelope, another order",
     )
 
@@ -143,13 +149,14 @@ def _met(system: DelaySystem, order: int, gains: list[Gain], gamma: float) -> li
     """The gain of widest margin at `gamma`, and the one that it is made from."""
     for K in gains[:1]:
         delays = [delay.d for delay in system.delays]
-        least = AnalysisLmi(system, K, order, performance=True).least_gamma(delays, gamma)
+        with solver_words() as words:
+            least = AnalysisLmi(system, K, order, performance=True).least_gamma(delays, gamma)
         if least is None or not least < gamma:
             raise NotAchievableError(
                 f"gamma = {gamma:g} was not reached at order {order}",
                 where=system.name or None,
                 expected=f"a gain whose analysis has less than {gamma:g}",
-                got=None if least is None else f"{least:.6g}, the least that was found",
+                got=not_found(words) if least is None else f"{least:.6g}, the least that was found",
                 hint="other k1, k2 to start from, or their search; a higher order",
             )
         found = Loop(system, order, gamma).improved(K)
@@ -198,7 +205,4 @@ def check_order(order: int, system: DelaySystem) -> None:
             expected="a positive delay",
             hint="leave the order out: without a delay Theorem 2 loses nothing",
         )
-    if not system.B.shape[1]:
-        raise InputError(
-            "there is no gain to design", where="B", expected="an input", hint="analyse it instead"
-        )
+    checked_system(system, control=True)

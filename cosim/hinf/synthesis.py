@@ -24,23 +24,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.errors import InputError, NotAchievableError
-from cosim.hinf.analysis import gain_of
+from cosim.hinf.analysis import check_gamma, gain_of
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.guarantees import Guarantees
 from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.rational import rounded_up
 from cosim.hinf.refusals import (
     below_least,
     is_nothing,
     no_gamma_at_all,
     no_least_gamma,
     not_certified,
-    said,
 )
 from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.scaling import Scaling, check_size
 from cosim.hinf.search import least_gamma, widest_margin
+from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.threads import one_thread
 from cosim.hinf.yardsticks import Yardsticks, measured
 from cosim.models.delay_system import DelaySystem
@@ -50,8 +51,6 @@ GAIN_DIGITS = 6
 
 _NEAR = 1.2
 """Up to this multiple of the least gamma, the scale of its solution serves."""
-
-_NO_POINT = "the solver finds no feasible point"
 
 _ABOVE_LEAST = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 
@@ -137,19 +136,15 @@ def design(
     problem = problem or Problem(system)
     if search:
         scalars = _searched(problem, scalars, fixed)
-    least = None
-    if system.has_performance:
-        answer = problem.least_gamma(scalars, fixed)
-        if not isinstance(answer, Answer):
-            raise no_gamma_at_all(system, scalars, answer, given=fixed is not None)
-        least = answer
+    with solver_words() as words:
+        least = _least(system, problem, scalars, gamma, fixed) if system.has_performance else None
     levels = _levels(problem, least, gamma)
     if gamma is not None and least is not None:
         refusal = below_least(system, problem, scalars, gamma, least, given=fixed is not None)
         if refusal is not None:
             raise refusal
     elif least is not None and not levels:
-        raise no_least_gamma(system)
+        raise no_least_gamma(system, words)
     reason = ""
     for level in levels:
         found, reason = proved_at(system, problem, scalars, level, fixed, least)
@@ -158,13 +153,29 @@ def design(
     raise not_certified(system, scalars, levels, reason, given=fixed is not None)
 
 
+def _least(
+    system: DelaySystem,
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None,
+) -> Answer | None:
+    """The least gamma; None where the solver failed and a gamma is given, to be tried itself."""
+    answer = problem.least_gamma(p, gain)
+    if isinstance(answer, Answer):
+        return answer
+    if gamma is not None and answer.status == "failed":
+        return None
+    raise no_gamma_at_all(system, p, answer, given=gain is not None)
+
+
 def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list[float | None]:
     """Gammas to be proved, one after the other until one is; None stands for stability."""
     if least is None:
-        return [None]
+        return [gamma]
     above: list[float | None] = []
     if not is_nothing(problem, least):
-        above += [_rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
+        above += [rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
     if gamma is None:
         return above
     # what is proved for less is proved for gamma, and far above the least level the numbers of
@@ -184,9 +195,10 @@ def proved_at(
 
     near : a solution nearby, whose scale the margin is counted against.
     """
-    found = _central(problem, p, gamma, gain, near)
-    if isinstance(found, str):
-        return None, found
+    with solver_words() as words:
+        found = _central(problem, p, gamma, gain, near)
+    if found is None:
+        return None, not_found(words)
     proof = certify(system, *found)
     return (found, "") if proof.valid else (None, str(proof.reason))
 
@@ -226,8 +238,8 @@ def _central(
     gamma: float | None,
     gain: NDArray[np.float64] | None,
     near: Answer | None,
-) -> tuple[NDArray[np.float64], Variables] | str:
-    """A gain and variables with a margin at `gamma`; else why there are none.
+) -> tuple[NDArray[np.float64], Variables] | None:
+    """A gain and variables with a margin at `gamma`; None where the solver finds none.
 
     The margin is counted against the rows' own scale: that of a solution nearby, or of a first
     round.
@@ -239,25 +251,21 @@ def _central(
         if not wanted:
             continue
         first = problem.margin(p, gamma, gain, scale)
-        if not isinstance(first, Answer):
-            return said(first)
-        if first.value <= 0:
-            return _NO_POINT
+        if not isinstance(first, Answer) or first.value <= 0:
+            return None
         scale = first.scale
         if gain is None:
             X, Y = first.point.X, first.point.Y
             K = np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64)
-            gain = _rounded(K, problem.scaling)
+            gain = rounded_gain(K, problem.scaling)
     last = problem.margin(p, gamma, gain, scale)
-    if not isinstance(last, Answer):
-        return said(last)
-    if gain is None or last.value <= 0:
-        return _NO_POINT
+    if gain is None or not isinstance(last, Answer) or last.value <= 0:
+        return None
     point = last.point
     return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
 
 
-def _rounded(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
+def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
     """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise.
 
     Largest in units in which states and inputs compare; each entry to decimals of its own.
@@ -270,12 +278,6 @@ def _rounded(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
         [round(k, int(d)) for k, d in zip(*x, strict=True)] for x in zip(K, decimals, strict=True)
     ]
     return np.array(rounded, dtype=np.float64) + 0.0  # no negative zero
-
-
-def _rounded_up(gamma: float) -> float:
-    """Seven significant digits, upward."""
-    digits = 6 - int(np.floor(np.log10(gamma)))
-    return float(np.ceil(gamma * 10**digits) / 10**digits)
 
 
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
@@ -309,14 +311,7 @@ def check_reachable(gamma: float, system: DelaySystem) -> None:
     NotAchievableError : gamma <= ||D1||.
     """
     floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
-    if not (np.isfinite(gamma) and gamma > 0):
-        raise InputError("gamma must be a positive number", where="gamma", got=repr(gamma))
-    if not system.has_performance:
-        raise InputError(
-            "this system has no gain to bound",
-            where="gamma",
-            expected="a system with C and with D, D1 or D2",
-        )
+    check_gamma(gamma, system)
     proof = gamma_floor(system, gamma)
     if proof is not None or gamma <= floor:
         raise NotAchievableError(

@@ -3,7 +3,7 @@
 from cosim.master.engine import EngineChoice, EngineName
 from cosim.master.journal import Observer
 from cosim.master.pacing import Pace
-from cosim.master.recorder import TraceRecorder
+from cosim.master.recorder import TraceRecorder, identifier
 from cosim.master.run import Run
 from cosim.master.session import Session
 from cosim.master.simulate import simulate
@@ -39,6 +39,7 @@ __all__ = [
     "System",
     "Timetable",
     "TraceRecorder",
+    "identifier",
     "make_timetable",
     "simulate",
 ]

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.fmu import Port, SignalKind
+from cosim.master.parts import Connection, Endpoint, Parts
+from cosim.master.timetable import Link
 from cosim.network import PacketLink, TransportLink
-
-if TYPE_CHECKING:
-    from cosim.master.system import Connection, Endpoint, System
-    from cosim.master.timetable import Link
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
     {"age": "float", "sequence": "int", "dropped": "int", "delivered": "int"}
@@ -25,7 +22,7 @@ LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
 _NUMBERS = ("float", "int", "bool")
 
 
-def check_links(system: System) -> None:
+def check_links(system: Parts) -> None:
     """Links under their own names, in the timetable, with what decides their delays."""
     for name, link in system.links.items():
         packet = isinstance(link, PacketLink)
@@ -49,7 +46,7 @@ def check_links(system: System) -> None:
             )
 
 
-def _check_delay(system: System, name: str) -> None:
+def _check_delay(system: Parts, name: str) -> None:
     """The signals that decide a delay: there, numbers, and known when the message is sent."""
     source = system.delays.get(name)
     where = f"link {name!r}: delay"
@@ -75,7 +72,7 @@ def _check_delay(system: System, name: str) -> None:
             )
 
 
-def check_parts(system: System) -> None:
+def check_parts(system: Parts) -> None:
     """Connections, driven inputs, order and steps."""
     taken: dict[Endpoint, str] = {}
     _check_connections(system, taken)
@@ -100,7 +97,7 @@ def check_parts(system: System) -> None:
             )
 
 
-def _check_order(system: System) -> None:
+def _check_order(system: Parts) -> None:
     if system.order is None:
         return
     if system.algorithm != "gauss-seidel" or sorted(system.order) != sorted(system.components):
@@ -112,7 +109,7 @@ def _check_order(system: System) -> None:
         )
 
 
-def _check_connections(system: System, taken: dict[Endpoint, str]) -> None:
+def _check_connections(system: Parts, taken: dict[Endpoint, str]) -> None:
     for connection in system.connections:
         where = f"connection {connection.source} -> {connection.target}"
         if system.is_state(connection.source):
@@ -190,7 +187,7 @@ def _has_room(source: Port, target: Port) -> bool:
     return bool(limits.min <= low and high <= limits.max)
 
 
-def _check_state(system: System, connection: Connection, where: str) -> None:
+def _check_state(system: Parts, connection: Connection, where: str) -> None:
     """State of a link: of a packet link, into an input of a type that holds it."""
     name, what = connection.source
     if not isinstance(system.links[name], PacketLink):
@@ -226,7 +223,7 @@ def _check_carries(link: Link, port: Port, where: str) -> None:
         )
 
 
-def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:
+def _check_driven(system: Parts, taken: dict[Endpoint, str]) -> None:
     for end, values in system.driven.items():
         port = system.port(end)
         if port.causality != "input" or port.kind not in _NUMBERS or port.shape:
@@ -240,7 +237,7 @@ def _check_driven(system: System, taken: dict[Endpoint, str]) -> None:
         _take(taken, end, "driven signal")
 
 
-def _check_values(system: System, end: Endpoint, values: NDArray[np.float64]) -> None:
+def _check_values(system: Parts, end: Endpoint, values: NDArray[np.float64]) -> None:
     if system.grows:
         raise InputError(
             "values at points do not go with points that come about in the run",

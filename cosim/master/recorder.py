@@ -53,7 +53,7 @@ class TraceRecorder(Observer):
         self._receive: list[tuple[Station, int, _Cast]] = []
         self._poses = []
         for station in sorted(stations, key=lambda s: list(self._system.components).index(s.name)):
-            component = _identifier(station.name)
+            component = identifier(station.name)
             for columns, topic, direction, into in (
                 (station.output_columns, output_topic(station.name), "Output", self._send),
                 (station.input_columns, input_topic(station.name), "Input", self._receive),
@@ -139,9 +139,10 @@ def _cast(station: Station, columns: Sequence[Column]) -> _Cast:
     return lambda rows: station.values(rows, columns)
 
 
-def _identifier(name: str) -> str:
+def identifier(name: str) -> str:
+    """A name that protobuf and a topic can bear: ASCII letters, digits and _, a letter first."""
     text = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return text if text[0].isalpha() else f"c{text}"
+    return text if text[:1].isalpha() else f"c{text}"
 
 
 class _Traffic:
@@ -169,7 +170,7 @@ class _Traffic:
         self._topic = writer.add_topic(
             link_topic(link.name),
             [signal_of(column.port, column.name) for column in columns],
-            schema_name=f"cosim.link.{_identifier(link.name)}",
+            schema_name=f"cosim.link.{identifier(link.name)}",
             metadata={"link": link.name, "order": link.order, "on_loss": str(link.on_loss)},
         )
         self._cast = _cast(stations[0], columns)

@@ -1,85 +1,37 @@
-"""What the master runs: components, what connects them, and when they meet."""
+"""What the master runs: a closed description, checked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cosim.errors import InputError
-from cosim.fmu import FmuDescription, Port
-from cosim.master.beats import Beat, beat_of
 from cosim.master.checks import check_links, check_parts
-from cosim.master.timetable import Link, Timetable
+from cosim.master.parts import (
+    Algorithm,
+    Component,
+    Connection,
+    DelaySource,
+    Endpoint,
+    LogLevel,
+    Parts,
+    Policy,
+    Signal,
+)
 
-LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
-Algorithm = Literal["jacobi", "gauss-seidel"]
-Policy = Literal["hold", "midpoint", "linear"]
-"""What an input is held at over a step: see `cosim.master.routes`."""
-
-
-class Endpoint(NamedTuple):
-    """A variable of a component."""
-
-    component: str
-    variable: str
-
-    def __str__(self) -> str:
-        return f"{self.component}.{self.variable}"
-
-
-class Connection(NamedTuple):
-    """An output wired to an input, directly or over a link."""
-
-    source: Endpoint
-    target: Endpoint
-    link: str | None = None
-    policy: Policy = "hold"
+__all__ = [
+    "Algorithm",
+    "Component",
+    "Connection",
+    "DelaySource",
+    "Endpoint",
+    "LogLevel",
+    "Policy",
+    "Signal",
+    "System",
+]
 
 
 @dataclass(frozen=True)
-class Component:
-    """An FMU with the parameters it starts from.
-
-    `every_ns` : its own communication step [ns]; None: it communicates at every point.
-    `log_level` : what it says below that level ("debug" ... "fatal") is left out;
-    `log_categories` : of the FMU's categories, those that it is to speak of; None: all.
-    Arrays have the lengths that structural parameters among `parameters` give them.
-    """
-
-    description: FmuDescription
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    every_ns: int | None = None
-    log_level: LogLevel = "debug"
-    log_categories: Sequence[str] | None = None
-
-    def __post_init__(self) -> None:
-        resized = self.description.resized(self.parameters)
-        object.__setattr__(self, "description", resized)
-
-
-class DelaySource(NamedTuple):
-    """What decides the delay of a link with a `DelaySignal`.
-
-    signals : outputs of components; those that follow an input at once cannot be among them.
-    origin : None: the value is that of the one signal. A place: it is the distance of the
-        signals from there.
-    """
-
-    signals: tuple[Endpoint, ...]
-    origin: tuple[float, ...] | None = None
-
-
-Signal = NDArray[np.float64] | Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Values at the points, or a function of the points [s]."""
-
-
-@dataclass(frozen=True)
-class System:
+class System(Parts):
     """A closed description of one run.
 
     Attributes
@@ -100,41 +52,6 @@ class System:
         those whose outputs follow them at once, else as in `components`.
     """
 
-    components: Mapping[str, Component]
-    connections: Sequence[Connection]
-    links: Mapping[str, Link]
-    driven: Mapping[Endpoint, Signal]
-    timetable: Timetable
-    divergence: float
-    algorithm: Algorithm = "jacobi"
-    order: Sequence[str] | None = None
-    delays: Mapping[str, DelaySource] = field(default_factory=dict)
-
     def __post_init__(self) -> None:
         check_links(self)
         check_parts(self)
-
-    @property
-    def grows(self) -> bool:
-        """Whether points are added while the run goes."""
-        return bool(self.timetable.live) and self.timetable.events == "align"
-
-    def is_state(self, end: Endpoint) -> bool:
-        """Whether an endpoint is the state of a link."""
-        return end.component in self.links and end.component not in self.components
-
-    @cached_property
-    def beats(self) -> Mapping[str, Beat]:
-        """When each component communicates."""
-        points = self.timetable.points_ns
-        steps = {component.every_ns for component in self.components.values()}
-        made = {every: beat_of(every, points) for every in steps}
-        return {name: made[component.every_ns] for name, component in self.components.items()}
-
-    def port(self, end: Endpoint) -> Port:
-        """The variable behind an endpoint."""
-        where = f"component {end.component!r}"
-        component = self.components.get(end.component)
-        if component is None:
-            raise InputError.unknown("component", end.component, self.components)
-        return component.description.port(end.variable, where=where)

@@ -2,7 +2,8 @@
 
 Row k of one array holds every value exchanged at point k: the outputs of all components,
 then their connected inputs. A sender writes its part once; a receiver reads the row that its
-route names. The routes are complete before the run starts: the trace is the delay line.
+route names. The routes are complete before the run starts, but for links whose delay follows a
+signal, which are resolved as it goes: the trace is the delay line.
 """
 
 from __future__ import annotations

@@ -101,7 +101,8 @@ class DelaySystem:
     What is absent is zero, or does not exist: an absent matrix whose dimension is known from
     another one is filled with zeros, otherwise that dimension is 0. Without a disturbance
     (no C, no D1) or without a performance output (no D, no D1, no D2) only stability can be
-    asked; without E and H nothing is uncertain.
+    asked; without E and H nothing is uncertain. Without B there is no control: such a system can
+    be analysed, not designed for, and has no D2 either.
 
     Parameters
     ----------
@@ -166,6 +167,8 @@ class DelaySystem:
             return _size(what, {k: given[k].shape[axis] for k in names if k in given})
 
         m = size("inputs (columns of B, D2)", 1, "B", "D2")
+        if m and "B" not in given:
+            raise ValueError(f"B: expected shape {(n, m)} beside D2, which weighs u; got no B")
         q = size("disturbances (columns of C, D1)", 1, "C", "D1")
         p = size("performance outputs (rows of D, D1, D2)", 0, "D", "D1", "D2")
         for i, delay in enumerate(delays, 1):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cosim.core.progress import Progress
 from cosim.hinf import Analysis, Design, analyse, close, design, hinf_norm
 from cosim.hinf.closed_loop import ClosedLoop
 from cosim.hinf.norm import NormResult
@@ -40,7 +40,7 @@ class Example:
     sharper: Analysis
 
 
-def solved(tell: Callable[[str, float], None]) -> Example:
+def solved(tell: Progress) -> Example:
     """All designs and analyses of section 5."""
     system, k1, k2 = printed.system(), (printed.K1,), (printed.K2,)
     K = [printed.PRINTED_K]

@@ -97,8 +97,9 @@ def _row(example: Counterexample) -> Row:
         THEOREM_2,
         f"Theorem 2 with {example.name} as printed",
         "(14) feasible, so the loop is stable",
-        f"{loop}: (14) is {'feasible' if accepted else 'not feasible'} at k1 = {example.k1:g}, "
-        f"k2 = {example.k2:g}, γ = {example.gamma:g}; the rightmost root is {root:+.4f}",
+        f"{loop}: (14) is {'feasible' if accepted else 'not proved feasible'} at "
+        f"k1 = {example.k1:g}, k2 = {example.k2:g}, γ = {example.gamma:g}; "
+        f"the rightmost root is {root:+.4f}",
         How.CERTIFIED if accepted else How.COMPUTED,
         Verdict.IMPOSSIBLE if accepted and root > 0 else Verdict.HOLDS,
         "As printed the theorem accepts a loop that diverges (no control, C = D = I): the "

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from cosim.core.progress import Progress, silent
 from cosim.hinf import DELAY_LIMIT
 from cosim.hinf.threads import one_thread
 from cosim.models import paper_example
@@ -65,7 +65,7 @@ class Report:
 
 @one_thread
 def reproduce(
-    tell: Callable[[str, float], None] = lambda _what, _share: None,
+    tell: Progress = silent,
     *,
     limit: float = DELAY_LIMIT,
 ) -> Report:
@@ -82,7 +82,7 @@ def reproduce(
     """
     system = paper_example.system()
 
-    def within(low: float, high: float) -> Callable[[str, float], None]:
+    def within(low: float, high: float) -> Progress:
         return lambda what, share: tell(what, low + share * (high - low))
 
     tell("section 2, the vehicle", 0.0)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from cosim.core.progress import Progress
 from cosim.hinf import DELAY_LIMIT, GreatestDelay, certified_delay, greatest_delay
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
@@ -130,7 +130,7 @@ class Entry:
 
 def table_2(
     everywhere: EveryDelay | None,
-    tell: Callable[[str, float], None],
+    tell: Progress,
     limit: float = DELAY_LIMIT,
     gammas: tuple[float, ...] | None = None,
 ) -> list[Entry]:

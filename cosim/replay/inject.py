@@ -8,7 +8,6 @@ the same layout, which says where its inputs are from.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
+from cosim.core.progress import Progress, silent
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
-from cosim.master import Component, Endpoint, System, Timetable, TraceRecorder
+from cosim.master import Component, Endpoint, System, Timetable, TraceRecorder, identifier
 from cosim.replay.attached import scenario_in
 from cosim.replay.feed import Fed, Link, fed
 from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unfed
 from cosim.replay.order import Order, provenance, start_values
 from cosim.scenario.channels import link_of
 from cosim.scenario.conduct import conduct
-from cosim.scenario.prepare import Progress, silent
 from cosim.scenario.read import LoadedScenario
 from cosim.trace import (
     SCENARIO_ATTACHMENT,
@@ -112,7 +111,7 @@ def inject(
     parameters, not_set = start_values(trace, fmu, order, role, scenario)
     starts = {n: float(parameters.get(n, fmu.ports[n].start or 0.0)) for n in sources}
     feed = fed(trace, direct, linked, link, starts, order.step_ns)
-    name = order.compare or role or _identifier(fmu)
+    name = order.compare or role or identifier(str(fmu.model.modelName))
     system = _system(name, fmu, parameters, feed)
     if order.compare is not None and feed.shift_ns:
         raise InputError(
@@ -215,8 +214,3 @@ def _system(name: str, fmu: FmuDescription, parameters: Mapping[str, Any], feed:
         timetable=Timetable(feed.points_ns, {}, int(steps[0])),
         divergence=_DIVERGENCE,
     )
-
-
-def _identifier(fmu: FmuDescription) -> str:
-    text = re.sub(r"\W", "_", str(fmu.model.modelName), flags=re.ASCII)
-    return text if text[:1].isalpha() else f"c{text}"

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cosim.core.progress import Progress
 from cosim.errors import InputError
 from cosim.hinf import Design, design_from_json
 from cosim.hinf.system_json import system_to_json
 from cosim.replay.attached import design_in, scenario_in
 from cosim.replay.provide import provide
-from cosim.scenario.execute import Prepared, Progress, fly, prepare
+from cosim.scenario.execute import Prepared, fly, prepare
 from cosim.scenario.gain import Problem, is_file, problem_of
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
+from cosim.core.progress import Progress
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
 from cosim.scenario.drive import Driver, Rows
 from cosim.scenario.interrupt import Interruptible
-from cosim.scenario.prepare import Progress
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 from cosim.scenario.watch import Watcher

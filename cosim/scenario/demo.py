@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.scenario.execute import Progress, check_room, fly, prepare
+from cosim.core.progress import Progress
+from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import load

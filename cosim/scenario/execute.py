@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from cosim.core.progress import Progress, silent
 from cosim.errors import InputError
 from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
@@ -19,12 +20,12 @@ from cosim.scenario.gain import gain_parameters
 from cosim.scenario.identity import identity_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
-from cosim.scenario.prepare import Prepared, Progress, prepare, silent
+from cosim.scenario.prepare import Prepared, prepare
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
-__all__ = ["Prepared", "Progress", "check_room", "fly", "fly_unrecorded", "prepare"]
+__all__ = ["Prepared", "check_room", "fly", "fly_unrecorded", "prepare"]
 
 _Parameters = Mapping[str, Mapping[str, float]]
 

@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.hinf import Design, certificate_bytes, design_to_json
 from cosim.master import Link, System
 from cosim.network import DelayProfile
 from cosim.scenario.gain import starts_with
+from cosim.scenario.prepare import Prepared
 from cosim.trace import (
     CERTIFICATE_ATTACHMENT,
     DESIGN_ATTACHMENT,
@@ -24,9 +25,6 @@ from cosim.trace import (
     Attachment,
     certificate_entries,
 )
-
-if TYPE_CHECKING:
-    from cosim.scenario.execute import Prepared
 
 
 def identity_of(prepared: Prepared, system: System) -> tuple[dict[str, str], Sequence[Attachment]]:

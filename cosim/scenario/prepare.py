@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cosim.core.progress import Progress, silent
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, WorstCase
@@ -16,9 +17,6 @@ from cosim.scenario.hangar import Hangar
 from cosim.scenario.origin import Findings
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import blank_push, reference_inputs, worst_case_of
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,3 @@ def check_roles(loaded: LoadedScenario, fmus: Mapping[str, FmuDescription]) -> N
         for role, name in (("controller", part.controller), ("plant", part.plant)):
             if name not in fmus:
                 raise InputError.unknown("component", name, fmus, where=f"design.{role}")
-
-
-def silent(_what: str, _share: float) -> None:
-    """No progress asked for."""

@@ -19,7 +19,6 @@ from cosim.scenario.links import ProfileFilePart, ProfilePart
 from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.refused import refusals
 from cosim.scenario.schema import Scenario
-from cosim.scenario.write import to_toml
 
 __all__ = ["LoadedScenario", "builtin_names", "load", "parse", "read_text", "valid", "validated"]
 
@@ -73,7 +72,7 @@ def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
 
 def of_scenario(scenario: Scenario, name: str, folder: Path | None = None) -> LoadedScenario:
     """A scenario that was built in Python, ready to be prepared and flown."""
-    text = to_toml(scenario)
+    text = scenario.to_toml()
     origin = Origin((Layer(f"{name}.toml", text),))
     return LoadedScenario(name, scenario, text, folder or Path.cwd(), origin)
 
@@ -113,7 +112,7 @@ def loaded_of(source: Source) -> LoadedScenario:
     if len(source.layers) == 1 and scenario is found:
         return LoadedScenario(source.name, scenario, text, source.folder, Origin(source.layers))
     digest = hashlib.sha256(text.encode()).hexdigest()
-    whole = to_toml(scenario)
+    whole = scenario.to_toml()
     return LoadedScenario(
         source.name, scenario, whole, source.folder, Origin(source.layers), digest
     )

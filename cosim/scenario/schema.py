@@ -10,6 +10,7 @@ import re
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
+import tomli_w
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from cosim.master import Algorithm, Policy
@@ -245,11 +246,13 @@ class Scenario(Part):
     assertions: list[AssertionPart] = Field(default_factory=list)
     log: LogPart | None = None
 
-    def to_toml(self) -> str:
-        """The text that is read as this scenario again."""
-        from cosim.scenario.write import to_toml  # noqa: PLC0415 - which imports this
+    def to_data(self) -> dict[str, Any]:
+        """The tables of the scenario; what was left out stays left out."""
+        return self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
 
-        return to_toml(self)
+    def to_toml(self) -> str:
+        """The text that is read as this scenario again, without loss."""
+        return tomli_w.dumps(self.to_data(), multiline_strings="\r" not in self.description)
 
     def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
         """The connections of both forms, each with the place where it stands."""

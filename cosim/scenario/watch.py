@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+from cosim.core.progress import Progress
 from cosim.master import Observer, System
 from cosim.scenario.interrupt import Interruptible
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done."""
 
 
 class Watcher(Observer):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cosim.core.progress import Progress, silent
 from cosim.errors import LossError
 from cosim.study.batch import FAILED, Job, Row, adopt, fly_batch, record_batch
 from cosim.study.boundary import yardsticks
@@ -21,9 +22,6 @@ from cosim.study.plan import Plan, rehearse
 from cosim.study.schema import Study
 from cosim.study.table import make_table, pyarrow, write_table
 from cosim.study.workers import Batch, Crew, Died, here
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done."""
 
 BATCH_S = 2.0
 """What a batch should take: long against what handing it out costs, short against a coffee."""
@@ -90,7 +88,7 @@ def conduct(
     """
     pyarrow()  # what would fail at the end is said at the beginning
     began = time.perf_counter()
-    tell = progress or _silent
+    tell = progress or silent
     adopt(plan.job.digest, plan.flyer)
     with Folder(out) as folder:
         folder.begin(manifest_of(plan), fresh=fresh)
@@ -252,7 +250,3 @@ def _once(*runs: int) -> Callable[[], Batch | None]:
     """Each of the runs in a batch of its own."""
     waiting = iter(runs)
     return lambda: None if (run := next(waiting, None)) is None else [run]
-
-
-def _silent(_what: str, _share: float) -> None:
-    """No progress asked for."""

@@ -23,7 +23,6 @@ from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import Scenario
-from cosim.scenario.write import to_toml
 from cosim.study.consistency import Place, nowhere
 from cosim.study.measure import needs_companion
 from cosim.study.points import Points
@@ -128,7 +127,7 @@ class Flyer:
 
     def _text(self, run: int) -> str:
         """The scenario of a run as TOML."""
-        return to_toml(self.variations.scenario(self.points[run]))
+        return self.variations.scenario(self.points[run]).to_toml()
 
     def _prepared(self, loaded: LoadedScenario) -> Prepared:
         for component in loaded.scenario.components.values():

@@ -8,9 +8,10 @@ from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 
+from cosim.core.progress import Progress
 from cosim.errors import InputError
 from cosim.scenario.read import LoadedScenario, load
-from cosim.study.conduct import Finished, Progress, conduct
+from cosim.study.conduct import Finished, conduct
 from cosim.study.consistency import Place, nowhere
 from cosim.study.flight import Base
 from cosim.study.plan import Plan, make_plan

@@ -8,13 +8,14 @@ and hold, `cosim.trace.frames`).
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from cosim.core.progress import Progress
 from cosim.errors import InputError
 from cosim.trace.content import content_hash_of
 from cosim.trace.diff import signal_name
@@ -24,7 +25,6 @@ from cosim.trace.table import Table
 from cosim.trace.table_files import Column, Sheet, pyarrow, write_csv, write_parquet
 
 Format = Literal["csv", "parquet"]
-Tell = Callable[[str, float], None]
 _EXACT = 2**53
 
 
@@ -48,7 +48,7 @@ def export(
     start: float | None = None,
     end: float | None = None,
     wide: bool = False,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
 ) -> list[Written]:
     """Write a trace's rows as tables.
 

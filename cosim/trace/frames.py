@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
-from cosim.extras import optional
 from cosim.trace.hold import held, rows_in_force
-
-if TYPE_CHECKING:
-    from cosim.trace.reader import Trace
-    from cosim.trace.table import Table
+from cosim.trace.readable import Readable
+from cosim.trace.table import Table, pandas, rows_frame, with_gaps
 
 Align = str | float | NDArray[np.float64]
 """A common base of time: "union", a topic, a period [s], or instants [s]."""
@@ -22,13 +19,8 @@ Align = str | float | NDArray[np.float64]
 _MOST_POINTS = 100_000_000
 
 
-def pandas() -> Any:
-    """The package pandas; an `InputError` if it is not installed."""
-    return optional("pandas", extra="tables", what="data frames need pandas")
-
-
 def to_pandas(
-    trace: Trace,
+    trace: Readable,
     what: str | Sequence[str],
     *,
     align: Align = "union",
@@ -59,22 +51,8 @@ def to_pandas(
     return _joined(trace, [what] if isinstance(what, str) else list(what), align, start, end)
 
 
-def rows_frame(table: Table) -> Any:
-    """The rows of one topic as they are; `InputError` without pandas."""
-    pd = pandas()
-    columns: dict[str, Any] = {}
-    if (table.log_time_ns != table.publish_time_ns).any():
-        columns["sent_s"] = table.sent
-    for name, values in table.columns.items():
-        columns[name] = _with_gaps(values, table.present[name])
-    index = pd.Index(table.delivered, name="time_s")
-    frame = pd.DataFrame(columns, index=index)
-    frame.attrs["units"] = {n: s.unit for n, s in table.signals.items() if s.unit is not None}
-    return frame
-
-
 def _joined(
-    trace: Trace, names: list[str], align: Align, start: float | None, end: float | None
+    trace: Readable, names: list[str], align: Align, start: float | None, end: float | None
 ) -> Any:
     pd = pandas()
     wanted: list[tuple[str, str | None]] = [
@@ -99,7 +77,7 @@ def _joined(
         values, there = table[own], table.present[own]
         rows = rows_in_force(table.log_time_ns[there], base)
         name = full.get((table.topic, own), f"{table.topic}:{own}")
-        columns[name] = _with_gaps(*held(values[there], rows))
+        columns[name] = with_gaps(*held(values[there], rows))
         if (unit := table.signals[own].unit) is not None:
             units[name] = unit
     frame = pd.DataFrame(columns, index=pd.Index(base / 1e9, name="time_s"))
@@ -129,14 +107,3 @@ def _base(align: Align, tables: dict[str, Table], chosen: Sequence[Table]) -> ND
     if given.ndim != 1 or not np.isfinite(given).all() or (np.diff(given) < 0).any():
         raise InputError("not instants", where="align", expected="finite, increasing seconds")
     return np.rint(given * 1e9).astype(np.int64)
-
-
-def _with_gaps(values: NDArray[Any], there: NDArray[np.bool_]) -> NDArray[Any]:
-    """Values with what is missing as pandas marks it."""
-    if there.all() or values.dtype.kind == "f":
-        return values
-    if values.dtype.kind == "i":
-        return np.where(there, values.astype(np.float64), np.nan)
-    gaps = values.astype(object)
-    gaps[~there] = None
-    return gaps

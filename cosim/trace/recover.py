@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from mcap.opcode import Opcode
 
+from cosim.core.progress import Progress, silent
 from cosim.errors import InputError, LossError
 from cosim.trace import layout
 from cosim.trace.disk import PartialFile
@@ -18,8 +19,6 @@ from cosim.trace.pieces import McapFile, Piece, attachment_of, message_of, metad
 from cosim.trace.records import Cursor, chunk_data, inner_records
 from cosim.trace.scan import Damage, Scan, scan
 from cosim.trace.stream import McapStream
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def recover(
         or is the source.
     LossError : the output cannot be written.
     """
-    tell = progress or (lambda _what, _share: None)
+    tell = progress or silent
     with McapFile(source) as file:
         tell("reading", 0.0)
         found = scan(file)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
+from cosim.extras import optional
 
 if TYPE_CHECKING:
     from cosim.trace.layout import Signal
@@ -59,8 +60,6 @@ class Table:
 
     def to_pandas(self) -> Any:
         """A pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
-        from cosim.trace.frames import rows_frame  # noqa: PLC0415 - it knows tables
-
         return rows_frame(self)
 
     def part(self, which: NDArray[Any]) -> Table:
@@ -133,3 +132,33 @@ def series_of(table: Table, name: str) -> Series:
     return Series(
         name, table.topic, signal.unit, signal.description, signal.hold, values, log, sent
     )
+
+
+def pandas() -> Any:
+    """The package pandas; an `InputError` if it is not installed."""
+    return optional("pandas", extra="tables", what="data frames need pandas")
+
+
+def rows_frame(table: Table) -> Any:
+    """The rows of one topic as they are; `InputError` without pandas."""
+    pd = pandas()
+    columns: dict[str, Any] = {}
+    if (table.log_time_ns != table.publish_time_ns).any():
+        columns["sent_s"] = table.sent
+    for name, values in table.columns.items():
+        columns[name] = with_gaps(values, table.present[name])
+    index = pd.Index(table.delivered, name="time_s")
+    frame = pd.DataFrame(columns, index=index)
+    frame.attrs["units"] = {n: s.unit for n, s in table.signals.items() if s.unit is not None}
+    return frame
+
+
+def with_gaps(values: NDArray[Any], there: NDArray[np.bool_]) -> NDArray[Any]:
+    """Values with what is missing as pandas marks it."""
+    if there.all() or values.dtype.kind == "f":
+        return values
+    if values.dtype.kind == "i":
+        return np.where(there, values.astype(np.float64), np.nan)
+    gaps = values.astype(object)
+    gaps[~there] = None
+    return gaps

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.trace.hold import rows_in_force
 from cosim.trace.layout import dropped_topic, link_topic
-
-if TYPE_CHECKING:
-    from cosim.trace.reader import Trace
-    from cosim.trace.table import Table
+from cosim.trace.readable import Readable
+from cosim.trace.table import Table
 
 
-def link_names(trace: Trace) -> list[str]:
+def link_names(trace: Readable) -> list[str]:
     """Names of the links of a trace, in order of appearance."""
     prefix = link_topic("")
     return [
@@ -26,7 +22,7 @@ def link_names(trace: Trace) -> list[str]:
     ]
 
 
-def deliveries(trace: Trace, link: str) -> Table:
+def deliveries(trace: Readable, link: str) -> Table:
     """What a link delivered: `log_time_ns` delivered, `publish_time_ns` sent.
 
     Raises
@@ -36,7 +32,7 @@ def deliveries(trace: Trace, link: str) -> Table:
     return trace.read(_known(trace, link, link_topic(link)))
 
 
-def dropped(trace: Trace, link: str) -> Table:
+def dropped(trace: Readable, link: str) -> Table:
     """What a link did not deliver, with its `reason`; `log_time_ns` is when it was due.
 
     Raises
@@ -47,7 +43,7 @@ def dropped(trace: Trace, link: str) -> Table:
 
 
 def age(
-    trace: Trace, link: str, at: NDArray[np.float64] | None = None
+    trace: Readable, link: str, at: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Age [s] of the message in use over time [s]: the time since it was sent.
 
@@ -82,7 +78,7 @@ def age(
 
 
 def _substituted(
-    trace: Trace, link: str, table: Table, rows: NDArray[np.int64], at_ns: NDArray[np.int64]
+    trace: Readable, link: str, table: Table, rows: NDArray[np.int64], at_ns: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Where the value for lost messages was in use: lost, due since the last delivery, newer."""
     topic = dropped_topic(link)
@@ -102,7 +98,7 @@ def _substituted(
     return nowhere
 
 
-def _known(trace: Trace, link: str, topic: str) -> str:
+def _known(trace: Readable, link: str, topic: str) -> str:
     if topic not in trace.topics:
         raise InputError.unknown("link", link, link_names(trace), where=str(trace.path))
     return topic

@@ -9,7 +9,7 @@ from rich.text import Text
 from cosim.trace import Diff
 from cosim.trace.diff_context import Change
 from cosim.trace.diff_json import verdict
-from cosim.verbs.terminal import NONE, number
+from cosim.verbs.terminal import NONE, number, plain
 
 _MOST = 25
 
@@ -22,15 +22,10 @@ def diff_view(found: Diff) -> RenderableType:
         parts.append(Text(f"content hash {found.hashes[0]}"))
         return Group(*parts)
     parts += _signals(found)
-    parts += [_plain(line) for line in _facts(found)]
+    parts += [plain(line) for line in _facts(found)]
     parts += _links(found)
     parts += _context(found)
     return Group(*parts)
-
-
-def _plain(text: str) -> Text:
-    """Text as it is: what is in a file cannot steer the terminal."""
-    return Text("".join(c if c.isprintable() else "\ufffd" for c in text))
 
 
 def _signals(found: Diff) -> list[RenderableType]:
@@ -46,7 +41,7 @@ def _signals(found: Diff) -> list[RenderableType]:
         table.add_column(column, justify="right", no_wrap=True)
     for signal in parted[:_MOST]:
         table.add_row(
-            _plain(signal.name),
+            plain(signal.name),
             number(signal.first_s, 6, "s"),
             str(signal.differing),
             f"{signal.compared}{'*' if signal.held else ''}",
@@ -84,7 +79,7 @@ def _links(found: Diff) -> list[RenderableType]:
         table.add_column(column, justify="left" if column == "link" else "right")
     for link in found.links:
         table.add_row(
-            _plain(link.link),
+            plain(link.link),
             _both(link.delivered),
             _both(link.dropped),
             _both(link.only),
@@ -102,11 +97,11 @@ def _both(pair: tuple[int, int]) -> str:
 def _context(found: Diff) -> list[RenderableType]:
     parts: list[RenderableType] = []
     for name, lines in found.context.texts.items():
-        parts.append(_plain(f"{name}:"))
+        parts.append(plain(f"{name}:"))
         for line in lines:
             if not line.startswith(("--- ", "+++ ")):
                 colour = {"+": "green", "-": "red"}.get(line[:1], "dim")
-                parts.append(Text("  ").append_text(_plain(line)))
+                parts.append(Text("  ").append_text(plain(line)))
                 parts[-1].stylize(colour)  # type: ignore[union-attr]
     entries = [change for change in found.context.entries if _telling(change)]
     if entries:
@@ -115,9 +110,9 @@ def _context(found: Diff) -> list[RenderableType]:
             table.add_column(column, overflow="fold")
         for change in entries[:_MOST]:
             table.add_row(
-                _plain(f"{change.where} {change.key}"),
-                _plain(change.a if change.a is not None else NONE),
-                _plain(change.b if change.b is not None else NONE),
+                plain(f"{change.where} {change.key}"),
+                plain(change.a if change.a is not None else NONE),
+                plain(change.b if change.b is not None else NONE),
             )
         parts.append(table)
     more = len(found.context.entries) + found.context.left_out - min(len(entries), _MOST)

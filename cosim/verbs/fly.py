@@ -1,4 +1,4 @@
-"""Verbs that fly: demo, scenarios, run."""
+"""Verbs that fly: demo, run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cosim.errors import CheckFailedError
 from cosim.master import Pace
 from cosim.scenario.demo import demonstrate
 from cosim.scenario.execute import check_room, fly, prepare
-from cosim.scenario.read import builtin_names, load
+from cosim.scenario.read import load
 from cosim.verbs.common import (
     FMUS,
     TRACES,
@@ -23,7 +23,7 @@ from cosim.verbs.common import (
     hangar,
     progress,
 )
-from cosim.verbs.run_view import demo_view, outcome_view, scenarios_view
+from cosim.verbs.run_view import demo_view, outcome_view
 
 
 class Engine(enum.Enum):
@@ -59,12 +59,6 @@ def demo(
     with progress() as tell:
         result = demonstrate(hangar(fmus), out, tell)
     answer(as_json, result.to_json, lambda: demo_view(result))
-
-
-def scenarios(*, as_json: JsonOption = False) -> None:
-    """List the scenarios that come with the package."""
-    rows = [{"name": name, "title": load(name).scenario.title} for name in builtin_names()]
-    answer(as_json, lambda: {"scenarios": rows}, lambda: scenarios_view(rows))
 
 
 def run(

@@ -11,6 +11,7 @@ from rich.text import Text
 from cosim.replay import Injected
 from cosim.trace.diff_json import diff_json, verdict
 from cosim.verbs.run_view import late_view
+from cosim.verbs.terminal import plain
 
 
 def inject_json(found: Injected) -> dict[str, Any]:
@@ -52,9 +53,9 @@ def inject_view(found: Injected) -> RenderableType:
     table.add_column("input", style="bold")
     table.add_column("fed with")
     for name, source in found.sources.items():
-        table.add_row(_plain(name), _plain(f"{source.topic} {source.column}"))
+        table.add_row(plain(name), plain(f"{source.topic} {source.column}"))
     parts: list[RenderableType] = [
-        _plain(
+        plain(
             f"{found.fmu.path.name} as {found.name}: {found.status} at t = {found.end_s:g} s, "
             f"{found.points} communication points"
         ),
@@ -66,9 +67,9 @@ def inject_view(found: Injected) -> RenderableType:
         ("recorded parameters it does not have", found.not_set),
     ):
         if names:
-            parts.append(_plain(f"{label}: {', '.join(names)}"))
+            parts.append(plain(f"{label}: {', '.join(names)}"))
     own = f"{len(found.parameters)} set" if found.parameters else "the FMU's own"
-    parts.append(_plain(f"parameters: {own}"))
+    parts.append(plain(f"parameters: {own}"))
     if found.reason:
         parts.append(Text(found.reason, style="red"))
     if found.compared is not None:
@@ -78,9 +79,5 @@ def inject_view(found: Injected) -> RenderableType:
             words = "identical: every output came out again, bit for bit"
         parts.append(Text(f"compared with what was recorded: {words}", style=colour))
     parts += late_view(found.log_after_end)
-    parts.append(_plain(f"trace: {found.trace}"))
+    parts.append(plain(f"trace: {found.trace}"))
     return Group(*parts)
-
-
-def _plain(text: str) -> Text:
-    return Text("".join(c if c.isprintable() else "\ufffd" for c in text))

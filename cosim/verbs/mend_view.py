@@ -7,13 +7,9 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.trace import Recovery, Verification
+from cosim.verbs.terminal import plain
 
 _MOST = 20
-
-
-def plain(text: object) -> Text:
-    """Text as it is: what is in a file is no markup and cannot steer the terminal."""
-    return Text("".join(c if c.isprintable() else "\ufffd" for c in str(text)))
 
 
 def recovery_view(found: Recovery) -> Table:

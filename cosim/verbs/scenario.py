@@ -18,7 +18,6 @@ from cosim.scenario.extend import open_source
 from cosim.scenario.fields import NAME_PATTERN
 from cosim.scenario.read import builtin_names, load, with_settings
 from cosim.scenario.template import template
-from cosim.scenario.write import to_data, to_toml
 from cosim.verbs.arguments import write
 from cosim.verbs.common import FMUS, FmusOption, JsonOption, SetOption, answer, hangar
 from cosim.verbs.run_view import scenarios_view
@@ -143,8 +142,8 @@ def show(
         text = (as_text if diagram is Diagram.text else as_mermaid)(loaded.scenario)
         data: dict[str, Any] = {"scenario": loaded.name, "diagram": text}
     else:
-        text = to_toml(loaded.scenario)
-        data = {"scenario": loaded.name, "content": to_data(loaded.scenario)}
+        text = loaded.scenario.to_toml()
+        data = {"scenario": loaded.name, "content": loaded.scenario.to_data()}
     if as_json:
         print(json.dumps(data, indent=1, allow_nan=False))
     else:

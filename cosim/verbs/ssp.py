@@ -17,6 +17,7 @@ from cosim.scenario.read import load
 from cosim.scenario.ssp.export import Exported, export_ssp
 from cosim.scenario.ssp.importing import Imported, import_ssp
 from cosim.verbs.common import FMUS, FmusOption, JsonOption, answer, hangar, progress
+from cosim.verbs.fly import Flavour
 from cosim.verbs.terminal import console, facts_table
 
 ssp_app = typer.Typer(
@@ -30,13 +31,6 @@ class LinksKind(enum.Enum):
 
     annotate = "annotate"
     fmu = "fmu"
-
-
-class SspFlavour(enum.Enum):
-    """What --flavour takes."""
-
-    native = "native"
-    python = "python"
 
 
 @ssp_app.command("export")
@@ -53,9 +47,9 @@ def export_verb(
         ),
     ] = LinksKind.annotate,
     flavour: Annotated[
-        SspFlavour,
+        Flavour,
         typer.Option(help="The built-in FMUs: C, for any tool, or Python, for Python hosts."),
-    ] = SspFlavour.native,
+    ] = Flavour.native,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:

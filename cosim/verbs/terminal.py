@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 NONE = "–"
 
@@ -30,6 +31,11 @@ def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
 def console(*, error: bool = False) -> Console:
     """Where people read: standard output, or standard error for progress and messages."""
     return Console(stderr=error, highlight=False)
+
+
+def plain(text: object) -> Text:
+    """Text as it is: what is in a file is no markup and cannot steer the terminal."""
+    return Text("".join(c if c.isprintable() else "\ufffd" for c in str(text)))
 
 
 def number(value: float | None, digits: int, unit: str = "") -> str:

@@ -110,9 +110,9 @@ def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
 
 
 def test_reader_that_leaves_early(tmp_path: Path) -> None:
-    """`cosim scenarios | true` prints no traceback."""
+    """`cosim scenario list | true` prints no traceback."""
     process = subprocess.Popen(  # noqa: S603 - the command under test
-        [COMMAND, "scenarios"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [COMMAND, "scenario", "list"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     assert process.stdout is not None
     assert process.stderr is not None

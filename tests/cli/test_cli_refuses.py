@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,7 @@ USAGE = [
     ["run", "--json"],
     ["run", "auv-acoustic", "--ot", "x", "--json"],
     ["run", "auv-acoustic", "extra", "--json"],
-    ["scenarios", "extra", "--json"],
+    ["scenario", "list", "extra", "--json"],
     ["design", "--json"],
     ["design", "paper", "--gamma", "much", "--json"],
     ["trace", "--json"],
@@ -170,3 +171,45 @@ def test_scenario_that_is_almost_one(tmp_path: Path) -> None:
     result = cosim("run", "auv-acoustc", "--json", cwd=tmp_path)
     assert result.code == 2
     assert "did you mean auv-acoustic" in result.error["hint"]
+
+
+WITHOUT_B = """
+[system]
+A = [[-5.0, 0.0], [6.0, -10.0]]
+C = [[4.0], [3.0]]
+D = [[-1.0, 0.0], [0.0, -1.0]]
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "where", "what"),
+    [
+        (["design", "open.toml"], "open: B", "B is missing"),
+        (["design", "open.toml", "--max-delay", "--gamma", "6"], "open: B", "B is missing"),
+        (["analyse", "open.toml", "--gain", "[[1, 2]]"], "open: B", "B is missing"),
+        (["design", "d2.toml"], "d2.toml: system", "B: expected shape (2, 1) beside D2"),
+        (["analyse", "d2.toml"], "d2.toml: system", "B: expected shape (2, 1) beside D2"),
+        (["fmu", "build", "d2.toml", "-o", "x.fmu"], "d2.toml: system", "got no B"),
+    ],
+    ids=str,
+)
+def test_a_system_without_b(command: list[str], where: str, what: str, tmp_path: Path) -> None:
+    """A forgotten B is no matrix of zeros: it is named, and nothing is made."""
+    (tmp_path / "open.toml").write_text(WITHOUT_B, "utf-8")
+    (tmp_path / "d2.toml").write_text(WITHOUT_B + "D2 = [[3.0], [-1.0]]\n", "utf-8")
+    error = cosim(*command, "--json", cwd=tmp_path).error
+    assert error["exit_code"] == 2
+    assert error["where"] == where
+    assert what in error["what"]
+    assert not (tmp_path / "x.fmu").exists()
+
+
+def test_a_saved_system_without_b(tmp_path: Path) -> None:
+    """As JSON, in a design's file: the same words."""
+    cosim("design", "paper", "--k1", "0.6", "--k2", "0.2", "--save", "c.json", cwd=tmp_path)
+    data = json.loads((tmp_path / "c.json").read_text("utf-8"))
+    del data["system"]["B"]
+    (tmp_path / "c.json").write_text(json.dumps(data), "utf-8")
+    error = cosim("fmu", "controller", "c.json", "--json", cwd=tmp_path).error
+    assert error["exit_code"] == 2
+    assert "B: expected shape (2, 1) beside D2, which weighs u; got no B" in error["what"]

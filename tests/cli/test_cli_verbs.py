@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -13,14 +14,24 @@ from cosim.hinf import check_certificate
 
 def test_scenarios_are_listed(tmp_path: Path) -> None:
     """Names and titles, for programs and for people."""
-    rows = cosim("scenarios", "--json", cwd=tmp_path).json["scenarios"]
+    rows = cosim("scenario", "list", "--json", cwd=tmp_path).json["scenarios"]
     names = [row["name"] for row in rows]
     assert names == sorted(names)
     assert set(names) >= set(BUILT_IN)
     assert all(row["title"] for row in rows)
-    seen = cosim("scenarios", cwd=tmp_path)
+    seen = cosim("scenario", "list", cwd=tmp_path)
     assert seen.code == 0
     assert all(row["title"] in seen.out for row in rows)
+
+
+def test_the_former_name_of_the_list_is_hidden_and_serves(tmp_path: Path) -> None:
+    """`cosim scenarios` gives what `cosim scenario list` gives; help names the latter alone."""
+    for options in ([], ["--json"]):
+        now = cosim("scenario", "list", *options, cwd=tmp_path)
+        assert cosim("scenarios", *options, cwd=tmp_path).out == now.out
+    shown = cosim("--help", cwd=tmp_path).out
+    assert "cosim scenario list" in shown
+    assert not re.search(r"\bscenarios\b", shown.replace("look at scenarios", ""))
 
 
 def test_design_of_the_paper(tmp_path: Path) -> None:

@@ -51,12 +51,13 @@ def test_an_analysis_says_how_far_the_delay_may_go(tmp_path: Path) -> None:
 
 def test_no_price_without_uncertainty(tmp_path: Path) -> None:
     """Nothing uncertain: nothing is paid. Stability alone: there is no gamma to pay with."""
-    certain = BENCHMARK + "C = [[1.0], [0.0]]\nD = [[1.0, 0.0]]\n"
+    idle = BENCHMARK + "B = [[0.0], [0.0]]\n"
+    certain = idle + "C = [[1.0], [0.0]]\nD = [[1.0, 0.0]]\n"
     (tmp_path / "certain.toml").write_text(certain, "utf-8")
     words = ("--k1", "-0.5", "--k2", "0.5", "--uncertainty-price", "--json")
     found = cosim("design", "certain.toml", *words, cwd=tmp_path).json
     assert (found["gamma_nominal"], found["paid_for_uncertainty"]) == (found["gamma"], 0.0)
-    (tmp_path / "benchmark.toml").write_text(BENCHMARK, "utf-8")
-    found = cosim("design", "benchmark.toml", *words, cwd=tmp_path).json
+    (tmp_path / "idle.toml").write_text(idle, "utf-8")
+    found = cosim("design", "idle.toml", *words, cwd=tmp_path).json
     assert (found["gamma"], found["gamma_nominal"]) == (None, None)
     assert found["paid_for_uncertainty"] is None

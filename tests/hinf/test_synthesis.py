@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from cosim.errors import InputError, NotAchievableError
-from cosim.hinf import auv_system, check_certificate, design
+from cosim.hinf import (
+    analyse,
+    auv_system,
+    check_certificate,
+    design,
+    greatest_delay,
+    synthesis,
+)
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -71,7 +80,7 @@ def test_two_delays_are_searched_at_once() -> None:
 def test_stability_alone_where_there_is_nothing_to_bound() -> None:
     """A published benchmark, stable to 6.1726, without w and z: certified at d = 3."""
     system = DelaySystem([[-2.0, 0.0], [0.0, -0.9]], delays=[Delay(3.0, [[-1, 0], [-1, -1]])])
-    found = design(system, (-0.1,), (0.2,))
+    found = synthesis.design(system, (-0.1,), (0.2,))
     assert found.gamma is None
     assert check_certificate(found.certificate).valid
 
@@ -90,3 +99,31 @@ def test_what_cannot_be_had_is_refused_by_name() -> None:
     )
     with pytest.raises(NotAchievableError, match="no input reaches"):
         design(unreachable, (), ())
+
+
+def _without_B() -> DelaySystem:
+    return DelaySystem(
+        [[-5.0, 0.0], [6.0, -10.0]], C=[[4.0], [3.0]], D=np.eye(2), delays=[Delay(0.3, np.eye(2))]
+    )
+
+
+@pytest.mark.parametrize("asked", [{}, {"search": True}, {"order": 1}, {"decay": 1.0}], ids=str)
+def test_a_design_without_b_is_refused(asked: dict[str, Any]) -> None:
+    """No control, no gain: what was analysed until now under the name of a design."""
+    with pytest.raises(InputError, match=r"B is missing(?s:.)*2 rows(?s:.)*analyse") as refused:
+        design(_without_B(), (0.6,), (0.2,), **asked)
+    assert (refused.value.where, refused.value.got) == ("B", "no B")
+
+
+@pytest.mark.parametrize("order", [None, 1])
+def test_a_greatest_delay_without_b_is_refused(order: int | None) -> None:
+    """A gain is designed at each delay, so there must be one."""
+    with pytest.raises(InputError, match="B is missing"):
+        greatest_delay(_without_B(), 6.0, (0.6,), (0.2,), order=order)
+
+
+def test_an_analysis_without_b_takes_no_gain() -> None:
+    """As it is, it is analysed; a gain acts on nothing, and it is not its shape that is wrong."""
+    assert analyse(_without_B()).certified
+    with pytest.raises(InputError, match=r"acts on nothing.*B is missing"):
+        analyse(_without_B(), [[1.0, 2.0]])

@@ -83,14 +83,20 @@ def test_absent_matrices_are_zero_or_do_not_exist() -> None:
     full = DelaySystem(**_arguments())
     assert full.E.shape == (2, 2)
     assert full.H.shape == (5, 2)  # F(t) is rectangular, as the paper defines it
-    partial = DelaySystem(I2, D2=np.ones((3, 1)), C=np.ones((2, 2)))
-    assert partial.B.shape == (2, 1)
-    assert partial.D.shape == (3, 2)
+    partial = DelaySystem(I2, I2[:, :1], D=np.ones((3, 2)), C=np.ones((2, 2)))
+    assert partial.D2.shape == (3, 1)
     assert partial.D1.shape == (3, 2)
     assert not partial.D1.any()
     bare = DelaySystem(I2, delays=(Delay(1.0, I2),))
     assert bare.B.shape == (2, 0)
     assert bare.H.shape == bare.delays[0].H.shape == (0, 2)
+
+
+def test_a_control_that_is_weighed_needs_its_matrix() -> None:
+    """D2 says that there are inputs: a B of zeros in its place would be a silent mistake."""
+    with pytest.raises(ValueError, match=r"B: expected shape \(2, 1\) beside D2.*got no B"):
+        DelaySystem(I2, D2=np.ones((3, 1)), C=np.ones((2, 2)))
+    assert not DelaySystem(I2, np.zeros((2, 1)), D2=np.ones((3, 1))).B.any()
 
 
 def test_performance_needs_a_disturbance_and_an_output() -> None:

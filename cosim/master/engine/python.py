@@ -1,4 +1,8 @@
-"""The engine that reads like the algorithm: any FMU, one call after the other."""
+"""The engine in Python, for any FMU: it runs the program as `listing` writes it out.
+
+The algorithm reads best in `cosim.master.loop` and in `program`, not here: the operations of a
+point are Python source that is made and compiled once per run.
+"""
 
 from __future__ import annotations
 

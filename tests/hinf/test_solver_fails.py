@@ -1,0 +1,141 @@
+"""A solver that fails has not shown that there is no solution: what each route says then."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import clarabel
+import numpy as np
+import pytest
+from cli.shell import cosim
+
+from cosim.errors import NotAchievableError
+from cosim.hinf import Analysis, analyse, certified_delay, check_certificate, design, greatest_delay
+from cosim.hinf.decay_lmi import proved_decay
+from cosim.hinf.demands import demands_of
+from cosim.hinf.peak_lmi import proved_peak_control
+from cosim.hinf.solver_status import FAILED, count, not_found, solver_words, status_of
+from cosim.hinf.synthesis import checked_scalars
+from cosim.models import paper_example
+
+PRINTED = [list(paper_example.PRINTED_K)]
+AT = ((0.6,), (0.2,))
+NEVER = ("has no solution", "cannot be", "not feasible", "does not exist", "there is no")
+"""What may only be said with a proof."""
+
+
+@pytest.fixture(params=["NumericalError", "MaxIterations", "InsufficientProgress", "AlmostSolved"])
+def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The solver stops at the first point, zero, and says so with this status."""
+
+    class Failing:
+        def __init__(self, _P: Any, q: Any, _A: Any, b: Any, *_: Any) -> None:
+            self._at = SimpleNamespace(x=0 * q, z=0 * b, status=request.param)
+
+        def solve(self) -> Any:
+            return self._at
+
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing)
+    return str(request.param)
+
+
+ROUTES: dict[str, Callable[[], Any]] = {
+    "least gamma": lambda: design(paper_example.system(), *AT),
+    "a gamma": lambda: design(paper_example.system(), *AT, gamma=6.0),
+    "a gain": lambda: design(paper_example.system(), *AT, gain=PRINTED),
+    "searched": lambda: design(paper_example.system()),
+    "order 1": lambda: design(paper_example.system(), *AT, order=1),
+    "order 1, a gamma": lambda: design(paper_example.system(), *AT, order=1, gamma=6.0),
+    "order 1, a gain": lambda: design(paper_example.system(), *AT, order=1, gain=PRINTED),
+    "gain limit": lambda: design(paper_example.system(), *AT, gain_limit=2.0),
+    "decay": lambda: design(paper_example.system(), *AT, decay=1.0),
+    "peak": lambda: design(paper_example.system(), *AT, peak_control=3.0, offset=(1.0, 0.0)),
+    "delay": lambda: greatest_delay(paper_example.system(), 6.0, *AT),
+    "delay, searched": lambda: greatest_delay(paper_example.system(), 6.0),
+    "delay, order 1": lambda: greatest_delay(paper_example.system(), 6.0, *AT, order=1),
+}
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_failure_is_never_called_no_solution(route: str, status: str) -> None:
+    """The solver's status is named, other ways are, and nothing is claimed of the problem."""
+    with pytest.raises(NotAchievableError) as refused:
+        ROUTES[route]()
+    error = refused.value
+    assert (error.exit_code, error.certificate) == (5, None)
+    text = str(error)
+    assert not [words for words in NEVER if words in text]
+    if status == "NumericalError":  # of the others there is a point, which the proof refuses
+        assert f"{FAILED} (status {status}" in text
+        assert "before it found or excluded a solution" in text
+        assert error.hint
+    if route == "least gamma" and status == "NumericalError":
+        assert all(way in str(error.hint) for way in ("--search", "--order 1", "--gamma", "units"))
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_an_analysis_is_not_certified_because_the_solver_failed(order: int, status: str) -> None:
+    """Not certified is a result; its reason is the solver's, not the loop's."""
+    found: list[Analysis] = [
+        analyse(paper_example.system(), PRINTED, order=order),
+        certified_delay(paper_example.system(), PRINTED, 6.0, order=order).analysis,
+    ]
+    for one in found:
+        assert not one.certified
+        assert one.reason is not None
+        assert not [words for words in NEVER if words in one.reason]
+        if status == "NumericalError":
+            assert f"{FAILED} (status {status}" in one.reason
+
+
+def test_what_is_proved_beside_gamma_says_it_too(status: str) -> None:
+    """Decay and the peak of the control, of a gain that is given."""
+    system, K = paper_example.system(), np.array(PRINTED)
+    p = checked_scalars(system, *AT)
+    demands = demands_of(system, peak_control=3.0, offset=(1.0, 0.0))
+    for found, reason in (
+        proved_decay(system, K, 1.0, p),
+        proved_peak_control(system, K, demands, [p]),
+    ):
+        assert found is None
+        assert not [words for words in NEVER if words in reason]
+        if status == "NumericalError":
+            assert f"{FAILED} (status {status}" in reason
+
+
+def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
+    """Clarabel fails at these delays: exit 5, no claim; with a gamma the refusal is proved."""
+    late = ("design", "auv", "--delays", "0.5,3.0")
+    error = cosim(*late, "--json", cwd=tmp_path).error
+    assert error["exit_code"] == 5
+    assert not [words for words in NEVER if words in json.dumps(error)]
+    limited = cosim(*late, "--gain-limit", "2", "--json", cwd=tmp_path).error
+    assert limited["what"] == "no gain was found that meets what is demanded"
+    assert "at 4 pairs k1, k2" in limited["got"]
+    refused = cosim(
+        *late, "--gamma", "20", "--save-refutation", "r.json", "--json", cwd=tmp_path
+    ).error
+    assert "the LMI has no solution for gamma <= 20 with these k1, k2" in refused["what"]
+    proof = check_certificate(json.loads((tmp_path / "r.json").read_text("utf-8")))
+    assert proof.valid
+    assert proof.claim["gamma"] == "20"
+
+
+def test_words_for_each_status() -> None:
+    """A failure counts more than what other solves say; multipliers are not called a proof."""
+    assert [status_of(word) for word in ("Solved", "MaxTime")] == ["solved", "failed"]
+    assert "status MaxIterations)" in not_found({"MaxIterations": 1})
+    assert "NumericalError in 2 of 5 problems" in not_found({"Solved": 3, "NumericalError": 2})
+    assert "not proved exactly" in not_found({"PrimalInfeasible": 1})
+    assert "no bound" in not_found({"DualInfeasible": 1})
+    assert "does not prove" in not_found({"Solved": 1})
+    with solver_words() as outer:
+        count("Solved")
+        with solver_words() as inner:
+            count("Panic")
+    count("Solved")
+    assert (dict(outer), dict(inner)) == ({"Solved": 1, "Panic": 1}, {"Panic": 1})
