@@ -217,6 +217,58 @@ def test_what_does_not_go_with_a_live_link_is_refused(
         ranged(fmu, **more)
 
 
+@pytest.mark.parametrize("events", ["align", "grid"])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_algebraic_loop_through_a_live_link_is_refused(
+    fmu: Path, algorithm: str, events: str
+) -> None:
+    """y follows u at once on both sides; before the run nobody can know that the link delays."""
+    link = PacketLink("there", ns(0.1), delay=SIGNAL)
+    parts = {name: given | {"e": 0.5} for name, given in PAIR.items()}
+    given: dict[str, Any] = {
+        "step": 0.1,
+        "stop": STOP,
+        "links": [link],
+        "delays": {"there": DelaySource((end("a.x"),), (0.0,))},
+        "algorithm": algorithm,
+        "events": events,
+    }
+    looped = scalars(fmu, parts, (("a.y", "b.u", "there"), ("b.y", "a.u")), **given)
+    with pytest.raises(InputError, match="form an algebraic loop") as caught:
+        simulate(looped)
+    assert caught.value.where in {"a -> b -> a", "b -> a -> b"}
+    own = scalars(fmu, parts, (("a.y", "a.u", "there"),), **given)
+    with pytest.raises(InputError, match="a -> a: the connections form an algebraic loop"):
+        simulate(own)
+    opened = scalars(fmu, parts, (("a.y", "b.u", "there"), ("b.x", "a.u")), **given)
+    assert simulate(opened).ending == "finished"
+
+
+def test_snapshot_of_another_live_link_is_refused(fmu: Path) -> None:
+    """Same points before the run; what the links make of them in the run differs."""
+    links = [PacketLink("there", ns(0.1), delay=SIGNAL)]
+    pairs = (("a.x", "b.u", "there"), ("b.x", "a.u"))
+
+    def system(events: str, signal: str) -> System:
+        delays = {"there": DelaySource((end(signal),), (0.0,))}
+        return scalars(
+            fmu, PAIR, pairs, step=0.1, stop=STOP, links=links, events=events, delays=delays
+        )
+
+    with Session(system("align", "a.x")) as session:
+        session.run_until(0.7)
+        kept = session.snapshot(portable=True)
+    for events, signal in (("grid", "a.x"), ("align", "b.x")):
+        with (
+            Session(system(events, signal)) as session,
+            pytest.raises(InputError, match="another system"),
+        ):
+            session.restore(kept)
+    with Session(system("align", "a.x")) as session:
+        session.restore(kept)
+        assert session.time_s == 0.7
+
+
 @pytest.mark.parametrize("live", [False, True])
 @pytest.mark.parametrize("what", ["age", "sequence", "dropped", "delivered"])
 def test_state_of_a_link_is_a_signal(

@@ -106,6 +106,32 @@ def test_snapshot_of_another_system_is_refused(fmu: Path, tmp_path: Path) -> Non
         Snapshot.load(tmp_path / "no.npz")
 
 
+def test_snapshot_of_another_algorithm_is_refused(fmu: Path) -> None:
+    """Jacobi into Gauss-Seidel and back, and another order: each has a future of its own."""
+    ways: tuple[dict[str, Any], ...] = (
+        {"algorithm": "jacobi"},
+        {"algorithm": "gauss-seidel", "order": ("a", "b")},
+        {"algorithm": "gauss-seidel", "order": ("b", "a")},
+    )
+    pairs = (("a.x", "b.u"), ("b.x", "a.u"))
+    for taken in ways:
+        for given in ({}, {"links": [TransportLink("t", ns(0.07))]}):
+            named = tuple((*pair, "t") for pair in pairs) if given else pairs
+            with Session(scalars(fmu, PAIR, named, step=0.1, stop=5.0, **given, **taken)) as session:
+                session.step(3)
+                kept = session.snapshot(portable=True)
+            for tried in ways:
+                system = scalars(fmu, PAIR, named, step=0.1, stop=5.0, **given, **tried)
+                with Session(system) as session:
+                    if tried == taken:
+                        session.restore(kept)
+                        assert session.rows == 3
+                        continue
+                    with pytest.raises(InputError, match="another system"):
+                        session.restore(kept)
+                    assert session.rows == 0
+
+
 def test_slave_without_states_is_named(tmp_path: Path) -> None:
     fmu = scalar_fmu(tmp_path, states=False)
     with Session(linked(fmu)) as session, pytest.raises(InputError, match="cannot save"):
