@@ -117,7 +117,9 @@ def test_snapshot_of_another_algorithm_is_refused(fmu: Path) -> None:
     for taken in ways:
         for given in ({}, {"links": [TransportLink("t", ns(0.07))]}):
             named = tuple((*pair, "t") for pair in pairs) if given else pairs
-            with Session(scalars(fmu, PAIR, named, step=0.1, stop=5.0, **given, **taken)) as session:
+            with Session(
+                scalars(fmu, PAIR, named, step=0.1, stop=5.0, **given, **taken)
+            ) as session:
                 session.step(3)
                 kept = session.snapshot(portable=True)
             for tried in ways:
