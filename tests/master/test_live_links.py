@@ -5,11 +5,13 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from coupled import rewritten
 from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.errors import InputError
@@ -325,3 +327,65 @@ def test_state_that_does_not_fit_is_refused(
             stop=STOP,
             links=[link],
         )
+
+
+@pytest.mark.parametrize(("link", "policy"), [("there", "hold"), (None, "linear")])
+def test_state_takes_no_link_and_no_policy(fmu: Path, link: str | None, policy: str) -> None:
+    with pytest.raises(InputError, match="it takes no link"):
+        scalars(
+            fmu,
+            PAIR,
+            (("a.x", "b.u", "there"), ("there.age", "a.u", link or "", policy)),
+            step=0.1,
+            stop=STOP,
+            links=[PacketLink("there", ns(0.07))],
+        )
+
+
+@pytest.mark.parametrize(("unit", "fits"), [("s", True), ("ms", False)])
+def test_age_is_in_seconds(fmu: Path, tmp_path: Path, unit: str, *, fits: bool) -> None:
+    """No other unit is converted to."""
+    where = (r'(name="u"[^>]*>)<Real', rf'\1<Real unit="{unit}"')
+    units = ("<ModelVariables>", f'<UnitDefinitions><Unit name="{unit}"/></UnitDefinitions>\\g<0>')
+    own = rewritten(fmu, tmp_path / "own.fmu", where, units)
+    given: dict[str, Any] = {"step": 0.1, "stop": STOP, "links": [PacketLink("there", ns(0.07))]}
+    with nullcontext() if fits else pytest.raises(InputError, match="an age is in seconds"):
+        scalars(own, PAIR, (("a.x", "b.u", "there"), ("there.age", "a.u")), **given)
+
+
+@pytest.mark.parametrize("events", ["align", "grid"])
+@pytest.mark.parametrize(
+    ("more", "ending", "words", "sent"),
+    [
+        ({"b": {"x0": math.nan}}, "diverged", "b.x left the range of +-1e+06 at t = 0 s", 0),
+        ({"b": {"a": 18.2}}, "diverged", "b.x left the range of +-1e+06 at t = 0.8 s", 8),
+        ({"a": {"x0": -1.0}}, "failed", "link 'there', message 0: the value makes", 0),
+        ({"a": {"x0": -0.1, "a": 5.0}}, "failed", "link 'there', message 3: the value", 3),
+    ],
+)
+def test_run_that_ends_where_a_message_was_to_be_sent(
+    fmu: Path,
+    engine: EngineName,
+    more: dict[str, Any],
+    ending: str,
+    words: str,
+    sent: int,
+    events: str,
+) -> None:
+    """Beyond the range there, or a value that makes no delay: the reason, and what was sent."""
+    parts = {name: given | more.get(name, {}) for name, given in PAIR.items()}
+    links = [PacketLink("there", ns(0.1), delay=SIGNAL)]
+    system = scalars(
+        fmu,
+        parts,
+        (("a.x", "b.u", "there"),),
+        step=0.1,
+        stop=STOP,
+        links=links,
+        events=events,
+        delays={"there": DelaySource((end("a.x"),))},
+    )
+    run = simulate(system, engine=engine)
+    assert run.ending == ending
+    assert words in str(run.reason)
+    assert run.schedules["there"].messages.sent_ns.tolist() == [k * ns(0.1) for k in range(sent)]
