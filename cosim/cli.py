@@ -100,7 +100,9 @@ def main() -> None:
         sys.exit(error.exit_code)
     except _UsageError as error:
         sys.exit(_misused(error, as_json=as_json))
-    except BrokenPipeError:
+    except SystemExit as end:  # which typer makes of a BrokenPipeError, with code 1
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
         # the reader of our output is gone: nothing is left to say it to
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)

@@ -78,7 +78,7 @@ class WithVariables(Instance):
         self.description = resized
         self._set([p for p in prepared if p[0].causality in ("parameter", "input")])
         for port, items in prepared:
-            if port.causality in ("output", "local"):
+            if port.causality in ("output", "local", "calculatedParameter"):
                 self._set_computed(port, items)
 
     def _set_computed(self, port: Port, items: list[Any]) -> None:

@@ -169,7 +169,9 @@ class Course:
         """The traffic up to where a run got: a shorter run has the same messages."""
         whole = reached_ns == self._end_ns
         done = self._schedules if whole else self._system.timetable.shortened(reached_ns)
-        return dict(done) | {name: live.finish(reached_ns) for name, live in self.live.items()}
+        # a run that diverges or fails at an instant of sending ends before that message
+        live = {n: one.finish(reached_ns, broken_off=True) for n, one in self.live.items()}
+        return dict(done) | live
 
 
 def part_of(found: Arrivals, which: slice | NDArray[np.intp]) -> Arrivals:

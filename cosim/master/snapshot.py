@@ -36,6 +36,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
         digest.update(f"{name}\0{link!r}\0".encode())
         if isinstance(link.delay, DelayProfile):  # of which repr shows a part
             digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
+        if name in system.timetable.live:  # its points and delays come about in the run
+            digest.update(f"{system.timetable.events}\0{system.delays[name]!r}\0".encode())
     return digest.hexdigest()
 
 

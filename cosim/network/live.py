@@ -197,8 +197,10 @@ class LiveSchedule:
             status=np.array(self._receiver.status[first:], np.int8),
         )
 
-    def finish(self, end_ns: int | None = None) -> PacketSchedule:
+    def finish(self, end_ns: int | None = None, *, broken_off: bool = False) -> PacketSchedule:
         """The schedule of a run that ends here, or ended at `end_ns` [ns], after which all is idle.
+
+        `broken_off` : what was to be sent at the end itself, and never resolved, is left out.
 
         Raises
         ------
@@ -218,7 +220,8 @@ class LiveSchedule:
             raise InputError(
                 "the run ends between two communication points", where=where, got=f"{end} ns"
             )
-        count = int(np.searchsorted(self._messages.sent_ns, end, side="right"))
+        before, count = np.searchsorted(self._messages.sent_ns, [end, end + 1]).tolist()
+        count = max(before, min(count, self._next)) if broken_off else count
         if count > self._next:
             raise InputError(
                 "a message was sent and never resolved",

@@ -109,10 +109,14 @@ def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
     assert cosim("trace", "verify", "t.recovered.mcap", cwd=tmp_path).code == 3
 
 
-def test_reader_that_leaves_early(tmp_path: Path) -> None:
-    """`cosim scenario list | true` prints no traceback."""
+@pytest.mark.parametrize("more", [[], ["--json"]], ids=["for people", "for programs"])
+def test_reader_that_leaves_early(tmp_path: Path, more: list[str]) -> None:
+    """`cosim scenario list | true` prints no traceback; 141 as of SIGPIPE, not 1 as of a comparison."""
     process = subprocess.Popen(  # noqa: S603 - the command under test
-        [COMMAND, "scenario", "list"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [COMMAND, "scenario", "list", *more],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
     assert process.stdout is not None
     assert process.stderr is not None
@@ -120,6 +124,7 @@ def test_reader_that_leaves_early(tmp_path: Path) -> None:
     said = process.stderr.read().decode()
     process.stderr.close()
     process.wait(60)
+    assert process.returncode == 141
     assert "Traceback" not in said
     assert "Exception" not in said
 

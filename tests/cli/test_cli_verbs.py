@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cli.shell import BUILT_IN, cosim, flight, home, trace_of
@@ -107,6 +108,34 @@ def test_people_read_the_same_figures() -> None:
     assert "finished" in flown.out
     assert "not met" in flown.out
     assert "seen.mcap" in flown.out
+
+
+def test_percentages_in_the_table_of_a_run_are_those_of_the_record(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """Shares of the run, its envelope and the norm are printed in hundredths."""
+
+    def flown(name: str) -> tuple[str, Any]:
+        where = ("--flavour", "native", "--fmus", native_fmus.parent, "--out", f"{name}.mcap")
+        seen = cosim("run", name, *where, cwd=tmp_path)
+        assert seen.code == 0, seen.err
+        told = cosim("trace", "info", f"{name}.mcap", "--json", cwd=tmp_path)
+        return seen.out, told.json["result"]["metrics"]
+
+    def percent(text: str, line: str) -> float:
+        found = re.search(rf"{line}\D* ([\d.]+) %", text)
+        assert found is not None, text
+        return float(found[1])
+
+    text, metrics = flown("auv-acoustic-naive")
+    assert 0.5 < metrics["saturated_fraction"] < 1.0 < max(metrics["envelope_use"].values())
+    at_limit = pytest.approx(100 * metrics["saturated_fraction"], abs=0.0501)
+    assert percent(text, "time at a limit") == at_limit
+    use = pytest.approx(100 * max(metrics["envelope_use"].values()), abs=0.0501)
+    assert percent(text, "largest use of envelope") == use
+    text, metrics = flown("paper-worst-case")
+    reached = pytest.approx(100 * metrics["gain"] / metrics["exact_norm"], abs=0.00501)
+    assert percent(text, r"worst case at [\d.]+ rad/s,") == reached
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -141,6 +142,18 @@ def test_a_fixed_step_slave_flies_among_events_by_a_step_of_its_own(
 def test_step_of_ones_own_that_does_not_fit(fmu: Path, more: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, **more)
+
+
+def test_step_of_ones_own_is_to_be_in_the_timetable(fmu: Path) -> None:
+    """A system whose points were laid out for another step than the component has."""
+    system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, every={"a": 0.05})
+    parts = {
+        **system.components,
+        "a": dataclasses.replace(system.components["a"], every_ns=ns(0.02)),
+    }
+    with pytest.raises(InputError, match="does not fall on communication points") as caught:
+        simulate(dataclasses.replace(system, components=parts))
+    assert caught.value.got == "0.02 s is none"
 
 
 def test_midpoint_needs_a_delay_of_half_a_step(fmu: Path) -> None:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
 
+from cosim.errors import InputError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import Component, Connection, Endpoint, Session, System, make_timetable, simulate
 from cosim.master.stations import Station
+from cosim.master.system import LogLevel
+from cosim.network import PacketLink, TransportLink
 
 STEP_S, END_S = 0.25, 2.0
 
@@ -167,3 +172,63 @@ def test_lengths_that_no_array_has_are_bad_input(fmi3: FmuDescription) -> None:
     """Said when the component is made."""
     with pytest.raises(ValueError, match="n is no length of an array"):
         Component(fmi3, {"n": -1})
+
+
+LINKS = (
+    TransportLink("line", round(0.5 * 1e9)),
+    PacketLink("held", round(0.5 * 1e9)),
+    PacketLink("zeroed", round(0.5 * 1e9), on_loss="zero"),
+    PacketLink("rounded", round(0.5 * 1e9), quantization=1.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "link", "message"),
+    [
+        ("Int32.out", "Int8.in", None, "too small"),
+        ("UInt8.out", "Int8.in", None, "too small"),  # the greatest does not fit
+        ("Int8.out", "UInt8.in", None, "too small"),  # the least does not fit
+        ("Int8.out", "Int16.in", None, None),
+        ("UInt8.out", "Int16.in", None, None),
+        ("Float64.reversed", "Float64.row", None, "differ in shape"),
+        ("Boolean.out", "Float64.in", None, "types of the two ends"),
+        ("String.out", "String.in", "held", None),
+        ("String.out", "String.in", "zeroed", "carries real numbers only"),
+        ("String.out", "String.in", "line", "carries real numbers only"),
+        ("Int8.out", "Int8.in", "zeroed", None),
+        ("Int8.out", "Int8.in", "rounded", "carries real numbers only"),
+        ("Boolean.out", "Boolean.in", "line", "carries real numbers only"),
+        ("Float32.out", "Float32.in", "rounded", None),
+    ],
+)
+def test_connection_carries_what_its_ends_and_its_link_hold(
+    fmi3: FmuDescription, source: str, target: str, link: str | None, message: str | None
+) -> None:
+    """Range, shape and type; over a link nothing in between is made of what has nothing there."""
+    links = {one.name: one for one in LINKS}
+    timetable = make_timetable(links, round(STEP_S * 1e9), round(END_S * 1e9), "grid")
+    connection = Connection(Endpoint("one", source), Endpoint("two", target), link)
+    parts = {"one": Component(fmi3), "two": Component(fmi3)}
+    refused = nullcontext() if message is None else pytest.raises(InputError, match=message)
+    with refused:
+        System(parts, [connection], links, {}, timetable, 1e12)
+
+
+@pytest.mark.parametrize(
+    ("level", "kept"),
+    [
+        ("debug", {"info", "warning"}),
+        ("info", {"info", "warning"}),
+        ("warning", {"warning"}),
+        ("error", set()),
+    ],
+)
+def test_log_level_keeps_what_is_said_at_it(
+    fmi2: FmuDescription, level: LogLevel, kept: set[str]
+) -> None:
+    """What is below the level is left out; what is at the level is not."""
+    system = system_of({"it": (fmi2, {})})
+    parts = {"it": Component(fmi2, log_level=level)}
+    diary = Diary()
+    simulate(dataclasses.replace(system, components=parts), [diary])
+    assert {line[1] for line in diary.lines if line[2] == "it"} == kept

@@ -5,11 +5,13 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from coupled import rewritten
 from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.errors import InputError
@@ -217,6 +219,58 @@ def test_what_does_not_go_with_a_live_link_is_refused(
         ranged(fmu, **more)
 
 
+@pytest.mark.parametrize("events", ["align", "grid"])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_algebraic_loop_through_a_live_link_is_refused(
+    fmu: Path, algorithm: str, events: str
+) -> None:
+    """y follows u at once on both sides; before the run nobody can know that the link delays."""
+    link = PacketLink("there", ns(0.1), delay=SIGNAL)
+    parts = {name: given | {"e": 0.5} for name, given in PAIR.items()}
+    given: dict[str, Any] = {
+        "step": 0.1,
+        "stop": STOP,
+        "links": [link],
+        "delays": {"there": DelaySource((end("a.x"),), (0.0,))},
+        "algorithm": algorithm,
+        "events": events,
+    }
+    looped = scalars(fmu, parts, (("a.y", "b.u", "there"), ("b.y", "a.u")), **given)
+    with pytest.raises(InputError, match="form an algebraic loop") as caught:
+        simulate(looped)
+    assert caught.value.where in {"a -> b -> a", "b -> a -> b"}
+    own = scalars(fmu, parts, (("a.y", "a.u", "there"),), **given)
+    with pytest.raises(InputError, match="a -> a: the connections form an algebraic loop"):
+        simulate(own)
+    opened = scalars(fmu, parts, (("a.y", "b.u", "there"), ("b.x", "a.u")), **given)
+    assert simulate(opened).ending == "finished"
+
+
+def test_snapshot_of_another_live_link_is_refused(fmu: Path) -> None:
+    """Same points before the run; what the links make of them in the run differs."""
+    links = [PacketLink("there", ns(0.1), delay=SIGNAL)]
+    pairs = (("a.x", "b.u", "there"), ("b.x", "a.u"))
+
+    def system(events: str, signal: str) -> System:
+        delays = {"there": DelaySource((end(signal),), (0.0,))}
+        return scalars(
+            fmu, PAIR, pairs, step=0.1, stop=STOP, links=links, events=events, delays=delays
+        )
+
+    with Session(system("align", "a.x")) as session:
+        session.run_until(0.7)
+        kept = session.snapshot(portable=True)
+    for events, signal in (("grid", "a.x"), ("align", "b.x")):
+        with (
+            Session(system(events, signal)) as session,
+            pytest.raises(InputError, match="another system"),
+        ):
+            session.restore(kept)
+    with Session(system("align", "a.x")) as session:
+        session.restore(kept)
+        assert session.time_s == 0.7
+
+
 @pytest.mark.parametrize("live", [False, True])
 @pytest.mark.parametrize("what", ["age", "sequence", "dropped", "delivered"])
 def test_state_of_a_link_is_a_signal(
@@ -273,3 +327,65 @@ def test_state_that_does_not_fit_is_refused(
             stop=STOP,
             links=[link],
         )
+
+
+@pytest.mark.parametrize(("link", "policy"), [("there", "hold"), (None, "linear")])
+def test_state_takes_no_link_and_no_policy(fmu: Path, link: str | None, policy: str) -> None:
+    with pytest.raises(InputError, match="it takes no link"):
+        scalars(
+            fmu,
+            PAIR,
+            (("a.x", "b.u", "there"), ("there.age", "a.u", link or "", policy)),
+            step=0.1,
+            stop=STOP,
+            links=[PacketLink("there", ns(0.07))],
+        )
+
+
+@pytest.mark.parametrize(("unit", "fits"), [("s", True), ("ms", False)])
+def test_age_is_in_seconds(fmu: Path, tmp_path: Path, unit: str, *, fits: bool) -> None:
+    """No other unit is converted to."""
+    where = (r'(name="u"[^>]*>)<Real', rf'\1<Real unit="{unit}"')
+    units = ("<ModelVariables>", f'<UnitDefinitions><Unit name="{unit}"/></UnitDefinitions>\\g<0>')
+    own = rewritten(fmu, tmp_path / "own.fmu", where, units)
+    given: dict[str, Any] = {"step": 0.1, "stop": STOP, "links": [PacketLink("there", ns(0.07))]}
+    with nullcontext() if fits else pytest.raises(InputError, match="an age is in seconds"):
+        scalars(own, PAIR, (("a.x", "b.u", "there"), ("there.age", "a.u")), **given)
+
+
+@pytest.mark.parametrize("events", ["align", "grid"])
+@pytest.mark.parametrize(
+    ("more", "ending", "words", "sent"),
+    [
+        ({"b": {"x0": math.nan}}, "diverged", "b.x left the range of +-1e+06 at t = 0 s", 0),
+        ({"b": {"a": 18.2}}, "diverged", "b.x left the range of +-1e+06 at t = 0.8 s", 8),
+        ({"a": {"x0": -1.0}}, "failed", "link 'there', message 0: the value makes", 0),
+        ({"a": {"x0": -0.1, "a": 5.0}}, "failed", "link 'there', message 3: the value", 3),
+    ],
+)
+def test_run_that_ends_where_a_message_was_to_be_sent(
+    fmu: Path,
+    engine: EngineName,
+    more: dict[str, Any],
+    ending: str,
+    words: str,
+    sent: int,
+    events: str,
+) -> None:
+    """Beyond the range there, or a value that makes no delay: the reason, and what was sent."""
+    parts = {name: given | more.get(name, {}) for name, given in PAIR.items()}
+    links = [PacketLink("there", ns(0.1), delay=SIGNAL)]
+    system = scalars(
+        fmu,
+        parts,
+        (("a.x", "b.u", "there"),),
+        step=0.1,
+        stop=STOP,
+        links=links,
+        events=events,
+        delays={"there": DelaySource((end("a.x"),))},
+    )
+    run = simulate(system, engine=engine)
+    assert run.ending == ending
+    assert words in str(run.reason)
+    assert run.schedules["there"].messages.sent_ns.tolist() == [k * ns(0.1) for k in range(sent)]

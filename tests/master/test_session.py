@@ -8,11 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scalar import ns, scalar_fmu, scalars
+from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.errors import InputError
-from cosim.master import EngineName, Pace, Run, Session, Snapshot, System, TraceRecorder, simulate
-from cosim.network import Jitter, PacketLink, TransportLink
+from cosim.master import (
+    DelaySource,
+    EngineName,
+    Pace,
+    Run,
+    Session,
+    Snapshot,
+    System,
+    TraceRecorder,
+    simulate,
+)
+from cosim.network import DelaySignal, Jitter, PacketLink, TransportLink
 from cosim.trace import TraceWriter
 
 PAIR = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -2.0, "x0": -0.5}}
@@ -104,6 +114,54 @@ def test_snapshot_of_another_system_is_refused(fmu: Path, tmp_path: Path) -> Non
     (tmp_path / "no.npz").write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a snapshot"):
         Snapshot.load(tmp_path / "no.npz")
+
+
+def test_snapshot_of_another_algorithm_is_refused(fmu: Path) -> None:
+    """Jacobi into Gauss-Seidel and back, and another order: each has a future of its own."""
+    ways: tuple[dict[str, Any], ...] = (
+        {"algorithm": "jacobi"},
+        {"algorithm": "gauss-seidel", "order": ("a", "b")},
+        {"algorithm": "gauss-seidel", "order": ("b", "a")},
+    )
+    pairs = (("a.x", "b.u"), ("b.x", "a.u"))
+    for taken in ways:
+        for given in ({}, {"links": [TransportLink("t", ns(0.07))]}):
+            named = tuple((*pair, "t") for pair in pairs) if given else pairs
+            with Session(
+                scalars(fmu, PAIR, named, step=0.1, stop=5.0, **given, **taken)
+            ) as session:
+                session.step(3)
+                kept = session.snapshot(portable=True)
+            for tried in ways:
+                system = scalars(fmu, PAIR, named, step=0.1, stop=5.0, **given, **tried)
+                with Session(system) as session:
+                    if tried == taken:
+                        session.restore(kept)
+                        assert session.rows == 3
+                        continue
+                    with pytest.raises(InputError, match="another system"):
+                        session.restore(kept)
+                    assert session.rows == 0
+
+
+@pytest.mark.parametrize("ending", ["diverged", "failed"])
+def test_run_that_cannot_go_on_is_not_saved(fmu: Path, ending: str) -> None:
+    """Nothing is left of it to go on from; one that was ended by its end can be saved."""
+    growing = PAIR | {"a": {"a": 5.0, "x0": -1.0}}
+    signal = PacketLink("p", ns(0.1), delay=DelaySignal(0.01, ns(0.02)))
+    more: dict[str, Any] = {}
+    if ending == "failed":  # a negative delay, once x < -2
+        more = {"links": [signal], "delays": {"p": DelaySource((end("a.x"),))}}
+    pairs = (("a.x", "b.u", "p" if more else ""),)
+    with Session(scalars(fmu, growing, pairs, step=0.1, stop=9.0, **more)) as session:
+        session.run_until()
+        assert session.result().ending == ending
+        with pytest.raises(InputError, match="the run cannot go on"):
+            session.snapshot()
+    with Session(scalars(fmu, PAIR, (("a.x", "b.u"),), step=0.1, stop=1.0)) as session:
+        session.run_until()
+        session.restore(session.snapshot())
+        assert session.time_s == 1.0
 
 
 def test_slave_without_states_is_named(tmp_path: Path) -> None:

@@ -146,6 +146,14 @@ def test_finish_refuses() -> None:
     live.resolve(0, 1)
     with pytest.raises(InputError, match="message 1"):
         live.finish(25)
+    assert live.finish(25, broken_off=True).sequence.tolist() == [0]
+    with pytest.raises(InputError, match="message 1"):
+        live.finish(50, broken_off=True)
+    live.resolve(1, 1)
+    assert live.finish(25, broken_off=True).sequence.tolist() == [0, 1]
+    live.resolve(2, 1)
+    for broken_off in (False, True):
+        assert live.finish(25, broken_off=broken_off).sequence.tolist() == [0, 1, 2]
     assert LiveSchedule(RANGING, 0).sent_ns.tolist() == [0]
     assert LiveSchedule(replace(RANGING, offset_ns=5), 4).finish().sequence.size == 0
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from cli.shell import cosim
+from master.coupled import rewritten
+from master.scalar import scalar_fmu
 
 from cosim.trace import Trace
 
@@ -73,6 +75,60 @@ def test_condition_acts_at_the_next_point(fmus: Path, tmp_path: Path) -> None:
     assert 0 < k < x.size - 3
     assert np.array_equal(taken[: k + 1], x[: k + 1])
     assert np.array_equal(taken[k + 1 :], 2.0 * x[k + 1 :] + 1.0)
+
+
+WARM = """\
+title = "Something warm, and who measures it"
+connect = ["warm.x -> meter.u"]
+
+[run]
+end = 1.0
+step = 0.1
+
+[components.warm]
+fmu = "warm.fmu"
+parameters = { x0 = 20.0, a = 0.0 }
+
+[components.meter]
+fmu = "warm.fmu"
+"""
+DEFINED = '<UnitDefinitions><Unit name="{}"><BaseUnit K="1" {}/></Unit></UnitDefinitions>'
+
+
+@pytest.mark.parametrize(
+    ("unit", "definition", "point"),
+    [
+        ("degC", "", 25.0),
+        ("Celsius", 'offset="273.15"', 25.0),
+        ("K", "", 298.15),
+        ("degF", "", 77.0),
+        ("mK", 'factor="0.001"', 298150.0),
+    ],
+)
+def test_bias_is_a_difference_and_an_override_a_point(
+    unit: str, definition: str, point: float, fmus: Path, tmp_path: Path
+) -> None:
+    """5 degC more is 5 K, 9 degF; a reading of 25 degC is that on the scale of the variable."""
+    units = DEFINED.format(unit, definition) if definition else ""
+    rewritten(
+        scalar_fmu(tmp_path),
+        tmp_path / "warm.fmu",
+        (r"(name=\"u\"[^>]*>)<Real", rf'\1<Real unit="{unit}"'),
+        (r"(name=\"x\"[^>]*>)<Real", rf'\1<Real unit="{unit}"'),
+        ("<ModelVariables>", f"{units}<ModelVariables>"),
+    )
+    more = {"degF": 9.0, "mK": 5000.0}.get(unit, 5.0)
+    for offset in ('"5 degC"', '"9 degF"', '"5 K"', '"0.005 kK"', more):
+        bias = f'bias = {{ "meter.u" = {{ offset = {offset}, factor = 2.0 }} }}'
+        override = 'override = { "meter.u" = "25 degC" }'
+        events = f"\n[[events]]\nat = 0.35\nfor = 0.2\n{bias}\n"
+        events += f"\n[[events]]\nat = 0.75\n{override}\n"
+        _, trace = run(WARM + events, fmus, tmp_path)
+        taken = trace.read("/meter/input")
+        t, u = seconds(taken), taken["u"]
+        assert u[(t >= 0.35) & (t < 0.55)] == pytest.approx(40.0 + more, abs=1e-9)
+        assert u[t >= 0.75] == pytest.approx(point, abs=1e-9)
+        assert (u[(t < 0.35) | ((t >= 0.55) & (t < 0.75))] == 20.0).all()
 
 
 @pytest.mark.parametrize(("trigger", "times"), [("once", 1), ("every-time", 3)])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from written import ETA, write
 
 from cosim.errors import InputError
@@ -47,6 +48,37 @@ def test_the_same_content_is_identical(tmp_path: Path) -> None:
     b = one(tmp_path / "b.mcap", [1, 2, 3], **{"host.started": "later"})
     found = diff(a, b)
     assert (found.identical, found.equal, verdict(found)) == (True, True, "identical")
+
+
+def test_tolerance_of_a_signal_is_that_of_the_longest_name() -> None:
+    """A group's for its members, a signal's own before it; a part of a name is no group."""
+    plant, eta, one_ = Tolerance(1.0), Tolerance(0.1), Tolerance(0.01)
+    allowed = Tolerances(special={"plant.eta.x": one_, "plant": plant, "plant.eta": eta})
+    expected = {"plant.eta.x": one_, "plant.eta.y": eta, "plant.eta[2]": eta, "plant.nu.u": plant}
+    expected |= {"plant.etas": plant, "plants.eta": Tolerance()}
+    assert {name: allowed.of(name) for name in expected} == expected
+
+
+@pytest.mark.parametrize("value", [0, 0.0, False, ""])
+def test_value_that_is_not_there_is_no_zero(tmp_path: Path, value: Any) -> None:
+    """Rows as JSON, one of them without the key: unlike whatever stands there in the other."""
+
+    def rows(name: str, *contents: dict[str, Any]) -> Path:
+        with (tmp_path / name).open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            channel = writer.register_channel("/plant/output", "json", 0)
+            for k, content in enumerate(contents):
+                writer.add_message(channel, k * S, json.dumps(content).encode(), k * S)
+            writer.finish()
+        return tmp_path / name
+
+    whole = rows("a.mcap", {"y": 1, "x": value}, {"y": 1, "x": value}, {"y": 1, "x": value})
+    gap = rows("b.mcap", {"y": 1, "x": value}, {"y": 1}, {"y": 1, "x": value})
+    for found in (diff(whole, gap), diff(gap, whole)):
+        assert [(s.name, s.differing, s.first_s) for s in found.parted] == [("plant.x", 1, 1.0)]
+    other = rows("c.mcap", {"y": 1, "x": value}, {"y": 1}, {"x": value, "y": 1})
+    assert diff(gap, other).equal
 
 
 def test_where_and_by_how_much(tmp_path: Path) -> None:

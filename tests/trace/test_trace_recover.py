@@ -180,6 +180,23 @@ def test_damaged_chunk_is_left_out_whole_and_counted(
         assert (metadata, attachments) == everything[1:]
 
 
+def test_messages_on_a_channel_that_is_not_declared_are_counted(tmp_path: Path) -> None:
+    """Neither in the data nor in the summary, of a file without checksums: they are of no use."""
+    path = foreign(tmp_path / "a.mcap", chunking=False, compression=CompressionType.NONE)
+    whole = bytearray(path.read_bytes())
+    at, declared = 0, 0
+    while (at := whole.find(b"\x02\x00\x00\x00/1", at + 1)) > 0:
+        assert whole[at - 13] == 0x04  # a channel: opcode, length, id, schema, topic
+        whole[at - 4 : at - 2] = b"\x63\x00"
+        declared += 1
+    assert declared == 2
+    (start,) = struct.unpack("<Q", whole[-28:-20])
+    whole[start - 4 : start] = whole[-12:-8] = bytes(4)
+    path.write_bytes(bytes(whole))
+    result = recover(path, tmp_path / "out.mcap")
+    assert (result.messages, result.lost_messages, result.lost) == (40, 20, True)
+
+
 def test_destroyed_stretch_anywhere(tmp_path: Path) -> None:
     """Bytes overwritten anywhere, lengths included: what is kept is true, and a loss is told."""
     choose = random.Random(3)  # noqa: S311 - to be repeatable

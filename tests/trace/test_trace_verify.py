@@ -196,6 +196,10 @@ TAMPERED: dict[str, tuple[set[str], Change]] = {
         {"link delays", "link sequence", "link values"},
         once("/link/sc", 9, lambda m: altered(m, publish_time=m.log_time - 20)),
     ),
+    "early by a nanosecond": (
+        {"link delays", "link sequence", "link values"},
+        once("/link/sc", 9, lambda m: altered(m, publish_time=m.log_time - 29)),
+    ),
     "before it was sent": (
         {"order", "link delays", "link sequence", "link values"},
         once("/link/sc", 9, lambda m: altered(m, publish_time=m.log_time + 1)),
@@ -203,6 +207,10 @@ TAMPERED: dict[str, tuple[set[str], Change]] = {
     "out of order": (
         {"order", "rows"},
         once("/plant/output", 9, lambda m: altered(m, log_time=1)),
+    ),
+    "two rows at one instant": (
+        {"rows"},
+        once("/plant/output", 3, lambda m: altered(m, log_time=10, publish_time=10)),
     ),
     "another number": (
         {"link sequence", "link counts"},
@@ -225,11 +233,16 @@ TAMPERED: dict[str, tuple[set[str], Change]] = {
         {"certificate"},
         lambda n, r: altered(r, data=b"{}") if n == "certificate.json" else [r],
     ),
+    "the same claim of another proof": (
+        {"certificate"},
+        lambda n, r: altered(r, data=PROOF + b" ") if n == "certificate.json" else [r],
+    ),
     "another claim": ({"certificate"}, entry("cosim.run", "certificate.claim", '{"gamma": "1"}')),
     "no model description": ({"FMUs"}, lambda n, r: [] if n.startswith("plant.model") else [r]),
     "no hash": ({"FMUs"}, entry("cosim.run", "fmu.plant.sha256", None)),
     "no result": ({"result"}, lambda n, r: [] if n == "cosim.result" else [r]),
     "two results": ({"result"}, lambda n, r: [r, r] if n == "cosim.result" else [r]),
+    "two runs": ({"result"}, lambda n, r: [r, r] if n == "cosim.run" else [r]),
     "more sent": ({"link counts"}, entry("cosim.result", "link.sc.sent", "500")),
     "no figures": ({"link counts"}, entry("cosim.result", "link.sc.sent", None)),
     "other steps": ({"rows"}, entry("cosim.result", "steps", "7")),
@@ -244,6 +257,28 @@ def test_tampered_run_fails(tmp_path: Path, name: str) -> None:
     path = rewritten(a_run(tmp_path / "a.mcap"), tmp_path / "b.mcap", change)
     assert failing(path) == expected
     assert verify(path).verdict == ("incomplete" if name == "no result" else "failed")
+
+
+def test_number_beyond_those_that_were_sent(tmp_path: Path) -> None:
+    """A copy that calls itself the message after the last, while other copies are in flight."""
+    wide = Jitter("uniform", width_ns=400)
+    link = PacketLink("sc", 20, jitter=wide, duplicate=0.9, order="as-arrived", seed=6)
+    s = schedule(link, END)
+    delivered = s.sequence[s.status == DELIVERED]
+    twice, sent = int(delivered.max()), s.messages.sent_ns.size
+    assert np.count_nonzero(delivered == twice) == 2
+    # so that the number of those without a fate gives nothing away
+    assert np.count_nonzero(s.status == IN_FLIGHT) > sent - np.unique(delivered).size
+    left = [1]
+
+    def change(name: str, record: Any) -> list[Any]:
+        if name == "/link/sc" and record.sequence == twice and left:
+            left.pop()
+            return altered(record, sequence=sent)
+        return [record]
+
+    path = rewritten(a_run(tmp_path / "a.mcap", link), tmp_path / "b.mcap", change)
+    assert failing(path) == {"link counts"}
 
 
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
@@ -311,12 +346,14 @@ def test_false_indexes_are_noticed(tmp_path: Path) -> None:
             places["chunk index, offset"] = (position + 9 + 16, {"summary"})
         if opcode in (0x0A, 0x0D):
             places[f"index {opcode}, offset"] = (position + 9, {"summary"})
+            name = position + 9 + (40 if opcode == 0x0A else 16) + 4
+            places[f"index {opcode}, name"] = (name, {"summary"})
         position += 9 + length
     bad = tmp_path / "bad.mcap"
     for name, (at, expected) in places.items():
         bad.write_bytes(patched(whole, at, bytes([whole[at] ^ 1])))
         assert failing(bad) == expected, name
-    assert len(places) == 9
+    assert len(places) == 11
 
 
 def test_chunk_that_says_other_times(tmp_path: Path) -> None:

@@ -1,0 +1,126 @@
+"""What a guarantee rests on is said to be met only where it was: one fault at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.master import Run
+from cosim.scenario.execute import fly_unrecorded, prepare
+from cosim.scenario.hangar import Hangar
+from cosim.scenario.read import LoadedScenario, parse
+
+SCENARIO = """\
+title = "Pushed for two seconds"
+connect = [
+    "plant.eta -> controller.eta : up",
+    "plant.nu -> controller.nu : up",
+    "controller.force -> plant.force",
+    "controller.moment -> plant.moment",
+]
+
+[run]
+end = 2.0
+step = 0.05
+
+[components.plant]
+fmu = "AuvPlant"
+parameters = {{ "delay.d" = 0.5, "initial.nu.u" = {start}, "disturbance.u" = {push} }}
+
+[components.controller]
+fmu = "HinfController"
+parameters = {{ "limit.force" = {limit} }}
+
+[links.up]
+kind = "packet"
+sample_time = 0.15
+delay = 0.25
+loss = {loss}
+on_loss = "{on_loss}"
+
+[design]
+system = "auv"
+loop_delay = 1.25
+
+{events}
+"""
+MET = {
+    "certificate_verified": True,
+    "message_age_within_design": True,
+    "state_inside_envelope": True,
+    "limits_not_reached": True,
+    "plant_as_designed": True,
+}
+
+
+class Flyer:
+    """Flies the scenario, with one design for all."""
+
+    def __init__(self, fmus: Path, folder: Path) -> None:
+        self._folder = folder
+        self._shelf = Hangar(fmus.parent, folder, flavour="native")
+        first = prepare(self._loaded({}), self._shelf)
+        assert first.problem is not None
+        assert first.design is not None
+        self._made = first.problem, first.design
+
+    def __call__(self, **more: Any) -> tuple[Any, Any, Run]:
+        """Metrics, links and rows."""
+        prepared = prepare(self._loaded(more), self._shelf, saved=self._made)
+        outcome, run = fly_unrecorded(prepared)
+        return outcome.metrics, outcome.links["up"], run
+
+    def _loaded(self, more: Mapping[str, Any]) -> LoadedScenario:
+        usual = {"start": 0.0, "push": 0.05, "limit": 2500.0, "loss": 0.0, "on_loss": "hold"}
+        text = SCENARIO.format(**usual | {"events": ""} | dict(more))
+        return parse(text, name="s", where="s.toml", folder=self._folder)
+
+
+@pytest.fixture(scope="module")
+def fly(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flyer:
+    return Flyer(native_fmus, tmp_path_factory.mktemp("flights"))
+
+
+def test_all_are_met_where_nothing_is_wrong(fly: Flyer) -> None:
+    """Losses that are held make measurements older, not wrong."""
+    metrics, link, _ = fly(loss=0.2)
+    assert metrics["assumptions"] == MET
+    assert link["lost"] > 0
+
+
+def test_substitute_for_a_lost_measurement_is_none(fly: Flyer) -> None:
+    """However young what is used instead of it, no measurement acts then."""
+    metrics, link, _ = fly(loss=0.2, on_loss="zero")
+    assert metrics["assumptions"] == MET | {"message_age_within_design": False}
+    assert metrics["message_age_s"] <= metrics["designed_age_s"]
+    assert link["substitutions"] > 0
+
+
+def test_what_an_event_changes_is_said(fly: Flyer) -> None:
+    """What is set or overridden; the traffic of a link is no assumption."""
+    outage = '[[events]]\nat = 1.0\nfor = 0.3\noutage = ["up"]\n'
+    override = '[[events]]\nat = 1.0\nfor = 0.1\noverride = { "plant.force.y" = 1.0 }\n'
+    for events, untouched in ((outage, True), (override, False)):
+        metrics, _, _ = fly(events=events)
+        assert metrics["assumptions"] == MET | {"nothing_set_or_overridden": untouched}
+
+
+def largest(run: Run, component: str, variable: str) -> float:
+    return float(np.abs(run.signal(component, variable)).max())
+
+
+def test_run_from_rest_beside_it_is_looked_at_too(fly: Flyer) -> None:
+    """Its gain is measured: it leaves the envelope, or reaches a limit, where the run does not."""
+    _, _, rest = fly(push=0.25)
+    most = largest(rest, "controller", "force.x")
+    metrics, _, own = fly(push=0.25, start=-0.28, limit=0.98 * most)
+    assert largest(own, "controller", "force.x") < 0.95 * most
+    assert largest(own, "plant", "nu.u") < 0.3 < largest(rest, "plant", "nu.u")
+    assert metrics["saturated_fraction"] == 0.0
+    assert metrics["envelope_use"]["u"] == pytest.approx(largest(rest, "plant", "nu.u") / 0.3, 0.02)
+    wrong = {"state_inside_envelope": False, "limits_not_reached": False}
+    assert metrics["assumptions"] == MET | wrong
