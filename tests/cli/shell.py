@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import typer.main
 from shared import fmu_store, made_once
 
 from cosim.cli import main
@@ -26,6 +27,8 @@ BUILT_IN = (
     "paper-worst-case",
 )
 COMMAND = Path(sys.executable).with_name("cosim")
+command_of = cache(typer.main.get_command)
+"""The parser of the verbs: the same each time, and as long to build as many a verb takes."""
 SCENARIOS = Path(__file__).parents[1] / "scenario"
 
 
@@ -68,6 +71,7 @@ def cosim(*arguments: str | Path, cwd: Path) -> Result:
     with (
         chdir(cwd),
         patch.object(sys, "argv", line),
+        patch.object(typer.main, "get_command", command_of),
         patch.dict(os.environ, {"COLUMNS": "200"}),
         redirect_stdout(out),
         redirect_stderr(err),

@@ -328,7 +328,6 @@ MAGIC = {
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(280)
 def test_all_platforms_in_one_file(tmp_path: Path) -> None:
     """Five binaries, each for its machine, twice the same bytes; old glibc is enough."""
     pytest.importorskip("ziglang")
