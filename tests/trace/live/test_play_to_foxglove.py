@@ -91,7 +91,8 @@ class Client:
 @contextmanager
 def client(url: str) -> Iterator[Client]:
     names = ["foxglove.sdk.v1"]
-    with connect(url, subprotocols=names, max_size=None) as socket:  # type: ignore[arg-type]
+    patient = {"open_timeout": None, "ping_interval": None}
+    with connect(url, subprotocols=names, max_size=None, **patient) as socket:  # type: ignore[arg-type]
         assert socket.subprotocol == names[0]
         yield Client(socket)
 

@@ -113,7 +113,8 @@ def browser(profile: Path, *options: str) -> Iterator[Page]:
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, **silent) as process:  # noqa: S603 - the browser found above
         try:
-            with connect(_page_address(profile, process), max_size=None) as socket:
+            address, patient = _page_address(profile, process), {"open_timeout": None}
+            with connect(address, max_size=None, ping_interval=None, **patient) as socket:
                 yield Page(socket)
         finally:
             process.terminate()
