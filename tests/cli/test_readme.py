@@ -42,7 +42,7 @@ def files() -> dict[str, str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a reader types: what is flown before is there, and the files that are shown."""
     folder = tmp_path_factory.mktemp("reader")
-    copied(fmu_store(), folder / "fmus")
+    copied(fmu_store("python", "native", "native-fmi3"), folder / "fmus")
     flown = trace_of("auv-acoustic")
     copied(flown.parent, folder / flown.parent.name)
     for name, text in files().items():

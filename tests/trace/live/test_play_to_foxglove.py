@@ -91,8 +91,9 @@ class Client:
 @contextmanager
 def client(url: str) -> Iterator[Client]:
     names = ["foxglove.sdk.v1"]
-    patient = {"open_timeout": None, "ping_interval": None}
-    with connect(url, subprotocols=names, max_size=None, **patient) as socket:  # type: ignore[arg-type]
+    # without bounds: a queue that is full keeps the answer to the farewell out, for ten seconds
+    options = {"max_size": None, "max_queue": None, "open_timeout": None, "ping_interval": None}
+    with connect(url, subprotocols=names, **options) as socket:  # type: ignore[arg-type]
         assert socket.subprotocol == names[0]
         yield Client(socket)
 
