@@ -86,7 +86,7 @@ def copied(source: Path, target: Path) -> Path:
 def what_was_written() -> list[str]:
     """The shared files that are not as they were made, by name."""
     return sorted(
-        f"{seal.stem}/{name}"
+        f"{seal.relative_to(home()).with_suffix('')}/{name}"
         for seal in home().rglob("*.made")
         for name in _differences(json.loads(seal.read_text("utf-8")), _state(seal.with_suffix("")))
     )

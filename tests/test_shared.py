@@ -65,8 +65,8 @@ def test_what_is_shared_is_read_only(folder: Path) -> None:
 @pytest.mark.parametrize("change", ["over", "beside", "away"])
 def test_a_writer_is_found(folder: Path, change: str) -> None:
     """A file changed, added or removed is named; nothing else is."""
-    made = shared.made_once("it", make)
-    shared.made_once("group/other", make)
+    made = shared.made_once("group/it", make)
+    shared.made_once("other", make)
     assert shared.what_was_written() == []
     for path in (made, made / "deep", made / "deep" / "a.txt"):
         path.chmod(0o700)
@@ -76,7 +76,8 @@ def test_a_writer_is_found(folder: Path, change: str) -> None:
         (made / "b.txt").write_text("b")
     else:
         (made / "deep" / "a.txt").unlink()
-    assert shared.what_was_written() == ["it/b.txt" if change == "beside" else "it/deep/a.txt"]
+    name = "b.txt" if change == "beside" else "deep/a.txt"
+    assert shared.what_was_written() == [f"group/it/{name}"]
     assert folder in made.parents
 
 
