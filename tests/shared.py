@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from locket import lock_file
 
 _NO_WRITE = ~0o222
+_WHOLE, _SLASH = ".whole", "~"
 _session: list[Path] = []
 
 
@@ -56,20 +57,19 @@ def made_once(name: str, make: Callable[[Path], object]) -> Path:
     The others wait until it is whole. A `make` that fails leaves nothing, and the next one who
     asks tries again.
     """
-    folder = home() / name
-    seal = _seal(folder)
-    if not seal.exists():
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with lock_file(str(folder.with_name(f"{folder.name}.lock"))):
-            if not seal.exists():
+    folder, seal = home() / name, _seals() / name.replace("/", _SLASH)
+    whole = seal.with_name(seal.name + _WHOLE)
+    if not whole.exists():
+        seal.parent.mkdir(parents=True, exist_ok=True)
+        with lock_file(f"{seal}.lock"):
+            if not whole.exists():
                 shutil.rmtree(folder, ignore_errors=True)
-                folder.mkdir()
+                folder.mkdir(parents=True)
                 make(folder)
                 for path in [folder, *folder.rglob("*")]:
                     path.chmod(path.stat().st_mode & _NO_WRITE)
-                partial = seal.with_suffix(".partial")
-                partial.write_text(json.dumps(_state(folder)), "utf-8")
-                partial.rename(seal)
+                seal.write_text(json.dumps(_state(folder)), "utf-8")
+                seal.rename(whole)
     return folder
 
 
@@ -85,15 +85,13 @@ def copied(source: Path, target: Path) -> Path:
 
 def what_was_written() -> list[str]:
     """The shared files that are not as they were made, by name."""
-    return sorted(
-        f"{seal.relative_to(home()).with_suffix('')}/{name}"
-        for seal in home().rglob("*.made")
-        for name in _differences(json.loads(seal.read_text("utf-8")), _state(seal.with_suffix("")))
-    )
-
-
-def _differences(then: dict[str, list[int]], now: dict[str, list[int]]) -> Iterator[str]:
-    return (name for name in {*then, *now} if then.get(name) != now.get(name))
+    found = []
+    for seal in _seals().glob(f"*{_WHOLE}"):
+        folder = home() / seal.stem.replace(_SLASH, "/")
+        now, then = _state(folder), json.loads(seal.read_text("utf-8"))
+        changed = (name for name in {*then, *now} if then.get(name) != now.get(name))
+        found += [str(folder.relative_to(home()) / name) for name in changed]
+    return sorted(found)
 
 
 def _state(folder: Path) -> dict[str, list[int]]:
@@ -102,6 +100,6 @@ def _state(folder: Path) -> dict[str, list[int]]:
     return {name: [s.st_size, s.st_mtime_ns, s.st_ino] for name, s in files.items()}
 
 
-def _seal(folder: Path) -> Path:
-    """Beside the folder: there when it is whole, with the state of its files."""
-    return folder.with_name(f"{folder.name}.made")
+def _seals() -> Path:
+    """One file per folder, there when it is whole, with the state of its files then."""
+    return home() / "seals"
