@@ -19,8 +19,9 @@ help: ## show this list
 demo: $(READY) ## fly two designs over the same late link, from design to trace
 	$(BIN)/cosim demo
 
-test: $(READY) ## run the tests, all but the slow ones
-	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
+test: $(READY) ## run the tests, all but the slow ones [ORDER=NUMBER: in another order]
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" \
+		$(if $(ORDER),--random-order-bucket=module --random-order-seed=$(ORDER))
 
 lint: $(READY) ## check style, formatting and types
 	$(BIN)/ruff check .

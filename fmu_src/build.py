@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import zipfile
 from collections.abc import Iterable, Sequence
@@ -52,7 +53,7 @@ def ensure_fmu(
     """
     spec = CATALOGUE[name]
     path = root / flavour / f"{name}.fmu"
-    if not force and path.is_file() and _up_to_date(path, spec, flavour, platforms):
+    if not force and path.is_file() and _up_to_date(path, name, flavour, platforms):
         return Built(name, path, new=False)
     return Built(name, build_fmu(spec, path.parent, flavour, platforms), new=True)
 
@@ -88,18 +89,22 @@ def ensure_all(
     ]
 
 
-def _up_to_date(
-    path: Path, spec: ComponentSpec, flavour: str, platforms: Sequence[Platform]
-) -> bool:
+def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platform]) -> bool:
     found = _inside(path)
     if found is None:
         return False  # not an FMU: it is built anew
     identity, entries = found
-    if flavour == "python":
-        return identity == python_guid(spec)
     version = FMI_VERSION[flavour]
-    wanted = {f"binaries/{p.folder(version)}/{spec.name}{p.suffix}" for p in platforms or [host()]}
-    return identity == native_guid(spec, version) and wanted <= entries
+    machines = [] if flavour == "python" else platforms or [host()]
+    wanted = {f"binaries/{p.folder(version)}/{name}{p.suffix}" for p in machines}
+    return identity == _guid(name, flavour) and wanted <= entries
+
+
+@functools.cache
+def _guid(name: str, flavour: str) -> str:
+    """What today's code gives: the same while a process lives, and half of a short run's time."""
+    spec = CATALOGUE[name]
+    return python_guid(spec) if flavour == "python" else native_guid(spec, FMI_VERSION[flavour])
 
 
 def _inside(path: Path) -> tuple[str, set[str]] | None:

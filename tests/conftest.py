@@ -13,9 +13,11 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
+import shared
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 # Drawn without a display, and before anything imports matplotlib.
@@ -33,31 +35,35 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, databas
 settings.load_profile("repeatable")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """One folder for all processes of the session; see `shared`."""
+    base = tmp_path_factory.getbasetemp()
+    in_parallel = "PYTEST_XDIST_WORKER" in os.environ
+    shared.share_below((base.parent if in_parallel else base) / "shared")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_shared_is_written() -> Iterator[None]:
+    """What all tests read is still as it was made when the tests of a file are done."""
+    yield
+    written = shared.what_was_written()
+    assert not written, f"changed by a test; write to tmp_path instead: {', '.join(written)}"
+
+
 @pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmus() -> Path:
     """Folder of every python FMU (NAME.fmu), built once per session; read only."""
-    from fmu_src.build import FLAVOUR, ensure_all  # noqa: PLC0415 - most tests need no FMU
-
-    root = tmp_path_factory.mktemp("fmus")
-    ensure_all(root)
-    return root / FLAVOUR
+    return shared.fmu_folder("python")
 
 
 @pytest.fixture(scope="session")
-def native_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def native_fmus() -> Path:
     """Folder of every native FMU of FMI 2.0 for this machine; read only."""
-    return _native(tmp_path_factory, "native")
+    return shared.fmu_folder("native")
 
 
 @pytest.fixture(scope="session")
-def native_fmus_of_fmi3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def native_fmus_of_fmi3() -> Path:
     """Folder of every native FMU of FMI 3.0 for this machine; read only."""
-    return _native(tmp_path_factory, "native-fmi3")
-
-
-def _native(tmp_path_factory: pytest.TempPathFactory, flavour: str) -> Path:
-    from fmu_src.build import ensure_all  # noqa: PLC0415 - most tests need no FMU
-
-    root = tmp_path_factory.mktemp("fmus")
-    ensure_all(root, flavour=flavour)
-    return root / flavour
+    return shared.fmu_folder("native-fmi3")

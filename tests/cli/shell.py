@@ -1,20 +1,20 @@
-"""The command line as a test calls it, and every built-in scenario flown once per process."""
+"""The command line as a test calls it, and every built-in scenario flown once per session."""
 
 from __future__ import annotations
 
-import atexit
 import json
 import os
-import shutil
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from io import StringIO
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 from unittest.mock import patch
+
+import typer.main
+from shared import fmu_store, made_once
 
 from cosim.cli import main
 
@@ -27,6 +27,8 @@ BUILT_IN = (
     "paper-worst-case",
 )
 COMMAND = Path(sys.executable).with_name("cosim")
+command_of = cache(typer.main.get_command)
+"""The parser of the verbs: the same each time, and as long to build as many a verb takes."""
 SCENARIOS = Path(__file__).parents[1] / "scenario"
 
 
@@ -69,6 +71,7 @@ def cosim(*arguments: str | Path, cwd: Path) -> Result:
     with (
         chdir(cwd),
         patch.object(sys, "argv", line),
+        patch.object(typer.main, "get_command", command_of),
         patch.dict(os.environ, {"COLUMNS": "200"}),
         redirect_stdout(out),
         redirect_stderr(err),
@@ -81,20 +84,20 @@ def cosim(*arguments: str | Path, cwd: Path) -> Result:
 
 
 @cache
-def home() -> Path:
-    """The folder of the shared flights, removed when the process ends."""
-    folder = Path(mkdtemp(prefix="cosim-flights-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
-
-
-@cache
 def flight(name: str) -> Result:
-    """`cosim run NAME --json` in `home()`, once per process; the trace is `trace_of(NAME)`."""
-    return cosim("run", name, "--json", cwd=home())
+    """`cosim run NAME --json`, once per session; the trace is `trace_of(NAME)`."""
+    return Result(**json.loads((_flight(name) / "result.json").read_text("utf-8")))
 
 
 def trace_of(name: str) -> Path:
     """The trace of the shared flight."""
     assert flight(name).code == 0, flight(name).err
-    return home() / "traces" / f"{name}.mcap"
+    return _flight(name) / "traces" / f"{name}.mcap"
+
+
+def _flight(name: str) -> Path:
+    def fly(folder: Path) -> None:
+        result = cosim("run", name, "--json", "--fmus", fmu_store(), cwd=folder)
+        (folder / "result.json").write_text(json.dumps(asdict(result)), "utf-8")
+
+    return made_once(f"flights/{name}", fly)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
-from cli.shell import BUILT_IN, SCENARIOS, cosim, flight, home, trace_of
+from cli.shell import BUILT_IN, SCENARIOS, cosim, flight, trace_of
 
 from cosim.hinf import certificate_bytes, certificate_hash
 from cosim.trace import Attachment, Trace, TraceWriter
@@ -152,7 +152,7 @@ def test_a_damaged_archive_is_refused(fmus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_every_flight_carries_the_proof_of_the_gain_that_flew(name: str) -> None:
+def test_every_flight_carries_the_proof_of_the_gain_that_flew(name: str, tmp_path: Path) -> None:
     """Attached, named in the run with its SHA-256 and claim, and the same as in the design."""
     trace = Trace(trace_of(name))
     proof = trace.attachments["certificate.json"]
@@ -160,11 +160,11 @@ def test_every_flight_carries_the_proof_of_the_gain_that_flew(name: str) -> None
     assert proof == certificate_bytes(design)
     assert trace.run["certificate.sha256"] == hashlib.sha256(proof).hexdigest()
     assert json.loads(trace.run["certificate.claim"]) == json.loads(proof)["claim"]
-    checked = cosim("certificate", "check", trace_of(name), "--json", cwd=home())
+    checked = cosim("certificate", "check", trace_of(name), "--json", cwd=tmp_path)
     assert checked.code == 0, checked.err
     assert checked.json["carrier"] == "trace"
     assert checked.json["claim"] == design["claim"]
-    told = cosim("trace", "info", trace_of(name), "--json", cwd=home()).json["certificate"]
+    told = cosim("trace", "info", trace_of(name), "--json", cwd=tmp_path).json["certificate"]
     assert told["sha256"] == checked.json["sha256"] == certificate_hash(design)
     assert told["attachment"] == "certificate.json"
     assert told["claim"] == design["claim"]
@@ -179,9 +179,9 @@ def test_the_trace_says_whether_the_fmu_starts_with_what_flew() -> None:
     assert gains["paper-example"] == f"{flew} it"
 
 
-def test_people_see_the_certificate_in_info() -> None:
+def test_people_see_the_certificate_in_info(tmp_path: Path) -> None:
     """Claim, bound, delays and hash in words."""
-    seen = cosim("trace", "info", trace_of("auv-acoustic"), cwd=home()).out
+    seen = cosim("trace", "info", trace_of("auv-acoustic"), cwd=tmp_path).out
     run = Trace(trace_of("auv-acoustic")).run
     assert "stability and H-infinity gain <= gamma, gamma = 3.41" in seen
     assert "d = 1.25 s: age any, however it varies, up to d, the control acts through it" in seen

@@ -32,7 +32,7 @@ def test_check_of_a_sound_fmu_with_and_without_running_it(fmus: Path, tmp_path: 
     path = fmus / "WaveField.fmu"
     quiet = cosim("fmu", "check", path, "--json", cwd=tmp_path)
     assert (quiet.code, quiet.json["valid"], quiet.json["run"]) == (0, True, False)
-    ran = cosim("fmu", "check", path, "--run", cwd=tmp_path)
+    ran = cosim("fmu", "check", path, "--run", "--time", "600", cwd=tmp_path)
     assert ran.code == 0
     assert "sound" in ran.out
     assert "run-done" in ran.out

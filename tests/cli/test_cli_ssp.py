@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from cli.shell import cosim
+from shared import fmu_store
 
 SHORT = """
 title = "Section 5 over a link"
@@ -41,7 +42,9 @@ def folder(tmp_path: Path) -> Path:
 def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
     """One JSON object each; the scenario that comes back flies."""
     out = cosim(
-        "ssp", "export", "short.toml", "-o", "out.ssp", "--links", links, "--json", cwd=folder
+        *("ssp", "export", "short.toml", "-o", "out.ssp", "--links", links, "--json"),
+        *("--fmus", fmu_store()),
+        cwd=folder,
     )
     assert out.code == 0, out.err
     assert set(out.json) == {
@@ -62,7 +65,7 @@ def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
 
 
 def test_people_read_what_was_written(folder: Path) -> None:
-    out = cosim("ssp", "export", "short.toml", cwd=folder)
+    out = cosim("ssp", "export", "short.toml", "--fmus", fmu_store(), cwd=folder)
     assert out.code == 0
     assert "short.ssp" in out.out
     assert "uplink" in out.out

@@ -9,7 +9,7 @@ import pytest
 from cli.shell import cosim
 from study.deadly import folder
 
-from cosim.study import batch
+from cosim.study import batch, workers
 from cosim.study.flight import Flyer
 
 STUDY = """
@@ -93,8 +93,11 @@ def test_a_study_is_run_resumed_and_shown(tmp_path: Path) -> None:
         (("show", "."), "not the folder of a study"),
     ],
 )
-def test_bad_usage_is_named(tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+def test_bad_usage_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
+) -> None:
     """Exit code 2, and the same in JSON."""
+    monkeypatch.setattr(workers, "_PATIENCE_S", 4)  # nobody listens there
     study(tmp_path)
     result = cosim("study", *arguments, "--json", cwd=tmp_path)
     assert result.code == 2

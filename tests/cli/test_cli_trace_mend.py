@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from cli.shell import cosim, home, trace_of
+from cli.shell import cosim, trace_of
+from shared import fmu_store
 
 from cosim.trace import Signal, TraceWriter
 
@@ -53,7 +54,7 @@ def test_recover_refuses_what_is_no_trace(tmp_path: Path) -> None:
 def test_verify_finds_a_flight_good(name: str, tmp_path: Path) -> None:
     """A run of ours passes every check, its FMUs are found; cut or changed, it does not."""
     trace = trace_of(name)
-    done = cosim("trace", "verify", trace, "--fmus", home() / "fmus", "--json", cwd=tmp_path)
+    done = cosim("trace", "verify", trace, "--fmus", fmu_store(), "--json", cwd=tmp_path)
     assert done.code == 0, done.out
     told = done.json
     assert (told["verdict"], told["ok"], told["ours"]) == ("ok", True, True)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli.shell import BUILT_IN, cosim, flight, home, trace_of
+from cli.shell import BUILT_IN, cosim, flight, trace_of
+from shared import fmu_store
 
 from cosim.hinf import check_certificate
 
@@ -85,10 +86,10 @@ def test_design_of_a_scenario_is_the_one_it_flies_with(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_info_says_what_run_said(name: str) -> None:
+def test_info_says_what_run_said(name: str, tmp_path: Path) -> None:
     """Status, metrics, links and hash in the trace are those that were printed."""
     ran = flight(name).json
-    told = cosim("trace", "info", trace_of(name), "--json", cwd=home()).json
+    told = cosim("trace", "info", trace_of(name), "--json", cwd=tmp_path).json
     assert told["finished"] is True
     assert told["complete"] is True
     assert told["content_hash"] == ran["content_hash"]
@@ -98,12 +99,13 @@ def test_info_says_what_run_said(name: str) -> None:
     assert set(told["links"]) == set(ran["links"])
 
 
-def test_people_read_the_same_figures() -> None:
+def test_people_read_the_same_figures(tmp_path: Path) -> None:
     """Without --json: status, links and assumptions in words."""
-    seen = cosim("trace", "info", trace_of("auv-acoustic-naive"), cwd=home())
+    seen = cosim("trace", "info", trace_of("auv-acoustic-naive"), cwd=tmp_path)
     assert seen.code == 0
     assert "uplink" in seen.out
-    flown = cosim("run", "paper-example", "--out", "seen.mcap", cwd=home())
+    words = ("run", "paper-example", "--out", "seen.mcap", "--fmus", fmu_store())
+    flown = cosim(*words, cwd=tmp_path)
     assert flown.code == 0
     assert "finished" in flown.out
     assert "not met" in flown.out
@@ -148,14 +150,14 @@ def test_no_verb_prints_help(verb: list[str], tmp_path: Path) -> None:
     assert "Traceback" not in result.out + result.err
 
 
-def test_demo_is_the_two_flights_and_a_picture() -> None:
+def test_demo_is_the_two_flights_and_a_picture(tmp_path: Path) -> None:
     """The demo flies the same runs as `run` does, and draws them."""
-    result = cosim("demo", "--json", "--out", "demo", cwd=home())
+    result = cosim("demo", "--json", "--out", "demo", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 0, result.err
     runs = result.json["runs"]
     hashes = [run["content_hash"] for run in runs.values()]
     assert hashes == [
         flight(name).json["content_hash"] for name in ("auv-acoustic", "auv-acoustic-naive")
     ]
-    picture = home() / result.json["picture"]
+    picture = tmp_path / result.json["picture"]
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli.shell import cosim, home, trace_of
+from cli.shell import cosim, trace_of
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
+from shared import fmu_store
 
 from cosim.hinf import certificate_bytes, design, design_to_json
 from cosim.models.delay_system import Delay, DelaySystem
@@ -152,7 +153,7 @@ def test_it_flies_with_its_own_gain(folder: Path) -> None:
     """Nobody sets K: every command is K x of the sample before, K of the design."""
     fmu = Path(pack(folder, "paper.json", "-o", "own.fmu")["fmu"])
     (folder / "own.toml").write_text(SCENARIO.format(fmu=fmu), "utf-8")
-    flown = cosim("run", "own.toml", "--fmus", home() / "fmus", "--json", cwd=folder)
+    flown = cosim("run", "own.toml", "--fmus", fmu_store(), "--json", cwd=folder)
     assert flown.code == 0, flown.err
     trace = Trace(folder / "traces" / "own.mcap")
     x, u = trace.read("/controller/input"), trace.read("/controller/output")
@@ -168,7 +169,7 @@ def test_reaching_its_limit_is_an_assumption_not_met(folder: Path) -> None:
     K = json.loads((folder / "paper.json").read_text())["K"][0]
     text = SCENARIO.format(fmu="tight.fmu") + DESIGN.format(gain=", ".join(map(repr, K)))
     (folder / "tight.toml").write_text(text, "utf-8")
-    flown = cosim("run", "tight.toml", "--fmus", home() / "fmus", "--json", cwd=folder)
+    flown = cosim("run", "tight.toml", "--fmus", fmu_store(), "--json", cwd=folder)
     assert flown.code == 0, flown.err
     metrics = flown.json["metrics"]
     assert metrics["largest_command"] == {"u[1]": 0.5}

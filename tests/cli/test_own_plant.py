@@ -194,7 +194,7 @@ def test_another_plant_is_not_as_designed(folder: Path) -> None:
 def test_each_is_sound_for_other_eyes_too(folder: Path, name: str, flavour: str) -> None:
     """`cosim fmu check --run` finds nothing, FMPy's validation neither."""
     path = folder / flavour / f"{name}.fmu"
-    checked = cosim("fmu", "check", path, "--run", "--json", cwd=folder)
+    checked = cosim("fmu", "check", path, "--run", "--time", "600", "--json", cwd=folder)
     assert checked.code == 0, checked.out
     assert {found["level"] for found in checked.json["findings"]} == {"note"}
     assert validate_fmu(str(path)) == []

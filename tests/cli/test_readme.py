@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli.shell import COMMAND, cosim, flight, home
+from cli.shell import COMMAND, cosim, trace_of
+from shared import copied, fmu_store
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
@@ -38,18 +39,21 @@ def files() -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def folder() -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a reader types: what is flown before is there, and the files that are shown."""
-    assert flight("auv-acoustic").code == 0
+    folder = tmp_path_factory.mktemp("reader")
+    copied(fmu_store("python", "native", "native-fmi3"), folder / "fmus")
+    flown = trace_of("auv-acoustic")
+    copied(flown.parent, folder / flown.parent.name)
     for name, text in files().items():
-        (home() / name).write_text(text, "utf-8")
-    shutil.copy(ROOT / "build_fmu.py", home())
-    return home()
+        (folder / name).write_text(text, "utf-8")
+    shutil.copy(ROOT / "build_fmu.py", folder)
+    return folder
 
 
 def run(words: list[str | Path], folder: Path) -> None:
     done = subprocess.run(  # noqa: S603 - what the README tells people to type
-        words, cwd=folder, capture_output=True, text=True, check=False, timeout=120
+        words, cwd=folder, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr

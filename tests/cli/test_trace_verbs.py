@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import shutil
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from cli.shell import cosim, flight, trace_of
+from shared import copied
 
 from cosim.trace import Trace
 
@@ -46,7 +46,7 @@ def test_aware_and_naive_part_where_the_gains_first_act(tmp_path: Path) -> None:
 
 
 def test_a_trace_is_identical_to_its_copy(tmp_path: Path) -> None:
-    shutil.copy(trace_of(AWARE), tmp_path / "copy.mcap")
+    copied(trace_of(AWARE), tmp_path / "copy.mcap")
     result = cosim("trace", "diff", trace_of(AWARE), "copy.mcap", "--json", cwd=tmp_path)
     assert result.code == 0
     data = result.json

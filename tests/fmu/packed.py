@@ -6,10 +6,15 @@ import re
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
+
+from cosim.fmu.inspect import inspection
 
 XML = "modelDescription.xml"
 Files = dict[str, bytes]
@@ -55,6 +60,13 @@ FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
  </ModelStructure>
 </fmiModelDescription>
 """
+
+
+@contextmanager
+def each_library_read_once() -> Iterator[None]:
+    """Inspections of many FMUs with the same libraries in them, which take longest to read."""
+    with patch.object(inspection, "read_binary", cache(inspection.read_binary)):
+        yield
 
 
 def described(xml: str, page: str) -> Files:

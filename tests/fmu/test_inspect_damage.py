@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import fmpy
@@ -15,6 +16,7 @@ from fmu.packed import (
     Damage,
     described,
     described_as,
+    each_library_read_once,
     files_of,
     pack,
     renamed,
@@ -30,6 +32,13 @@ from fmu_src.catalogue import CATALOGUE
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
 SO, DLL = "binaries/linux64/AuvPlant.so", "binaries/win64/AuvPlant.dll"
 ETA_X = r'(<ScalarVariable name="eta\.x".*?<Real [^/]*?)'
+
+
+@pytest.fixture(scope="module", autouse=True)
+def libraries() -> Iterator[None]:
+    """Every FMU of these tests has the same libraries, damaged ones apart."""
+    with each_library_read_once():
+        yield
 
 
 def found(path: Path) -> dict[str, str]:

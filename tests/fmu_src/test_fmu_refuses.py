@@ -113,7 +113,6 @@ def abused(fmus: Path, script: str) -> dict[str, Any]:
         capture_output=True,
         text=True,
         env={"PYTHONPATH": str(Path(__file__).resolve().parent), "PYTHONFAULTHANDLER": "1"},
-        timeout=60,
     )
     assert done.returncode == 0, done.stderr
     result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])

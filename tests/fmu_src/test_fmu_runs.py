@@ -306,7 +306,6 @@ def in_a_process(script: str, *arguments: str) -> subprocess.CompletedProcess[st
         capture_output=True,
         text=True,
         env={"PYTHONPATH": str(here), "PYTHONFAULTHANDLER": "1"},
-        timeout=120,
     )
 
 

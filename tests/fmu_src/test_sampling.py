@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from math import ceil
-from time import monotonic
 from typing import Any
 
 import pytest
@@ -71,14 +70,12 @@ def test_sample_time_of_zero_samples_at_every_point() -> None:
 
 
 def test_sample_time_far_below_the_step_costs_nothing() -> None:
-    """A nanosecond's sample time is not counted through."""
-    begin = monotonic()
+    """A nanosecond's sample time is not counted through: that would take days."""
     for sample_time in (1e-9, 1e-15, 1e-300):
         feedback, values = controller(sample_time)
         values["x[1]"] = 4.0
         feedback.advance(values, 1000.0)
         assert values["u[1]"] == 4.0
-    assert monotonic() - begin < 1.0
 
 
 def test_vehicle_controller_maps_and_limits() -> None:

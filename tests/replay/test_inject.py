@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.shell import Result, cosim, home, trace_of
+from cli.shell import Result, cosim, trace_of
 from master.mixed import mixed_fmu
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
+from shared import copied, fmu_store
 
 from cosim.trace import Rows, Signal, Table, Trace, TraceWriter, content_hash
 
@@ -23,7 +23,7 @@ S = 10**9
 
 def injected(source: Path, *arguments: str | Path, cwd: Path) -> Result:
     """`cosim trace inject SOURCE ... --json` with the FMUs of the shared flights."""
-    words = ("trace", "inject", source, *arguments, "--fmus", home() / "fmus", "--json")
+    words = ("trace", "inject", source, *arguments, "--fmus", fmu_store(), "--json")
     return cosim(*words, cwd=cwd)
 
 
@@ -337,9 +337,9 @@ def test_wrong_orders_are_refused(tmp_path: Path, what: str) -> None:
 
 
 def test_people_are_told_what_went_where(tmp_path: Path) -> None:
-    shutil.copy(trace_of("paper-example"), tmp_path / "p.mcap")
+    copied(trace_of("paper-example"), tmp_path / "p.mcap")
     words = ("trace", "inject", "p.mcap", "--into", "PaperController", "--compare", "controller")
-    result = cosim(*words, "--fmus", home() / "fmus", cwd=tmp_path)
+    result = cosim(*words, "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 0, result.err
     assert "bit for bit" in result.out
     assert "/controller/input x[1]" in result.out

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli.shell import BUILT_IN, cosim, home, trace_of
+from cli.shell import BUILT_IN, cosim
+from shared import fmu_store
 
 from cosim.hinf import design_from_json
 from cosim.replay import rerun
@@ -30,20 +31,18 @@ def flown_again(path: Path, target: Path) -> bool:
     FMUs of an earlier version cannot be built any more: then the scenario is flown with today's,
     and the gain that the trace carries.
     """
-    trace_of("auv-direct")
-    trace_of("paper-example")  # between them, every FMU of the built-in scenarios is built
     kept = Trace(path)
-    hangar = Hangar(root=home() / "fmus", folder=home())
+    hangar = Hangar(root=fmu_store(), folder=target.parent)
     built = {hashlib.sha256(f.read_bytes()).hexdigest() for f in hangar.root.rglob("*.fmu")}
     if {v for k, v in kept.run.items() if k.startswith("fmu.") and k.endswith(".sha256")} <= built:
         rerun(path, hangar, output=target)
         return True
     text = kept.attachments[SCENARIO_ATTACHMENT].decode()
-    loaded = parse(text, name=path.stem, where=path.name, folder=home())
+    loaded = parse(text, name=path.stem, where=path.name, folder=target.parent)
     part = loaded.scenario.design
     assert part is not None
     gain = design_from_json(json.loads(kept.attachments[DESIGN_ATTACHMENT]), where=path.name)
-    fly(prepare(loaded, hangar, saved=(problem_of(part, home()), gain)), target)
+    fly(prepare(loaded, hangar, saved=(problem_of(part, target.parent), gain)), target)
     return False
 
 
@@ -74,11 +73,11 @@ def test_every_built_in_scenario_is_kept() -> None:
     assert sum(path.stat().st_size for path in KEPT) < MOST_BYTES
 
 
-def test_the_readme_tells_of_each() -> None:
+def test_the_readme_tells_of_each(tmp_path: Path) -> None:
     """Name and content hash, as `cosim trace info` finds it."""
     text = Path(__file__).parents[2].joinpath("traces", "README.md").read_text("utf-8")
     for path in KEPT:
-        told = cosim("trace", "info", path, "--json", cwd=home()).json
+        told = cosim("trace", "info", path, "--json", cwd=tmp_path).json
         assert f"`{path.stem}`" in text
         assert told["content_hash"][:12] in text
 

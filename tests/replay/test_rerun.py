@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from cli.shell import BUILT_IN, SCENARIOS, cosim, flight, home, trace_of
+from cli.shell import BUILT_IN, SCENARIOS, cosim, flight, trace_of
+from shared import copied, fmu_store
 
 from cosim.trace import Trace
 
@@ -69,7 +70,7 @@ def tampered(source: Path, target: Path, **changes: Callable[[bytes], bytes]) ->
 def test_every_built_in_scenario_comes_out_again(name: str, tmp_path: Path) -> None:
     """From another folder, with nothing but the trace: every message again, bit for bit."""
     path = tmp_path / "given.mcap"
-    shutil.copy(trace_of(name), path)
+    copied(trace_of(name), path)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     result = cosim("trace", "rerun", path, "--json", cwd=elsewhere)
@@ -85,7 +86,7 @@ def test_every_built_in_scenario_comes_out_again(name: str, tmp_path: Path) -> N
 def test_new_trace_is_kept_where_asked(tmp_path: Path) -> None:
     """`--out` keeps the run again; it can itself be run again."""
     again = tmp_path / "again.mcap"
-    fmus = ("--fmus", home() / "fmus")
+    fmus = ("--fmus", fmu_store())
     first = cosim("trace", "rerun", trace_of("paper-example"), "--out", again, *fmus, cwd=tmp_path)
     assert first.code == 0, first.err
     assert "identical" in first.out
@@ -121,7 +122,7 @@ def test_changed_attachment_is_refused(what: str, tmp_path: Path) -> None:
     """A scenario or design that is not the one whose hash the trace names."""
     change, said = TAMPERED[what]
     path = tampered(trace_of("paper-example"), tmp_path / "t.mcap", **{what: change})
-    result = cosim("trace", "rerun", path, "--json", cwd=home())
+    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
     assert result.code == 2
     assert said in result.error["what"]
     assert result.error["expected"].startswith("SHA-256")
@@ -133,7 +134,7 @@ def test_proof_that_does_not_hold_is_refused(tmp_path: Path) -> None:
     forged = rehashed(source, "design.sha256", "design.json", change)
     true = Trace(source).run["design.sha256"].encode()
     path = tampered(source, tmp_path / "t.mcap", design=change, run=swapped(true, forged))
-    result = cosim("trace", "rerun", path, "--json", cwd=home())
+    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
     assert result.code == 2
     assert "proof" in result.error["what"]
 
@@ -147,7 +148,7 @@ def test_design_of_another_system_is_refused(tmp_path: Path) -> None:
     path = tampered(
         source, tmp_path / "t.mcap", design=lambda _: bytes(other), run=swapped(true, forged)
     )
-    result = cosim("trace", "rerun", path, "--json", cwd=home())
+    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
     assert result.code == 2
     assert "another system" in result.error["what"]
 
@@ -161,11 +162,11 @@ def test_other_scenario_is_told_apart(tmp_path: Path) -> None:
     forged = rehashed(source, "scenario.sha256", "scenario.toml", change)
     true = Trace(source).run["scenario.sha256"].encode()
     path = tampered(source, tmp_path / "t.mcap", scenario=change, run=swapped(true, forged))
-    result = cosim("trace", "rerun", path, "--json", cwd=home())
+    result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
     assert result.code == 1
     assert result.json["identical"] is False
     assert any(line.startswith("/plant/output x[1]") for line in result.json["differences"])
-    seen = cosim("trace", "rerun", path, cwd=home())
+    seen = cosim("trace", "rerun", path, cwd=tmp_path)
     assert seen.code == 1
     assert "not identical" in seen.out
 
@@ -177,7 +178,7 @@ def test_other_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
     """
     text = (SCENARIOS / "valid" / "plain.toml").read_text().replace('"PaperController"', '"c.fmu"')
     (tmp_path / "s.toml").write_text(text)
-    shutil.copy(fmus / "PaperController.fmu", tmp_path / "c.fmu")
+    copied(fmus / "PaperController.fmu", tmp_path / "c.fmu")
     root = ("--fmus", fmus.parent)
     ran = cosim("run", "s.toml", "--json", *root, cwd=tmp_path)
     assert ran.code == 0, ran.err
@@ -244,7 +245,7 @@ def test_a_run_that_was_cut_short_is_the_beginning_of_its_run_again(
 ) -> None:
     """Every message that there is comes out again; a changed one is found."""
     path = cut(trace_of("auv-acoustic"), tmp_path / "r.mcap.partial", share)
-    fmus = ("--fmus", home() / "fmus")
+    fmus = ("--fmus", fmu_store())
     assert Trace(path).topics["/plant/output"].count > 100
     result = cosim("trace", "rerun", path, "--json", *fmus, cwd=tmp_path)
     assert result.code == 0, result.err
@@ -260,7 +261,7 @@ def test_a_cut_run_of_another_seed_is_told_apart(tmp_path: Path) -> None:
     true = Trace(source).run["scenario.sha256"].encode()
     whole = tampered(source, tmp_path / "t.mcap", scenario=change, run=swapped(true, forged))
     path = cut(whole, tmp_path / "t.mcap.partial", 0.7)
-    result = cosim("trace", "rerun", path, "--json", "--fmus", home() / "fmus", cwd=tmp_path)
+    result = cosim("trace", "rerun", path, "--json", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 1
     assert result.json["identical"] is False
     assert any(line.startswith("/sea/output disturbance") for line in result.json["differences"])
@@ -292,7 +293,7 @@ def test_an_fmu_is_found_by_its_hash_in_any_folder(fmus: Path, tmp_path: Path) -
     recorded = Trace(ran).run
     for component, number in (("plant", "one"), ("controller", "two")):
         name = recorded[f"fmu.{component}"]
-        shutil.copy(fmus / f"{name}.fmu", store / names.get(name, f"{number}.fmu"))
+        copied(fmus / f"{name}.fmu", store / names.get(name, f"{number}.fmu"))
     result = cosim("trace", "rerun", ran, "--json", "--fmus", tmp_path / "store", cwd=tmp_path)
     assert result.code == 0, result.err
     assert result.json["identical"] is True

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli.shell import BUILT_IN, cosim
+from shared import fmu_store, made_once
 
 from cosim.scenario.read import builtin_names, load
 from cosim.trace import Trace
@@ -14,26 +16,30 @@ from cosim.trace import Trace
 GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
 
 
-def flown(name: str, fmus: Path, folder: Path) -> dict[str, object]:
-    result = cosim(
-        *("run", name, "--json", "--flavour", "native", "--fmus", fmus.parent, "--out", "t.mcap"),
-        cwd=folder,
-    )
-    assert result.code == 0, result.out + result.err
-    data: dict[str, object] = result.json
-    return data
+def flown(name: str) -> tuple[dict[str, object], Trace]:
+    """What a scenario's run says, and its trace; flown once per session."""
+
+    def fly(folder: Path) -> None:
+        words = ("run", name, "--json", "--flavour", "native", "--out", "t.mcap")
+        result = cosim(*words, "--fmus", fmu_store("native"), cwd=folder)
+        assert result.code == 0, result.out + result.err
+        (folder / "said.json").write_text(result.out, "utf-8")
+
+    folder = made_once(f"gallery/{name}", fly)
+    said: dict[str, object] = json.loads((folder / "said.json").read_text("utf-8"))
+    return said, Trace(folder / "t.mcap")
 
 
 @pytest.mark.parametrize("name", GALLERY)
-def test_gallery_holds_what_it_promises(name: str, native_fmus: Path, tmp_path: Path) -> None:
+def test_gallery_holds_what_it_promises(name: str) -> None:
     """Each has assertions; each is as expected, and told in the trace; the run gets to its end."""
-    data = flown(name, native_fmus, tmp_path)
+    data, trace = flown(name)
     verdicts = data["assertions"]
     assert isinstance(verdicts, list)
     assert len(verdicts) == len(load(name).scenario.assertions) >= 1
     assert all(v["as_expected"] and v["result"] == v["expected"] for v in verdicts)
     assert data["status"] in ("finished", "limit_cycle")
-    result = Trace(tmp_path / "t.mcap").result
+    result = trace.result
     assert result is not None
     assert '"as_expected": true' in result["assertions"]
     assert "Why these numbers" in load(name).scenario.description
@@ -48,10 +54,9 @@ def test_there_is_what_the_field_would_look_for() -> None:
     }
 
 
-def test_delay_of_the_acoustic_link_is_the_way_of_sound(native_fmus: Path, tmp_path: Path) -> None:
+def test_delay_of_the_acoustic_link_is_the_way_of_sound() -> None:
     """Recomputed from the trace: range at sending / 1500 m/s + 20 ms <= delay < that + jitter."""
-    flown("acoustic-range", native_fmus, tmp_path)
-    trace = Trace(tmp_path / "t.mcap")
+    _, trace = flown("acoustic-range")
     plant, link = trace.read("/plant/output"), trace.read("/link/uplink")
     place = np.searchsorted(plant.log_time_ns, link.publish_time_ns)
     assert np.array_equal(plant.log_time_ns[place], link.publish_time_ns)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from cli.shell import flight, home, trace_of
+from cli.shell import flight, trace_of
+from shared import fmu_store
 
 from cosim.models.auv import STATE, TABLE_1, thrust_map
 from cosim.scenario.assemble import Hangar
@@ -22,7 +25,7 @@ def columns(table: Table, names: tuple[str, ...]) -> np.ndarray:
     return np.column_stack([table[name] for name in names])
 
 
-def from_rest(name: str) -> LoadedScenario:
+def from_rest(name: str, folder: Path) -> LoadedScenario:
     """The scenario with every initial value and the reference at zero, as text."""
     kept = [
         line
@@ -31,20 +34,20 @@ def from_rest(name: str) -> LoadedScenario:
     ]
     at = kept.index('axes = ["x", "y", "z", "psi"]')
     text = "\n".join([*kept[: at + 1], "points = [[0.0, 0.0, 0.0, 0.0, 0.0]]", *kept[at + 1 :]])
-    return parse(text, name="rest", where="rest", folder=home())
+    return parse(text, name="rest", where="rest", folder=folder)
 
 
-def test_measured_gain_is_that_of_the_flight_from_rest() -> None:
+def test_measured_gain_is_that_of_the_flight_from_rest(tmp_path: Path) -> None:
     """sqrt(int z'z / int w'w) by Simpson's rule from the rows of a second run."""
-    rest = from_rest("auv-acoustic")
-    path = home() / "rest.mcap"
+    rest = from_rest("auv-acoustic", tmp_path)
+    path = tmp_path / "rest.mcap"
     assert rest.scenario.design is not None
-    fly(prepare(rest, Hangar(home() / "fmus", home())), path)
+    fly(prepare(rest, Hangar(fmu_store(), tmp_path)), path)
     trace = Trace(path)
     x_rows, given = trace.read("/plant/output"), trace.read("/plant/input")
     t = x_rows.log_time_ns / 1e9
     x = columns(x_rows, STATE)
-    system = problem_of(rest.scenario.design, home()).system
+    system = problem_of(rest.scenario.design, tmp_path).system
     u, w = columns(given, FORCE), columns(given, WAVES)
     u = u @ np.array(thrust_map(TABLE_1)).T  # the scenario leaves the vehicle at Table 1
     middle = 0.5 * (x[:-1] + x[1:])

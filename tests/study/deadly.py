@@ -8,13 +8,12 @@ from __future__ import annotations
 import shutil
 import subprocess
 import zipfile
-from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import fmpy
 from benchmarks._tiny import tiny_fmu
+from shared import made_once
 
 from cosim.scenario.read import parse
 from cosim.study.flight import Base
@@ -42,10 +41,12 @@ def truth(u: float, k: int = STEPS) -> float:
     return float(u + (1.0 - u) * (1.0 - STEP) ** k)
 
 
-@cache
 def folder() -> Path:
-    """A folder with the FMU and the scenario, made once per process."""
-    path = Path(mkdtemp(prefix="cosim-study-"))
+    """A folder with the FMU and the scenario, made once per session."""
+    return made_once("deadly", _make)
+
+
+def _make(path: Path) -> None:
     plain = tiny_fmu(1, path)
     source = Path(__file__).with_name("deadly.c")
     library = path / f"tiny1{fmpy.sharedLibraryExtension}"
@@ -58,7 +59,6 @@ def folder() -> Path:
             new.writestr(entry, library.read_bytes() if binary else old.read(entry))
     shutil.move(made, plain)
     (path / "tiny.toml").write_text(SCENARIO)
-    return path
 
 
 def base() -> Base:

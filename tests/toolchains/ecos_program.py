@@ -41,7 +41,6 @@ def simulate(fmu: Path, step: float, end: float, folder: Path) -> Simulated:
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
     )
     return Simulated(done.returncode, done.stdout + done.stderr, _table(folder / f"{fmu.stem}.csv"))
 

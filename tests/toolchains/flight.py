@@ -113,7 +113,6 @@ def flown(tool: Tool, flight: Flight, folder: Path) -> dict[str, NDArray[np.floa
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
     )
     assert done.returncode == 0, f"{tool.file} ended with {done.returncode}:\n{done.stderr}"
     rows = {name: np.array(row) for name, row in json.loads(answer.read_text("utf-8")).items()}

@@ -92,7 +92,6 @@ def flown(peer: Peer, archive: Archive, folder: Path) -> dict[str, NDArray[np.fl
         capture_output=True,
         text=True,
         check=False,
-        timeout=200,
     )
     assert done.returncode == 0, f"{peer.file} ended with {done.returncode}:\n{done.stderr}"
     rows = {name: np.array(row) for name, row in json.loads(answer.read_text("utf-8")).items()}

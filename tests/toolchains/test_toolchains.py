@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from shared import fmu_folder
 from toolchains import ecos_program
 from toolchains.flight import TOOLS, Flight, Part, Tool, flown, label
 
 from cosim.fmu import describe_fmu
 from cosim.fmu.inspect import inspect_fmu
 from cosim.master import Component, Connection, Endpoint, System, make_timetable, simulate
-from fmu_src.build import FMI_VERSION, ensure_all
+from fmu_src.build import FMI_VERSION
 from fmu_src.catalogue import CATALOGUE
 
 TOLERANCE = 1e-9
@@ -74,13 +75,7 @@ ALONE: Mapping[str, Mapping[str, float]] = {
 }
 
 
-def folder_of(fmus: Path, flavour: str) -> Path:
-    """Where a flavour is built, for this machine, once per session."""
-    ensure_all(fmus.parent, flavour=flavour)
-    return fmus.parent / flavour
-
-
-def taken(fmus: Path, flavour: str, tool: Tool) -> tuple[Path, Path]:
+def taken(flavour: str, tool: Tool) -> tuple[Path, Path]:
     """The folders that a tool and our master fly; skipped if FMI's version is not the tool's.
 
     Our master takes FMI 2: of what is built for FMI 3 it flies the same core for FMI 2.
@@ -89,7 +84,7 @@ def taken(fmus: Path, flavour: str, tool: Tool) -> tuple[Path, Path]:
     if version not in tool.versions:
         pytest.skip(f"{tool.file} takes FMI {' and '.join(tool.versions)} only")
     ours_instead = {"native-fmi3": "native"}.get(flavour, flavour)
-    return folder_of(fmus, flavour), folder_of(fmus, ours_instead)
+    return fmu_folder(flavour), fmu_folder(ours_instead)
 
 
 def flight(
@@ -147,13 +142,11 @@ def assert_equal(
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
 @pytest.mark.parametrize("flavour", FLAVOURS)
 @pytest.mark.parametrize("loop", COUPLED)
-def test_loop_is_that_of_our_master(
-    fmus: Path, tmp_path: Path, tool: Tool, flavour: str, loop: str
-) -> None:
+def test_loop_is_that_of_our_master(tmp_path: Path, tool: Tool, flavour: str, loop: str) -> None:
     """Plant, controller and disturbance, each tool with its own loop."""
     names, wires = COUPLED[loop]
     step = {"section 5": 10_000_000, "vehicle": 50_000_000}[loop]
-    theirs, own = taken(fmus, flavour, tool)
+    theirs, own = taken(flavour, tool)
     found = flown(tool, flight(theirs, names, wires, step, 200), tmp_path)
     assert_equal(found, ours(flight(own, names, wires, step, 200)))
 
@@ -162,10 +155,10 @@ def test_loop_is_that_of_our_master(
 @pytest.mark.parametrize("flavour", FLAVOURS)
 @pytest.mark.parametrize("name", PARTS)
 def test_fmu_alone_is_that_of_our_master(
-    fmus: Path, tmp_path: Path, tool: Tool, flavour: str, name: str
+    tmp_path: Path, tool: Tool, flavour: str, name: str
 ) -> None:
     """Each FMU by itself, from its own start and inputs."""
-    theirs, own = taken(fmus, flavour, tool)
+    theirs, own = taken(flavour, tool)
     found = flown(tool, flight(theirs, (name,), (), 20_000_000, 50, ALONE.get(name)), tmp_path)
     assert_equal(found, ours(flight(own, (name,), (), 20_000_000, 50, ALONE.get(name))))
 
@@ -191,16 +184,14 @@ def test_host_without_python_fails_where_the_check_says_so(fmus: Path, tmp_path:
 
 @pytest.mark.parametrize("flavour", [f for f in FLAVOURS if f != "python"])
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
-def test_host_without_python_flies_the_native(
-    fmus: Path, tmp_path: Path, flavour: str, name: str
-) -> None:
+def test_host_without_python_flies_the_native(tmp_path: Path, flavour: str, name: str) -> None:
     """A program in C++ on the file alone: the same figures, as far as it prints them."""
-    fmu = folder_of(fmus, flavour) / f"{name}.fmu"
+    fmu = fmu_folder(flavour) / f"{name}.fmu"
     assert all(each.level == "note" for each in inspect_fmu(fmu).findings)
     done = ecos_program.simulate(fmu, 0.02, 1.0, tmp_path)
     assert done.code == 0, done.said
     (part,) = [n for n in ("plant", "controller", "sea", "vehicle", "pilot") if PARTS[n][0] == name]
-    plain = Part(str(folder_of(fmus, "native") / f"{name}.fmu"), {})
+    plain = Part(str(fmu_folder("native") / f"{name}.fmu"), {})
     watch = tuple((part, output) for output in OUTPUTS[part])
     expected = ours(Flight({part: plain}, (), 20_000_000, 49, watch))
     for label_, row in expected.items():

@@ -33,6 +33,7 @@ def started(script: str, *arguments: str | Path) -> subprocess.Popen[str]:
     """A script of our own; its first line of output is its sign that it is ready."""
     process = subprocess.Popen(  # noqa: S603 - our own script
         [sys.executable, "-c", script, *map(str, arguments)],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -65,9 +66,7 @@ def test_row_is_on_the_disk_though_no_other_follows(tmp_path: Path) -> None:
         topic = writer.add_topic("/x", X, schema_name="t.X")
         for k in range(3):
             writer.write(topic, k, [k])
-            until = time.monotonic() + 20.0
             while len(rows_of(writer.partial_path)) <= k:
-                assert time.monotonic() < until, "never flushed"
                 time.sleep(0.01)
         writer.finish({})
     assert rows_of(tmp_path / "a.mcap") == [0.0, 1.0, 2.0]
@@ -93,22 +92,22 @@ def test_flushing_changes_no_message(tmp_path: Path) -> None:
 
 
 def test_closed_writer_leaves_no_thread(tmp_path: Path) -> None:
-    before = threading.active_count()
+    before = set(threading.enumerate())
     writer = TraceWriter(tmp_path / "a.mcap", run={})
     writer.write(writer.add_topic("/x", X, schema_name="t.X"), 0, [0.0])
-    assert threading.active_count() == before + 1
+    assert len(set(threading.enumerate()) - before) == 1
     writer.finish({})
-    assert threading.active_count() == before
+    assert not set(threading.enumerate()) - before
 
 
 def test_writer_that_nobody_holds_any_more(tmp_path: Path) -> None:
     """Its rows are on the disk, its file and thread are given back."""
-    before = threading.active_count()
+    before = set(threading.enumerate())
     writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=1e9)
     fill(writer)
     del writer
     gc.collect()
-    assert threading.active_count() == before
+    assert not set(threading.enumerate()) - before
     assert rows_of(tmp_path / "a.mcap.partial") == list(range(1000))
     TraceWriter(tmp_path / "a.mcap", run={}).close()
 
@@ -124,6 +123,13 @@ print("ready", flush=True)
 """
 
 
+DEFAULTS = {
+    signal.SIGTERM: "signal.SIG_DFL",
+    signal.SIGHUP: "signal.SIG_DFL",
+    signal.SIGINT: "signal.default_int_handler",
+}
+
+
 @pytest.mark.parametrize(
     ("number", "code"),
     [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, None)],
@@ -131,10 +137,12 @@ print("ready", flush=True)
 )
 def test_told_to_go(tmp_path: Path, number: signal.Signals, code: int | None) -> None:
     """Nothing that was handed over is lost, and the file is well-formed, without a result."""
-    process = started(WRITES + "time.sleep(60)", tmp_path / "a.mcap")
-    process.send_signal(number)
-    process.communicate(timeout=30)
-    assert process.returncode == (-number if code is None else code)
+    # whoever started the tests may have had them ignore the signal, and what they start
+    default = f"import signal; signal.signal({int(number)}, {DEFAULTS[number]})\n"
+    with started(default + WRITES + "sys.stdin.read()", tmp_path / "a.mcap") as process:
+        process.send_signal(number)
+        process.wait()
+        assert process.returncode == (-number if code is None else code)
     trace = Trace(tmp_path / "a.mcap.partial")
     assert (trace.complete, trace.finished) == (True, False)
     assert rows_of(trace.path) == list(range(1000))
@@ -161,8 +169,8 @@ def test_whoever_handles_the_signal_keeps_it(tmp_path: Path) -> None:
 def test_program_that_forgets_to_close(tmp_path: Path) -> None:
     """The end of the program, also by an exception, closes the trace."""
     for end in ("", "raise ValueError('no')", "sys.exit(3)"):
-        process = started(WRITES + end, tmp_path / "a.mcap")
-        process.communicate(timeout=30)
+        with started(WRITES + end, tmp_path / "a.mcap") as process:
+            process.wait()
         assert Trace(tmp_path / "a.mcap.partial").complete
         assert rows_of(tmp_path / "a.mcap.partial") == list(range(1000))
 
@@ -187,7 +195,7 @@ def test_forked_child_leaves_the_trace_alone(tmp_path: Path) -> None:
 
         process = multiprocessing.get_context("fork").Process(target=child)
         process.start()
-        process.join(60)
+        process.join()
         assert process.exitcode == 0
         writer.write(topic, 20_000, [20_000.0])
         writer.finish({})
@@ -269,9 +277,7 @@ def test_disk_that_is_full_while_nobody_writes(tmp_path: Path) -> None:
     topic = writer.add_topic("/x", X, schema_name="t.X")
     writer._file._raw = Full(writer._file._raw, 30)  # type: ignore[assignment]
     writer.write(topic, 0, [0.0])
-    until = time.monotonic() + 20.0
     while writer._guard.open:
-        assert time.monotonic() < until, "never flushed"
         time.sleep(0.01)
     with pytest.raises(LossError, match="No space left"):
         writer.finish({})

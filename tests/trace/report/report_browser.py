@@ -55,7 +55,7 @@ class Page:
         command = {"id": self._number, "method": method, "params": parameters}
         self._socket.send(json.dumps(command))
         while True:
-            told = json.loads(self._socket.recv(timeout=60))
+            told = json.loads(self._socket.recv())
             if told.get("id") == self._number:
                 assert "error" not in told, told
                 return told["result"]
@@ -113,7 +113,8 @@ def browser(profile: Path, *options: str) -> Iterator[Page]:
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, **silent) as process:  # noqa: S603 - the browser found above
         try:
-            with connect(_page_address(profile, process), max_size=None) as socket:
+            address, patient = _page_address(profile, process), {"open_timeout": None}
+            with connect(address, max_size=None, ping_interval=None, **patient) as socket:
                 yield Page(socket)
         finally:
             process.terminate()
@@ -122,13 +123,12 @@ def browser(profile: Path, *options: str) -> Iterator[Page]:
 def _page_address(profile: Path, process: subprocess.Popen[bytes]) -> str:
     """The DevTools address of the first page, once the browser listens."""
     told = profile / "DevToolsActivePort"
-    for _ in range(600):
+    while True:
         if told.exists() and told.read_text().strip():
             port = told.read_text().split()[0]
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=20) as answer:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
                 pages = [p for p in json.load(answer) if p["type"] == "page"]
             if pages:
                 return str(pages[0]["webSocketDebuggerUrl"])
         assert process.poll() is None, "the browser ended"
         time.sleep(0.05)
-    raise AssertionError("the browser does not listen")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import builtins
 import json
 import re
-import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import plotly.graph_objects as go
 import pytest
 from cli.shell import cosim, flight, trace_of
 from report_files import TITLE, failing, foreign, small, wild
+from shared import copied
 
 from cosim.errors import InputError
 from cosim.trace import Trace
@@ -134,7 +134,7 @@ def test_nothing_outside_is_named_as_an_address(naive: str) -> None:
 def test_the_same_trace_gives_the_same_bytes(naive: str, tmp_path: Path) -> None:
     """Also under another path, at another time; and less than six megabytes."""
     copy = tmp_path / "auv-acoustic-naive.mcap"
-    shutil.copy(trace_of("auv-acoustic-naive"), copy)
+    copied(trace_of("auv-acoustic-naive"), copy)
     again = page(content_of(copy))
     assert again == naive
     assert len(again.encode()) < MOST_BYTES

@@ -1,0 +1,105 @@
+"""What the tests of a session share: made once for all its processes, and only read afterwards.
+
+Whoever writes has a folder of his own (`tmp_path`). What is shared is made read-only, and
+`what_was_written` finds a writer that may write everywhere, such as root.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from locket import lock_file
+
+_NO_WRITE = ~0o222
+_WHOLE, _SLASH = ".whole", "~"
+_session: list[Path] = []
+
+
+def share_below(folder: Path) -> None:
+    """Name the folder that all processes of this session have in common."""
+    _session[:] = [folder]
+
+
+def home() -> Path:
+    """The folder of all that is shared."""
+    return _session[0]
+
+
+def fmu_store(*flavours: str) -> Path:
+    """The shared FMUs of the catalogue: FLAVOUR/NAME.fmu, what `--fmus` takes.
+
+    The flavours named are there (python where none is), each built once per session.
+    """
+    from fmu_src.build import build_fmu  # noqa: PLC0415 - most tests need no FMU
+    from fmu_src.catalogue import CATALOGUE  # noqa: PLC0415
+
+    for flavour in flavours or ("python",):
+        made_once(
+            f"fmus/{flavour}",
+            lambda folder, flavour=flavour: [
+                build_fmu(spec, folder, flavour) for spec in CATALOGUE.values()
+            ],
+        )
+    return home() / "fmus"
+
+
+def fmu_folder(flavour: str) -> Path:
+    """The shared FMUs of one flavour: NAME.fmu."""
+    return fmu_store(flavour) / flavour
+
+
+def made_once(name: str, make: Callable[[Path], object]) -> Path:
+    """The folder `name` of the session, filled by `make` in whichever process asks first.
+
+    The others wait until it is whole. A `make` that fails leaves nothing, and the next one who
+    asks tries again.
+    """
+    folder, seal = home() / name, _seals() / name.replace("/", _SLASH)
+    whole = seal.with_name(seal.name + _WHOLE)
+    if not whole.exists():
+        seal.parent.mkdir(parents=True, exist_ok=True)
+        with lock_file(f"{seal}.lock"):
+            if not whole.exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir(parents=True)
+                make(folder)
+                for path in [folder, *folder.rglob("*")]:
+                    path.chmod(path.stat().st_mode & _NO_WRITE)
+                seal.write_text(json.dumps(_state(folder)), "utf-8")
+                seal.rename(whole)
+    return folder
+
+
+def copied(source: Path, target: Path) -> Path:
+    """`source`, a file or a folder, again as `target`, which may be written to."""
+    if source.is_file():
+        return Path(shutil.copyfile(source, target))
+    target.mkdir(parents=True, exist_ok=True)
+    for path in source.iterdir():
+        copied(path, target / path.name)
+    return target
+
+
+def what_was_written() -> list[str]:
+    """The shared files that are not as they were made, by name."""
+    found = []
+    for seal in _seals().glob(f"*{_WHOLE}"):
+        folder = home() / seal.stem.replace(_SLASH, "/")
+        now, then = _state(folder), json.loads(seal.read_text("utf-8"))
+        changed = (name for name in {*then, *now} if then.get(name) != now.get(name))
+        found += [str(folder.relative_to(home()) / name) for name in changed]
+    return sorted(found)
+
+
+def _state(folder: Path) -> dict[str, list[int]]:
+    """Size, time of the last change and inode of each file."""
+    files = {str(p.relative_to(folder)): p.stat() for p in folder.rglob("*") if p.is_file()}
+    return {name: [s.st_size, s.st_mtime_ns, s.st_ino] for name, s in files.items()}
+
+
+def _seals() -> Path:
+    """One file per folder, there when it is whole, with the state of its files then."""
+    return home() / "seals"
