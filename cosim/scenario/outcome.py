@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from cosim.master import EngineChoice, Pace
 from cosim.scenario.assertions import Verdict
+from cosim.scenario.pinned import DesignSource
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class Outcome:
     engine : which engine carried it out, and why that one.
     pace : how the clock on the wall was kept, None for a run that was not held back to it.
     assertions : a verdict on each, in the order of the scenario.
+    design : where the design that flew comes from; None without one.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
         them, `final` the last value of every output by `component.variable`.
@@ -43,6 +45,7 @@ class Outcome:
     engine: EngineChoice
     pace: Pace | None = None
     assertions: tuple[Verdict, ...] = ()
+    design: DesignSource | None = None
 
     @property
     def as_expected(self) -> bool:
@@ -66,6 +69,8 @@ class Outcome:
             "links": self.links,
             "engine": {"name": self.engine.name, "reason": self.engine.reason},
         }
+        if self.design is not None:
+            data["design"] = asdict(self.design)
         if self.assertions:
             data["assertions"] = [verdict.to_json() for verdict in self.assertions]
         if self.pace is not None:
