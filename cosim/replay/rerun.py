@@ -14,9 +14,7 @@ from typing import Any
 
 from cosim.errors import InputError
 from cosim.hinf import design_from_json
-from cosim.hinf.certificate import certificate_from_bytes
-from cosim.hinf.worst_case import worst_case_from_json
-from cosim.replay.attached import design_in, scenario_in
+from cosim.replay.attached import design_in, scenario_in, worst_case_in
 from cosim.replay.provide import provide
 from cosim.scenario.execute import Prepared, Progress, fly, prepare
 from cosim.scenario.gain import problem_about
@@ -105,11 +103,7 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
         where = f"{path}: {DESIGN_ATTACHMENT}"
         found = design_from_json(design_in(trace), where=where)
         saved = (problem_about(loaded.scenario.design, found, where, None), found)
-        if loaded.scenario.disturbance is not None and "disturbance" in trace.run:
-            # as it flew, also where an older version gave it more digits
-            where = f"{path}: disturbance"
-            recorded = certificate_from_bytes(trace.run["disturbance"].encode(), where)
-            push = worst_case_from_json(recorded, where, found.system.C.shape[1])
+        push = worst_case_in(trace, found.system.C.shape[1])
     prepared = prepare(loaded, hangar, saved=saved, push=push, progress=progress)
     for component, fmu in prepared.fmus.items():
         wanted = trace.run.get(f"fmu.{component}.sha256")
