@@ -6,7 +6,7 @@ import hashlib
 import json
 from typing import Any
 
-_NOTES = ("figures",)
+_NOTES = ("figures", "made_for")
 """Keys of a saved design that are no part of its certificate."""
 
 

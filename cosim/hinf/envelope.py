@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.models.auv import velocity_coefficients
+from cosim.models.products import total
 
 _AXES = "uvwr"
 
@@ -170,10 +171,28 @@ def _quadratic_bound(
         ]
         Q = quadratic_part(nu, coefficients)
         vertices.append([[Q[i][j] / S[i] / T[j] for j in range(4)] for i in range(4)])
-    q = max(float(np.linalg.norm(np.array(N, dtype=float), 2)) for N in vertices)
+    q = max(_norm(N) for N in vertices)
     while not all(_norm_below(N, Fraction(q)) for N in vertices):
         q *= 1 + 1e-13
     return q
+
+
+def _norm(N: list[list[Fraction]]) -> float:
+    """|N|, computed: N N' squared again and again turns into its first eigenvector's projection.
+
+    In plain arithmetic and one order, so that E and H are the same doubles on every machine.
+    """
+    G = [[float(sum(a * b for a, b in zip(row, other, strict=True))) for other in N] for row in N]
+    P = G
+    for _ in range(40):
+        scale = max(abs(value) for row in P for value in row) or 1.0
+        P = [[value / scale for value in row] for row in P]
+        P = [[total(a * b for a, b in zip(row, other, strict=True)) for other in P] for row in P]
+    v = max(P, key=lambda row: total(value * value for value in row))
+    length = total(value * value for value in v)
+    image = [total(g * value for g, value in zip(row, v, strict=True)) for row in G]
+    reached = total(a * b for a, b in zip(v, image, strict=True))
+    return math.sqrt(reached / length) if length else 0.0
 
 
 def _norm_below(N: list[list[Fraction]], q: Fraction) -> bool:

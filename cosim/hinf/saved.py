@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from fractions import Fraction
 from typing import Any
 
@@ -13,19 +14,22 @@ from cosim.hinf.guarantees import KEY, Guarantees, guarantees_from_json
 from cosim.hinf.shown import shown
 from cosim.hinf.synthesis import Design
 from cosim.hinf.system_json import number, system_from_json
+from cosim.hinf.worst_case import worst_case_from_json
 
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
 """Computed beside the proof: notes, not part of the claim."""
 
-_LATER_FIGURES = ("exact_norm_upper", "delay_margin")
+_LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
 """More of them, which files written before them do not hold: then they are None."""
 
 
 def design_to_json(design: Design) -> dict[str, Any]:
     """JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
-    figures = {name: getattr(design, name) for name in _FIGURES + _LATER_FIGURES}
-    if design.delay_margin is not None:
-        figures["delay_margin"] = list(design.delay_margin)
+    figures = {name: getattr(design, name) for name in (*_FIGURES, "exact_norm_upper")}
+    margin = design.delay_margin
+    figures["delay_margin"] = None if margin is None else list(margin)
+    if design.worst_case is not None:  # else left out: a design that is read is written as it was
+        figures["worst_case"] = asdict(design.worst_case)
     return {**design.certificate, "figures": figures}
 
 
@@ -60,6 +64,9 @@ def design_from_json(data: Any, *, where: str) -> Design:
     margins = figures.get("delay_margin")
     if margins is not None:
         margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
+    worst = figures.get("worst_case")
+    if worst is not None:
+        worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
     own = ("kind", "claim", "system", "variables", "K", *(() if order is not None else (KEY,)))
     return Design(
@@ -72,6 +79,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         order=order,
         guarantees=Guarantees() if order is not None else guarantees_from_json(data, system),
         delay_margin=margins,
+        worst_case=worst,
         **notes,
     )
 

@@ -14,6 +14,7 @@ from cosim.hinf.sharper_loop import Gain, Loop, carry
 from cosim.hinf.sharper_synthesis import check_order, sharper_gain
 from cosim.hinf.synthesis import Design, check_reachable, design
 from cosim.hinf.threads import one_thread
+from cosim.hinf.worst_case import worst_case_at
 from cosim.hinf.yardsticks import Yardsticks
 
 if TYPE_CHECKING:
@@ -144,5 +145,6 @@ def _as_design(found: Analysis) -> Design:
         least_gamma=found.least_gamma,
         certificate=found.certificate,
         order=found.order,
+        worst_case=worst_case_at(found.system, found.K, found.norm_frequency),
         **{name: getattr(found, name) for name in Yardsticks._fields},
     )

@@ -43,6 +43,7 @@ from cosim.hinf.scaling import Scaling, check_size
 from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.threads import one_thread
+from cosim.hinf.worst_case import WorstCase, worst_case_at
 from cosim.hinf.yardsticks import Yardsticks, measured
 from cosim.models.delay_system import DelaySystem
 
@@ -73,6 +74,8 @@ class Design:
     certificate : the proof as JSON values, for `check_certificate`.
     order : of the Bessel-Legendre inequality in the proof, which is then the analysis of K and
         has no k1, k2; None for Theorem 2.
+    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
+        attained at a finite frequency, and in older files.
     guarantees : what is proved beside gamma, in the certificate, too.
     """
 
@@ -89,6 +92,7 @@ class Design:
     delay_margin: tuple[float | None, ...] | None
     certificate: dict[str, Any]
     order: int | None = None
+    worst_case: WorstCase | None = None
     guarantees: Guarantees = field(default_factory=Guarantees)
 
     @property
@@ -208,9 +212,11 @@ def finished(
 ) -> Design:
     """A proved gain with what is computed of its loop."""
     figures: Yardsticks | None = None
+    worst: WorstCase | None = None
     # a proof does not depend on them
     with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
         figures = measured(system, K)
+        worst = worst_case_at(system, K, figures.norm_frequency)
     return Design(
         system=system,
         K=K,
@@ -219,6 +225,7 @@ def finished(
         k2=variables.k2,
         least_gamma=least,
         certificate=certificate_to_json(system, K, variables),
+        worst_case=worst,
         **(dict.fromkeys(Yardsticks._fields) if figures is None else figures._asdict()),
     )
 

@@ -155,5 +155,30 @@ def matrix(value: Any, where: str) -> Matrix:
     return np.array(entries, dtype=np.float64).reshape(len(value), lengths[0] if lengths else 0)
 
 
+_CLOSE = 1e-9
+"""E and H of an envelope, relative: an older version computed them to the last digits of a BLAS."""
+
+
+def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
+    """Where two systems differ, as `A[1,2]: 0.5 and 0.6`; None where they do not.
+
+    Their names do not count; E and H need to agree to a relative 1e-9 only, everything else
+    exactly.
+    """
+    kinds = [[(d.d, d.feedback, d.any_age) for d in system.delays] for system in (one, other)]
+    if kinds[0] != kinds[1]:
+        return f"delays (d, feedback, any_age): {kinds[0]} and {kinds[1]}"
+    pairs = {key: (getattr(one, key), getattr(other, key)) for key in MATRICES}
+    for i, (a, b) in enumerate(zip(one.delays, other.delays, strict=True), 1):
+        pairs |= {f"A{i}": (a.A, b.A), f"H{i}": (a.H, b.H)}
+    for key, (a, b) in pairs.items():
+        if a.shape != b.shape:
+            return f"{key}: {a.shape} and {b.shape} entries"
+        allowed = (_CLOSE if key[0] in "EH" else 0.0) * np.abs(b)
+        for i, j in np.argwhere(np.abs(a - b) > allowed).tolist():
+            return f"{key}[{i + 1},{j + 1}]: {float(a[i, j])!r} and {float(b[i, j])!r}"
+    return None
+
+
 def _kind(value: Any) -> str:
     return type(value).__name__

@@ -10,11 +10,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.errors import InputError
-from cosim.hinf.closed_loop import ClosedLoop
+from cosim.hinf.closed_loop import ClosedLoop, close
+from cosim.hinf.system_json import known_keys, number
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from cosim.models.delay_system import DelaySystem
 
 _AGREE = 1e-6
 _DIGITS = 6
@@ -28,7 +35,7 @@ class WorstCase:
     ----------
     omega : angular frequency [rad/s]; 0 is a constant.
     amplitude, phase : one per entry of w; |amplitude| = 1, phase in [rad].
-    gain : |G(j omega) v|, what it is amplified by in the long run.
+    gain : |G(j omega) v| to six digits, what it is amplified by in the long run.
     """
 
     omega: float
@@ -41,8 +48,8 @@ def worst_case(loop: ClosedLoop, omega: float) -> WorstCase:
     """The direction that the loop amplifies most at `omega` [rad/s].
 
     Directions whose gains agree to 1e-6 count as one: of their space the unit vector nearest
-    to an entry of w is taken. Frequency, amplitudes and phases have six digits, so that what
-    differs from machine to machine does not reach a run.
+    to an entry of w is taken. Frequency, amplitudes, phases and gain have six digits, so that
+    what differs from machine to machine does not reach a run.
 
     Raises
     ------
@@ -73,7 +80,32 @@ def worst_case(loop: ClosedLoop, omega: float) -> WorstCase:
         round(float(np.angle(entry)), _DIGITS) + 0.0 if size else 0.0
         for entry, size in zip(v, amplitude, strict=True)
     )
-    return WorstCase(omega, amplitude, phase, float(np.linalg.norm(G @ v)))
+    return WorstCase(omega, amplitude, phase, _rounded(float(np.linalg.norm(G @ v))))
+
+
+def worst_case_at(system: DelaySystem, K: ArrayLike, omega: float | None) -> WorstCase | None:
+    """The worst case of `system` with u = K x at `omega` [rad/s]; None where that is None."""
+    return None if omega is None else worst_case(close(system, K), omega)
+
+
+def worst_case_from_json(data: Any, where: str, size: int) -> WorstCase:
+    """A worst case from the values that `dataclasses.asdict` made of it.
+
+    size : number of entries of w.
+
+    Raises
+    ------
+    InputError : a missing or unknown key, or a number that is none.
+    """
+    keys = ("omega", "amplitude", "phase", "gain")
+    known_keys(data, where, keys, required=keys)
+    entries = {}
+    for key in ("amplitude", "phase"):
+        if not isinstance(data[key], list) or len(data[key]) != size:
+            raise InputError("one per entry of w", where=f"{where}.{key}", expected=f"{size}")
+        entries[key] = tuple(number(x, f"{where}.{key}[{k}]") for k, x in enumerate(data[key]))
+    omega, gain = (number(data[key], f"{where}.{key}") for key in ("omega", "gain"))
+    return WorstCase(omega, entries["amplitude"], entries["phase"], gain)
 
 
 def transfer(loop: ClosedLoop, omega: float) -> np.ndarray:
@@ -85,6 +117,6 @@ def transfer(loop: ClosedLoop, omega: float) -> np.ndarray:
     return G
 
 
-def _rounded(omega: float) -> float:
-    """`omega` to `_DIGITS` significant digits."""
-    return float(f"{omega:.{_DIGITS - 1}e}")
+def _rounded(value: float) -> float:
+    """`value` to `_DIGITS` significant digits."""
+    return float(f"{value:.{_DIGITS - 1}e}")

@@ -1,4 +1,4 @@
-"""What a trace carries of the run it is of: scenario, gain."""
+"""What a trace carries of the run it is of: scenario, gain, worst case."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim.errors import InputError
+from cosim.hinf import WorstCase
+from cosim.hinf.certificate import certificate_from_bytes
+from cosim.hinf.worst_case import worst_case_from_json
 from cosim.scenario.read import LoadedScenario, parse
 from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
 
@@ -59,3 +62,20 @@ def design_in(trace: Trace) -> Any:
     InputError : there is none.
     """
     return json.loads(attachment(trace, DESIGN_ATTACHMENT, "design.sha256"))
+
+
+def worst_case_in(trace: Trace, size: int) -> WorstCase | None:
+    """The worst case that flew, also where an older version gave it more digits; None if none did.
+
+    size : number of entries of w.
+
+    Raises
+    ------
+    InputError : what is recorded is none.
+    """
+    recorded = trace.run.get("disturbance")
+    if recorded is None:
+        return None
+    where = f"{trace.path}: disturbance"
+    data = certificate_from_bytes(recorded.encode(), where)
+    return worst_case_from_json(data, where, size)

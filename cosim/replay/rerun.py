@@ -14,15 +14,13 @@ from typing import Any
 
 from cosim.core.progress import Progress
 from cosim.errors import InputError
-from cosim.hinf import Design, design_from_json
-from cosim.hinf.system_json import system_to_json
-from cosim.replay.attached import design_in, scenario_in
+from cosim.hinf import design_from_json
+from cosim.replay.attached import design_in, scenario_in, worst_case_in
 from cosim.replay.provide import provide
 from cosim.scenario.execute import Prepared, fly, prepare
-from cosim.scenario.gain import Problem, is_file, problem_of
+from cosim.scenario.gain import problem_about
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
-from cosim.scenario.schema import DesignPart
 from cosim.trace import DESIGN_ATTACHMENT, Trace, content_hash, diff
 from cosim.trace.content import begins_with
 from cosim.trace.diff_json import differences
@@ -101,11 +99,13 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
     }
     hangar = replace(hangar, wanted=hashes)
     provide(hangar)
-    saved = None
+    saved = push = None
     if loaded.scenario.design is not None:
-        found = design_from_json(design_in(trace), where=f"{path}: {DESIGN_ATTACHMENT}")
-        saved = (_problem(loaded.scenario.design, found, path), found)
-    prepared = prepare(loaded, hangar, saved=saved, progress=progress)
+        where = f"{path}: {DESIGN_ATTACHMENT}"
+        found = design_from_json(design_in(trace), where=where)
+        saved = (problem_about(loaded.scenario.design, found, where, None), found)
+        push = worst_case_in(trace, found.system.C.shape[1])
+    prepared = prepare(loaded, hangar, saved=saved, push=push, progress=progress)
     for component, fmu in prepared.fmus.items():
         wanted = trace.run.get(f"fmu.{component}.sha256")
         if fmu.sha256 != wanted:
@@ -118,23 +118,3 @@ def _prepared(trace: Trace, path: Path, hangar: Hangar, progress: Progress | Non
                 "to the folder with the FMUs of that run",
             )
     return prepared
-
-
-def _problem(part: DesignPart, found: Design, path: Path) -> Problem:
-    """What the design is about: from the scenario, or, for a system in a file, from its proof.
-
-    Raises
-    ------
-    InputError : the design is about another system than the scenario names.
-    """
-    if is_file(part):
-        return Problem(found.system, found.k1, found.k2, None)
-    problem = problem_of(part, path.parent)
-    if system_to_json(problem.system) != system_to_json(found.system):
-        raise InputError(
-            "the design in this trace is for another system",
-            where=f"{path}: {DESIGN_ATTACHMENT}",
-            expected=f"the system {part.system!r} as the scenario in the trace describes it",
-            got=f"a design of {found.system.name!r} with other numbers",
-        )
-    return problem

@@ -8,6 +8,7 @@ Values are floats, or arrays of one length: the same function judges a point and
 from __future__ import annotations
 
 import ast
+import math
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -131,6 +132,27 @@ _CALLS: dict[str, tuple[int, int, Callable[..., Any]]] = {
     "max": (2, 9, lambda *a: _folded(np.maximum, a)),
     "hypot": (2, 9, lambda *a: _folded(np.hypot, a)),
 }
+
+
+def _power(base: Any, exponent: float) -> Any:
+    """base ** exponent; a whole one by products, which round alike on every processor.
+
+    Any other by the C library, value by value: NumPy's own differs in the last bit.
+    """
+    if exponent == int(exponent):
+        result = _folded(operator.mul, [base] * abs(int(exponent)) or [np.ones_like(base)])
+        return result if exponent >= 0 else np.divide(1.0, result)
+    return np.vectorize(_pow, otypes=[float])(base, exponent)
+
+
+def _pow(base: float, exponent: float) -> float:
+    """As IEEE 754 has it: no exception."""
+    if base < 0.0 or (base == 0.0 and exponent < 0.0):
+        return math.nan if base < 0.0 else math.inf
+    try:
+        return math.pow(base, exponent)
+    except OverflowError:
+        return math.inf
 
 
 def _folded(function: Callable[[Any, Any], Any], values: Sequence[Any]) -> Any:
@@ -269,7 +291,7 @@ class _Binder:
         if power is None or not exponent.plain or abs(power) > 9:
             raise self._expression.wrong(node.right, "no such exponent", "a number from -9 to 9")
         measured = base.dimension and base.dimension.power(Fraction(power).limit_denominator(64))
-        return Node("number", measured, lambda v: np.power(base.run(v), power), base.plain)
+        return Node("number", measured, lambda v: _power(base.run(v), power), base.plain)
 
     def _compared(self, node: ast.Compare) -> Node:
         parts = [self._number(part) for part in (node.left, *node.comparators)]

@@ -23,6 +23,7 @@ from cosim.scenario.extend import Source
 from cosim.scenario.gain import gain_parameters, problem_of
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.origin import Findings, Origin
+from cosim.scenario.pinned import named_design
 from cosim.scenario.prepare import check_disturbance, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
 from cosim.scenario.refused import refusals
@@ -69,7 +70,8 @@ def _look(loaded: LoadedScenario, hangar: Hangar, findings: Findings) -> None:
     if design is not None:
         with findings.at("design"):
             check_roles(loaded, fmus)
-            problem = problem_of(design, loaded.folder)
+            named = None if design.file is None else named_design(design, loaded.folder)
+            problem = problem_of(design, loaded.folder) if named is None else named[0]
             blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[design.controller])
             parameters[design.controller] = blank
             with findings.at("disturbance"):

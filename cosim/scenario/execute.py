@@ -218,5 +218,6 @@ def _outcome(
         engine=run.engine,
         pace=pace,
         assertions=verdicts_of(scenario, system, run, Findings(prepared.loaded.origin)),
+        design=prepared.source,
     )
     return outcome, schedules

@@ -3,14 +3,15 @@
 Tables are merged key by key, to any depth; everything else, lists among it, is replaced. Two
 things are replaced whole: a table whose `kind` changes, and the connections, whichever of their
 two forms (`connections`, `connect`) the extending scenario uses. `without = ["reference",
-"links.uplink"]` takes away what the base has.
+"links.uplink"]` takes away what the base has. In [design], a `file` and what a design would be
+made from replace one another (`give_way`).
 """
 
 from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -20,7 +21,10 @@ from cosim.errors import InputError
 from cosim.hinf.files import parse_toml
 from cosim.scenario.dotted import remove, split
 from cosim.scenario.origin import Layer
+from cosim.scenario.schema import MADE_WITH
 
+_INSTEAD_OF_FILE = (*MADE_WITH, "state_delay", "loop_delay")
+_ASKED = {*_INSTEAD_OF_FILE, "system", "damping", "position_weight", "envelope"}
 _CONNECTIONS = ("connections", "connect")
 _MOST = 32
 
@@ -35,12 +39,14 @@ class Source:
     data : as TOML has it, `extends` resolved.
     layers : the files it was put together from, the base first.
     folder : where relative paths begin.
+    file : the file itself; None for what is no file of a user.
     """
 
     name: str
     data: dict[str, Any]
     layers: tuple[Layer, ...]
     folder: Path
+    file: Path | None = None
 
     @property
     def text(self) -> str:
@@ -101,7 +107,7 @@ def source_of(
     base_name = own.pop("extends", None)
     without = own.pop("without", None)
     if base_name is None and without is None:
-        return Source(name, own, (layer,), folder)
+        return Source(name, own, (layer,), folder, file)
     at = f"{where}:{_line(text)}: extends"
     if not isinstance(base_name, str):
         raise InputError(
@@ -118,7 +124,7 @@ def source_of(
     data = _rebased(base, folder)
     for path in _paths(without, at):
         remove(data, split(path), f"{where}: without {path}")
-    return Source(name, merged(data, own), (*base.layers, layer), folder)
+    return Source(name, merged(data, own), (*base.layers, layer), folder, file)
 
 
 def _base(name: str, folder: Path, chain: tuple[str, ...], at: str) -> Source:
@@ -177,7 +183,23 @@ def merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     if any(key in own for key in _CONNECTIONS):
         for key in _CONNECTIONS:
             data.pop(key, None)
+    if isinstance(own.get("design"), dict):
+        give_way(data, own["design"])
     return _merged(data, own)
+
+
+def give_way(data: Mapping[str, Any], keys: Collection[str]) -> None:
+    """Take from the [design] of `data` what goes with these keys of a later [design] no longer.
+
+    A `file` replaces the delays, and how a design was to be made; these, and what describes the
+    system, replace a `file`: then a new design is made.
+    """
+    design = data.get("design")
+    if not isinstance(design, dict):
+        return
+    gone = _INSTEAD_OF_FILE if "file" in keys else ("file",) if set(keys) & _ASKED else ()
+    for key in set(gone) - set(keys):
+        design.pop(key, None)
 
 
 def _merged(base: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
@@ -210,6 +232,7 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
         if isinstance(part, dict) and "fmu" in part:
             part["fmu"] = seen(part["fmu"], ".fmu")
     design = data.get("design")
-    if isinstance(design, dict) and "system" in design:
-        design["system"] = seen(design["system"], ".toml")
+    for key, ending in (("system", ".toml"), ("file", ".json")):
+        if isinstance(design, dict) and key in design:
+            design[key] = seen(design[key], ending)
     return data

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from cosim.fmu import FmuDescription
 from cosim.hinf import AuvDesign, Demands, Design, Envelope, design, system_by_name
 from cosim.hinf.auv import DEFAULT_ENVELOPE, DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.named import BUILT_IN
+from cosim.hinf.system_json import first_difference
 from cosim.models.delay_system import DelaySystem
 from cosim.scenario.schema import DesignPart
 
@@ -43,7 +44,8 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
     ------
     InputError : no such system, or keys that it does not have.
     """
-    if part.system == "auv":
+    system = str(part.system)
+    if system == "auv":
         return _auv_problem(part)
     given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
     if given:
@@ -53,20 +55,81 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
             got=f"system = {part.system!r}",
         )
     if is_file(part):
-        named = system_by_name(str(folder / part.system))
-    elif part.system in BUILT_IN:
-        named = system_by_name(part.system)
+        named = system_by_name(str(folder / system))
+    elif system in BUILT_IN:
+        named = system_by_name(system)
     else:
         known = (*BUILT_IN, "FILE.toml")
-        raise InputError.unknown("system", part.system, known, where="design.system")
+        raise InputError.unknown("system", system, known, where="design.system")
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
     return Problem(named.system, k1, k2, None, named.demands)
 
 
+def problem_about(part: DesignPart, found: Design, where: str, folder: Path | None) -> Problem:
+    """What a design that exists is about, which must be what [design] describes.
+
+    Where [design] names no system, that of the design counts; with a `file` its delays, too,
+    where [design] has none.
+
+    Parameters
+    ----------
+    where : the design, for messages.
+    folder : where the file of a system is looked up; None where it is not to be looked at.
+
+    Raises
+    ------
+    InputError : it describes another system, or one that is not there.
+    """
+    require_up_to(found)
+    own = Problem(found.system, found.k1, found.k2, None)
+    named = found.system.name if part.system is None else part.system
+    if (part.system is None and named not in BUILT_IN) or (folder is None and is_file(part)):
+        given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
+        if given:
+            raise InputError(
+                f"{', '.join(given)} belong to the system 'auv'", where="design", got=where
+            )
+        return own
+    known: dict[str, Any] = {"system": named}
+    if part.file is not None and named == "auv":
+        late = {delay.feedback: delay.d for delay in found.system.delays}
+        known["loop_delay"] = late.get(True, 0.0) if part.loop_delay is None else part.loop_delay
+        if part.state_delay is None:
+            known["state_delay"] = late.get(False)
+    described = problem_of(part.model_copy(update=known), folder or Path())
+    differs = first_difference(described.system, found.system)
+    if differs is not None:
+        raise InputError(
+            "this design is for another system than [design] describes",
+            where=where,
+            expected=f"the system {named!r} as [design] describes it",
+            got=differs,
+            hint="say in [design] what it was made for, leave that out, or leave out file",
+        )
+    return replace(own, vehicle=described.vehicle)
+
+
+def require_up_to(found: Design) -> None:
+    """Refuse a design whose proof is about one age of the measurements alone.
+
+    Raises
+    ------
+    NotAchievableError : it is.
+    """
+    if not found.up_to:
+        raise NotAchievableError(
+            "at this order the proof is about exactly one age of the measurements",
+            where="design.order",
+            expected="one that covers every age up to it: the age of a message varies",
+            got=str(found.order),
+            hint="order = 0 covers them, and so does a delay of any age",
+        )
+
+
 def is_file(part: DesignPart) -> bool:
     """Whether [design] names a system by a file, which a trace does not carry."""
-    return part.system.endswith(".toml")
+    return part.system is not None and part.system.endswith(".toml")
 
 
 def _auv_problem(part: DesignPart) -> Problem:
@@ -101,14 +164,7 @@ def solve(
     """
     demands = asdict(problem.demands)
     found = design(problem.system, problem.k1, problem.k2, gain=gain, order=order, **demands)
-    if not found.up_to:
-        raise NotAchievableError(
-            "at this order the proof is about exactly one age of the measurements",
-            where="design.order",
-            expected="one that covers every age up to it: the age of a message varies",
-            got=str(order),
-            hint="order = 0 covers them, and so does a delay of any age",
-        )
+    require_up_to(found)
     return found
 
 

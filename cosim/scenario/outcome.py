@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from cosim.master import EngineChoice, Pace
+from cosim.scenario.pinned import DesignSource
 from cosim.trace import AssertionResult
 
 
@@ -25,6 +26,7 @@ class Outcome:
     assertions : a verdict on each, in the order of the scenario.
     log_after_end : what was said while the slaves were ended, when the trace was complete:
         `level`, `name` of the component, `message`.
+    design : where the design that flew comes from; None without one.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
         them, `final` the last value of every output by `component.variable`.
@@ -46,6 +48,7 @@ class Outcome:
     pace: Pace | None = None
     assertions: tuple[AssertionResult, ...] = ()
     log_after_end: tuple[dict[str, str], ...] = ()
+    design: DesignSource | None = None
 
     @property
     def as_expected(self) -> bool:
@@ -69,6 +72,8 @@ class Outcome:
             "links": self.links,
             "engine": {"name": self.engine.name, "reason": self.engine.reason},
         }
+        if self.design is not None:
+            data["design"] = asdict(self.design)
         if self.assertions:
             data["assertions"] = [verdict.to_json() for verdict in self.assertions]
         if self.log_after_end:

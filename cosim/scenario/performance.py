@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cosim.master import Run
 from cosim.models.auv import STATE, TABLE_1, thrust_map
 from cosim.models.delay_system import DelaySystem
+from cosim.models.products import total
 
 _FORCE = ("force.x", "force.y", "force.z", "moment.z")
 _DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
@@ -63,18 +64,30 @@ def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -
     if not system.has_performance:
         return None
     x = _signals(run, plant, binding.state)
-    u = _signals(run, plant, binding.control) @ binding.input_map.T
+    u = _times(_signals(run, plant, binding.control), binding.input_map)
     w = _signals(run, plant, binding.disturbance)
     h = np.diff(run.points_ns) / 1e9
-    energy_in = float(h @ (w[:-1] ** 2).sum(axis=1))
+    energy_in = _integral(h, w[:-1])
     if energy_in == 0.0:
         return None
-    direct = w[:-1] @ system.D1.T + u[:-1] @ system.D2.T
-    left = x[:-1] @ system.D.T + direct
-    right = x[1:] @ system.D.T + direct
-    energy_out = float(h @ (0.5 * (left**2).sum(axis=1) + 0.5 * (right**2).sum(axis=1)))
+    direct = _times(w[:-1], system.D1) + _times(u[:-1], system.D2)
+    z = _times(x, system.D)
+    energy_out = 0.5 * (_integral(h, z[:-1] + direct) + _integral(h, z[1:] + direct))
     gain = math.sqrt(energy_out / energy_in)
     return gain if math.isfinite(gain) else None
+
+
+def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """rows @ matrix.T in one order of operations: a BLAS has its own on every processor."""
+    columns = [total(a * rows[:, j] for j, a in enumerate(row)) for row in matrix.tolist()]
+    wide = [np.broadcast_to(column, len(rows)) for column in columns]
+    return np.column_stack(wide) if wide else np.zeros((len(rows), 0))
+
+
+def _integral(h: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Sum of h |values|^2, one after the other: `sum` takes them in an order of its own."""
+    parts = np.cumsum(h[:, None] * values * values)
+    return float(parts[-1]) if parts.size else 0.0
 
 
 def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float64]:

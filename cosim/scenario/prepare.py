@@ -12,22 +12,28 @@ from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, WorstCase
 from cosim.scenario.assemble import assemble, find_fmus
-from cosim.scenario.gain import Problem, gain_parameters, problem_of, solve
+from cosim.scenario.gain import Problem, gain_parameters, problem_of
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.origin import Findings
+from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.signals import blank_push, reference_inputs, worst_case_of
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scenario with everything found that it needs, before anything runs."""
+    """A scenario with everything found that it needs, before anything runs.
+
+    push : the worst case that the scenario's disturbance is.
+    source : where the design comes from.
+    """
 
     loaded: LoadedScenario
     fmus: Mapping[str, FmuDescription]
     problem: Problem | None
     design: Design | None
     push: WorstCase | None = None
+    source: DesignSource | None = None
 
 
 def prepare(
@@ -35,13 +41,17 @@ def prepare(
     hangar: Hangar,
     *,
     saved: tuple[Problem, Design] | None = None,
+    push: WorstCase | None = None,
     progress: Progress | None = None,
 ) -> Prepared:
-    """Find or build the FMUs and make the gain, unless a `saved` one is given.
+    """Find or build the FMUs, and find the design that the scenario names, or make one.
+
+    saved : what a design is about and the design, in place of the scenario's.
+    push : its worst case, in place of the one that the design holds.
 
     Raises
     ------
-    InputError, NotAchievableError : see `assemble`, `gain` and `signals`.
+    InputError, NotAchievableError : see `assemble`, `gain`, `pinned` and `signals`.
     """
     tell = progress or silent
     tell("FMUs", 0.0)
@@ -56,17 +66,26 @@ def prepare(
         return Prepared(loaded, fmus, None, None)
     with findings.at("design"):
         check_roles(loaded, fmus)
-        # fit everything together before the design, which takes longest: what cannot run says so
-        problem = problem_of(part, loaded.folder) if saved is None else saved[0]
+        found: Design | None = None
+        if saved is not None:
+            problem, found = saved
+            source = DesignSource("made before, its proof checked again")
+        elif part.file is not None:
+            problem, found, source = named_design(part, loaded.folder)
+        else:
+            problem = problem_of(part, loaded.folder)
+        # fit everything together before a design, which takes longest: what cannot run says so
         blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     with findings.at("disturbance"):
         still = None if disturbance is None else blank_push(problem.system)
     roles = {part.controller: blank}
     assemble(scenario, fmus, parameters=roles, push=still, origin=loaded.origin)
-    tell("design", 0.0)
-    found = solve(problem, part.gain, part.order) if saved is None else saved[1]
-    push = None if disturbance is None else worst_case_of(disturbance, found)
-    return Prepared(loaded, fmus, problem, found, push)
+    if found is None:
+        tell("design", 0.0)
+        found, source = kept_or_made(loaded, problem)
+    if disturbance is not None and push is None:
+        push = worst_case_of(disturbance, found)
+    return Prepared(loaded, fmus, problem, found, push, source)
 
 
 def with_numbers(

@@ -14,7 +14,14 @@ from pydantic import BaseModel, ValidationError
 from cosim.errors import InputError
 from cosim.network import DelayProfile
 from cosim.scenario.dotted import put, setting
-from cosim.scenario.extend import Source, builtin_names, open_source, read_text, source_of
+from cosim.scenario.extend import (
+    Source,
+    builtin_names,
+    give_way,
+    open_source,
+    read_text,
+    source_of,
+)
 from cosim.scenario.links import ProfileFilePart, ProfilePart
 from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
 from cosim.scenario.refused import refusals
@@ -37,6 +44,7 @@ class LoadedScenario:
     folder : where relative FMU paths are looked up.
     origin : where its parts stand.
     source_sha256 : of the file itself, where `text` is put together.
+    file : the file of a user that it was read from; None if it was not.
     """
 
     name: str
@@ -45,6 +53,7 @@ class LoadedScenario:
     folder: Path
     origin: Origin = NOWHERE
     source_sha256: str | None = None
+    file: Path | None = None
 
 
 def load(
@@ -80,8 +89,9 @@ def of_scenario(scenario: Scenario, name: str, folder: Path | None = None) -> Lo
 def with_settings(source: Source, settings: Sequence[str]) -> Source:
     """The source with what `KEY=VALUE` texts set, in their order."""
     data, layers = copy.deepcopy(source.data), list(source.layers)
-    for text in settings:
-        path, value = setting(text)
+    parts = [(text, *setting(text)) for text in settings]
+    give_way(data, {str(path[1]) for _, path, _ in parts if path[0] == "design" and len(path) > 1})
+    for text, path, value in parts:
         put(data, path, value, f"--set {text}")
         layers.append(Layer(f"--set {text}", "", path))
     return replace(source, data=data, layers=tuple(layers))
@@ -110,12 +120,11 @@ def loaded_of(source: Source) -> LoadedScenario:
     own = [layer for layer in source.layers if layer.path is None]
     text = own[-1].text
     if len(source.layers) == 1 and scenario is found:
-        return LoadedScenario(source.name, scenario, text, source.folder, Origin(source.layers))
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    whole = scenario.to_toml()
-    return LoadedScenario(
-        source.name, scenario, whole, source.folder, Origin(source.layers), digest
-    )
+        digest = None
+    else:
+        digest, text = hashlib.sha256(text.encode()).hexdigest(), scenario.to_toml()
+    origin = Origin(source.layers)
+    return LoadedScenario(source.name, scenario, text, source.folder, origin, digest, source.file)
 
 
 def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:

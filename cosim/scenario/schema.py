@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 import tomli_w
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from cosim.master import Algorithm, Policy
 from cosim.scenario.events import AssertionPart, EventPart
@@ -179,13 +179,23 @@ class EnvelopePart(Part):
     psi: Angle
 
 
+MADE_WITH = ("gain", "order", "k1", "k2")
+"""Keys of [design] that say how a design is made, not what it is about."""
+
+
 class DesignPart(Part):
     """[design]: which gain flies, and for what it is proved.
 
-    Without `gain` the least-gamma gain is designed; with it, that gain is analysed.
+    With `file` that design flies: a `.json` that `cosim design --save` wrote, or the name of one
+    that comes with the package. What else is said of the system must be what it was made for.
+    Without it the least-gamma gain is designed, or `gain` is analysed.
     """
 
-    system: Text
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [{"required": ["system"]}, {"required": ["file"]}]}
+    )
+    system: Text | None = None
+    file: Text | None = None
     controller: Name = "controller"
     plant: Name = "plant"
     gain: list[list[Number]] | None = None
@@ -197,6 +207,18 @@ class DesignPart(Part):
     damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
     position_weight: Positive | None = None
     envelope: EnvelopePart | None = None
+
+    @model_validator(mode="after")
+    def _source(self) -> Self:
+        if self.system is None and self.file is None:
+            raise ValueError("a system to design for, or the file of a design: system or file")
+        beside = [key for key in MADE_WITH if getattr(self, key) is not None]
+        if self.file is not None and beside:
+            raise ValueError(
+                f"{', '.join(beside)} beside file: the gain and its proof are those of the file; "
+                "leave out file to have a design made"
+            )
+        return self
 
     @model_validator(mode="after")
     def _rows(self) -> Self:

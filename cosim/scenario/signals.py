@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase, close, worst_case
+from cosim.hinf import Design, WorstCase
+from cosim.hinf.worst_case import worst_case_at
 from cosim.master import Endpoint
 from cosim.models.delay_system import DelaySystem
 from cosim.scenario.matching import endpoint, members
@@ -80,12 +81,18 @@ def _along(
 def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
     """The harmonic that the design's nominal loop amplifies most.
 
+    It is the one that the design holds; where that holds none, or a frequency is given, it is
+    found here.
+
     Raises
     ------
     InputError : the norm is attained at no finite frequency, and none is given.
     """
+    if part.omega is None and design.worst_case is not None:
+        return design.worst_case
     omega = design.norm_frequency if part.omega is None else part.omega
-    if omega is None:
+    found = worst_case_at(design.system, design.K, omega)
+    if found is None:
         raise InputError(
             "the norm of this loop is that of D1, approached as the frequency grows: no "
             "disturbance attains it",
@@ -94,7 +101,7 @@ def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
             got=f"|D1| = {np.linalg.norm(design.system.D1, 2):g}",
             hint="give a frequency: omega = ... [rad/s]",
         )
-    return worst_case(close(design.system, design.K), omega)
+    return found
 
 
 def blank_push(system: DelaySystem) -> WorstCase:
@@ -170,6 +177,10 @@ def _swelling(
     end: float,
     seconds: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    swell = amplitude * np.sin(math.pi * seconds / end)
-    wave: NDArray[np.float64] = swell * size * np.cos(omega * seconds + phase)
-    return wave
+    # the C library's sine: NumPy's own differs in the last bit from processor to processor
+    return np.array(
+        [
+            amplitude * math.sin(math.pi * t / end) * size * math.cos(omega * t + phase)
+            for t in seconds.tolist()
+        ]
+    )

@@ -90,7 +90,8 @@ always = "hypot(plant.eta.x, plant.eta.y) < 2 m"
 # The gain: without [design] the controller flies with its own.
 # [design]
 # system = "auv"
-# loop_delay = "1.25 s"
+# loop_delay = "1.25 s"        # a design is made once, and kept in {name}.design.json
+# file = "auv-1.25s"           # or a design that exists: of the package, or FILE.json
 '''
 
 _EXTENDING = """\

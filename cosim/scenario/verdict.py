@@ -6,6 +6,7 @@ listed by name, true or false, also where nobody asked.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 
 from cosim.hinf import Design, WorstCase, check_certificate
 from cosim.master import Run, System
+from cosim.models.products import total
 from cosim.network import PacketSchedule
 from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
 from cosim.scenario.coupling import coupling_delays_s
@@ -158,7 +160,7 @@ def _position_error(flight: Flight) -> float | None:
         return None
     target = _final_reference(flight.scenario)
     error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
-    size = float(np.linalg.norm(error))
+    size = math.sqrt(total(part * part for part in error))
     return size if np.isfinite(size) else None
 
 

@@ -18,7 +18,7 @@ from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
 from cosim.master import Run
 from cosim.scenario.execute import Prepared, fly, fly_unrecorded, prepare
-from cosim.scenario.gain import Problem, problem_of
+from cosim.scenario.gain import Problem, problem_about
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import LoadedScenario
@@ -137,8 +137,9 @@ class Flyer:
             return prepare(loaded, self.shelf)
         key = json.dumps(part.model_dump(), sort_keys=True)
         if key in self._given and key not in self._designs:
-            found = design_from_json(json.loads(self._given[key]), where="the study's design")
-            self._keep(key, (problem_of(part, self.base.folder), found))
+            where = "the study's design"
+            found = design_from_json(json.loads(self._given[key]), where=where)
+            self._keep(key, (problem_about(part, found, where, self.base.folder), found))
         known = self._designs.get(key)
         if isinstance(known, NotAchievableError):
             raise known.with_traceback(None)

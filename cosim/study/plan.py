@@ -12,6 +12,8 @@ from typing import Any
 
 from cosim.errors import CosimError, InputError
 from cosim.scenario.dotted import split
+from cosim.scenario.gain import is_file
+from cosim.scenario.pinned import design_content
 from cosim.study.batch import Job, Row, taken
 from cosim.study.consistency import Place, check_consistent, nowhere
 from cosim.study.flight import Base, Flyer
@@ -76,6 +78,9 @@ def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
         "fmus": hashes,
         "software": importlib.metadata.version("auv-cosim"),
     }
+    part = base.scenario.design
+    if part is not None and part.file is not None:
+        content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     digits = len(str(flyer.points.count - 1))
     return Plan(Job(study, base, hashes, digest, digits), flyer, content)
@@ -177,7 +182,7 @@ def _given(axis: Axis) -> list[Any]:
 def _system_file(base: Base) -> str | None:
     """The text of the system that the design names by a file."""
     part = base.scenario.design
-    if part is None or not part.system.endswith(".toml"):
+    if part is None or part.system is None or not is_file(part):
         return None
     path: Path = base.folder / part.system
     return path.read_text("utf-8") if path.is_file() else None

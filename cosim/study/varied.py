@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from cosim.errors import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario.dotted import put, split
+from cosim.scenario.extend import give_way
 from cosim.scenario.schema import Scenario
 from cosim.study.consistency import Place, nowhere
 from cosim.study.expression import Expression
@@ -67,6 +68,8 @@ class Variations:
         self._movers = [Mover.of(axis) for axis in study.vary]
         data = base.model_dump(by_alias=True, exclude_unset=True)
         self._known = base.model_dump(by_alias=True)
+        self._asked = _of_design(place for mover in self._movers for place in mover.places)
+        give_way(data, _of_design(study.set))
         for place, value in study.set.items():
             check_place(self._known, place, where("set", place))
             put(data, split(place), copy.deepcopy(value), place)
@@ -76,6 +79,7 @@ class Variations:
     def data(self, values: Iterable[Any]) -> dict[str, Any]:
         """The scenario with these values of the axes, not validated."""
         data = copy.deepcopy(self._data)
+        give_way(data, self._asked)
         for mover, value in zip(self._movers, values, strict=True):
             mover.move(data, value)
         return data
@@ -110,6 +114,12 @@ class Variations:
         for place in axis.places:
             check_place(self._known, place, where)
             check_parameter(place, fmus, where)
+
+
+def _of_design(places: Iterable[str]) -> set[str]:
+    """Keys of [design] among these places."""
+    paths = [split(place) for place in places]
+    return {str(path[1]) for path in paths if path[0] == "design" and len(path) > 1}
 
 
 _FREE = ("links", "components")

@@ -11,6 +11,7 @@ from cosim.errors import InputError
 from cosim.hinf import NamedSystem, system_by_name, weighted
 from cosim.hinf.system_json import matrix
 from cosim.scenario.gain import problem_of
+from cosim.scenario.pinned import named_design
 from cosim.scenario.read import builtin_names, load
 
 
@@ -22,6 +23,9 @@ def named_problem(name: str) -> tuple[NamedSystem, Any]:
     part = loaded.scenario.design
     if part is None:
         raise InputError("this scenario has no design", where=name)
+    if part.file is not None:
+        problem, found, _ = named_design(part, loaded.folder)
+        return NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
     problem = problem_of(part, loaded.folder)
     named = NamedSystem(problem.system, problem.k1, problem.k2, demands=problem.demands)
     return named, part.gain

@@ -47,6 +47,8 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         _assumptions(outcome.metrics["assumptions"]),
         *_assertions(outcome),
     ]
+    if outcome.design is not None:
+        parts.append(Text(f"design: {outcome.design.words}"))
     parts += late_view(outcome.log_after_end)
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))

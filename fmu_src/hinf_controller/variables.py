@@ -1,13 +1,14 @@
 """FMI variables of the state feedback: HinfController for the vehicle, PaperController.
 
-Their gains are those of the certificates beside this file: `auv.json` proves the design of the
-built-in system `auv`, `paper.json` what the printed gain of section 5 guarantees.
+The gain of HinfController is that of the design `auv-1.25s`, which the built-in scenarios fly;
+`paper.json` beside this file proves what the printed gain of section 5 guarantees.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 
 from cosim.models.auv import STATE, TABLE_1, inertia
@@ -242,14 +243,18 @@ def _feedback_notes(m: int, n: int, *, limited: bool) -> str:
     )
 
 
-def _beside(file: str) -> bytes:
-    return Path(__file__).with_name(file).read_bytes()
+def _designed(name: str) -> bytes:
+    """The certificate of a design of the package: `cosim.hinf.certificate_bytes`, but at once."""
+    file = files("cosim").joinpath("scenario", "library", "designs", f"{name}.json")
+    design = json.loads(file.read_bytes())
+    del design["figures"]
+    return json.dumps(design, sort_keys=True, separators=(",", ":")).encode() + b"\n"
 
 
-SPEC = vehicle_spec("HinfController", _beside("auv.json"), controller="HinfController")
+SPEC = vehicle_spec("HinfController", _designed("auv-1.25s"), controller="HinfController")
 PAPER_SPEC = feedback_spec(
     "PaperController",
-    _beside("paper.json"),
+    Path(__file__).with_name("paper.json").read_bytes(),
     description="Sampled state feedback of the paper's section 5 with its printed gain",
     plant="DelayedPlant",
     controller="PaperController",

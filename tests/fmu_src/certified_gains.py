@@ -7,20 +7,20 @@ A design takes a solver, so that FMUs are built from the files; the tests prove 
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
-import fmu_src.hinf_controller
-from cosim.hinf import analyse, certificate_bytes, design, system_by_name
+from cosim.hinf import analyse, certificate_bytes, design, design_to_json, system_by_name
 from cosim.models.paper_example import PRINTED_K
 
-FOLDER = Path(str(fmu_src.hinf_controller.__file__)).parent
+ROOT = Path(__file__).parents[2]
 
 
 def vehicle() -> dict[str, Any]:
-    """The design of the built-in system `auv`."""
+    """The design of the built-in system `auv`, which the built-in scenarios fly."""
     named = system_by_name("auv")
-    return design(named.system, named.k1, named.k2).certificate
+    return design_to_json(design(named.system, named.k1, named.k2))
 
 
 def paper() -> dict[str, Any]:
@@ -30,8 +30,13 @@ def paper() -> dict[str, Any]:
     return certificate
 
 
-MADE_BY = {"auv.json": vehicle, "paper.json": paper}
+MADE_BY = {
+    "cosim/scenario/library/designs/auv-1.25s.json": vehicle,
+    "fmu_src/hinf_controller/paper.json": paper,
+}
 
 if __name__ == "__main__":
     for name, make in MADE_BY.items():
-        (FOLDER / name).write_bytes(certificate_bytes(make()))
+        data = make()
+        saved = json.dumps(data, indent=1, allow_nan=False).encode() + b"\n"
+        (ROOT / name).write_bytes(saved if "figures" in data else certificate_bytes(data))

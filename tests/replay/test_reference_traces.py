@@ -15,6 +15,7 @@ from shared import fmu_store
 
 from cosim.hinf import design_from_json
 from cosim.replay import rerun
+from cosim.replay.attached import worst_case_in
 from cosim.scenario.assemble import Hangar
 from cosim.scenario.execute import fly, prepare
 from cosim.scenario.gain import problem_of
@@ -42,7 +43,11 @@ def flown_again(path: Path, target: Path) -> bool:
     part = loaded.scenario.design
     assert part is not None
     gain = design_from_json(json.loads(kept.attachments[DESIGN_ATTACHMENT]), where=path.name)
-    fly(prepare(loaded, hangar, saved=(problem_of(part, target.parent), gain)), target)
+    saved, push = (
+        (problem_of(part, target.parent), gain),
+        worst_case_in(kept, gain.system.C.shape[1]),
+    )
+    fly(prepare(loaded, hangar, saved=saved, push=push), target)
     return False
 
 

@@ -29,7 +29,7 @@ SAYS = {
     "moved-twice": (12, "two axes move run.step"),
     "no-axes": (None, "the key 'vary' is missing"),
     "no-kind": (7, "which kind"),
-    "no-list": (7, "design.gain[1][0] leads nowhere"),
+    "no-list": (7, "connections[7].policy leads nowhere"),
     "no-metrics": (None, "the key 'metrics' is missing"),
     "no-such-file": (None, "nowhere.toml"),
     "no-target": (7, "one of path, paths and apply"),

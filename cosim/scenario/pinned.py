@@ -1,0 +1,165 @@
+"""Designs that were made before: named by `[design] file`, or kept beside the scenario.
+
+What a solver answers differs in its last digits from one machine to the next. So a gain is
+designed once: the design that a scenario names flies as it is, and one that a run had to make is
+kept beside the scenario, as `<stem>.design.json`, for the next run. Either way its proof is
+checked again, exactly, before it flies.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from cosim.errors import InputError
+from cosim.hinf import Design, design_from_json, design_to_json, read_certificate
+from cosim.hinf.certificate import certificate_from_bytes
+from cosim.hinf.system_json import first_difference
+from cosim.scenario.gain import Problem, problem_about, solve
+from cosim.scenario.read import LoadedScenario
+from cosim.scenario.schema import MADE_WITH, DesignPart
+
+_MADE_FOR = "made_for"
+
+
+@dataclass(frozen=True)
+class DesignSource:
+    """Where the design that flies comes from.
+
+    Attributes
+    ----------
+    words : a sentence for people.
+    file : its file, or its name among the designs of the package; None where only the trace
+        holds it.
+    made : whether a solver made it for this run.
+    """
+
+    words: str
+    file: str | None = None
+    made: bool = False
+
+
+def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, DesignSource]:
+    """The design that `[design] file` names, its proof checked, and what it is about.
+
+    `folder` : where a path begins.
+
+    Raises
+    ------
+    InputError : there is none, its proof does not hold, or it is for another system.
+    NotAchievableError : its proof is about one age of the measurements alone.
+    """
+    name = str(part.file)
+    where, content = design_content(name, folder)
+    found = design_from_json(certificate_from_bytes(content, where), where=where)
+    about = problem_about(part, found, where, folder)
+    return about, found, DesignSource(f"{name}, its proof checked again", name)
+
+
+def design_content(name: str, folder: Path) -> tuple[str, bytes]:
+    """What a design is called in messages, and the bytes of its file.
+
+    `name` : a path that ends in .json and begins in `folder`, or a design of the package.
+
+    Raises
+    ------
+    InputError : there is none.
+    """
+    if name.endswith(".json"):
+        path = folder / name
+        try:
+            return str(path), path.read_bytes()
+        except OSError as error:
+            raise InputError(
+                "the design cannot be read",
+                where=str(path),
+                expected="a file that cosim design --save wrote",
+                got=error.strerror,
+            ) from error
+    ours = files("cosim.scenario").joinpath("library", "designs")
+    known = {p.name.removesuffix(".json"): p for p in ours.iterdir()}
+    if name not in known:
+        raise InputError.unknown("design", name, [*known, "FILE.json"], where="design.file")
+    return f"design {name}", known[name].read_bytes()
+
+
+def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, DesignSource]:
+    """The design that an earlier run kept beside the scenario; else a new one, kept there.
+
+    One that is kept is taken where it answers the same question: the same system, and the same
+    demands. A file that no run of this scenario wrote is never written over.
+
+    Raises
+    ------
+    NotAchievableError : see `solve`.
+    """
+    part = loaded.scenario.design
+    if part is None:
+        raise ValueError("expected a scenario with [design]")
+    made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem)}
+    path = None if loaded.file is None else loaded.file.with_suffix(".design.json")
+    if path is None:
+        return _made(part, problem), _in_trace("the scenario is no file")
+    try:
+        found, why, ours = _kept(path, made_for, problem)
+    except OSError as error:
+        found, why, ours = None, f"{path}: {error.strerror}", False
+    if found is not None:
+        return found, DesignSource(f"{path}, {why}", str(path))
+    made = _made(part, problem)
+    if ours and any(layer.path and layer.path[0] == "design" for layer in loaded.origin.layers):
+        why, ours = "a setting changes [design]", False
+    if not ours:
+        return made, _in_trace(why)
+    text = json.dumps({**design_to_json(made), _MADE_FOR: made_for}, indent=1, allow_nan=False)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_text(text + "\n", "utf-8")
+        beside.replace(path)
+    except OSError as error:
+        return made, _in_trace(f"{path}: {error.strerror}")
+    return made, DesignSource(f"made for this run ({why}), kept in {path}", str(path), made=True)
+
+
+def _in_trace(why: str) -> DesignSource:
+    return DesignSource(f"made for this run, kept in its trace alone: {why}", made=True)
+
+
+def _made(part: DesignPart, problem: Problem) -> Design:
+    """A new design, as it is when it is read again: both fly the same run."""
+    data = json.loads(json.dumps(design_to_json(solve(problem, part.gain, part.order))))
+    return design_from_json(data, where="the new design")
+
+
+def _question(part: DesignPart, problem: Problem) -> Any:
+    """What is demanded of a gain beside its system, as JSON values."""
+    asked = {key: getattr(part, key) for key in MADE_WITH} | {"k1": problem.k1, "k2": problem.k2}
+    return json.loads(json.dumps(asked | asdict(problem.demands)))
+
+
+def _kept(path: Path, made_for: Any, problem: Problem) -> tuple[Design | None, str, bool]:
+    """The design in a file, if it answers the question; why; whether the file may be replaced."""
+    if not path.exists():
+        return None, "none was kept before", True
+    try:
+        data = read_certificate(path)
+    except InputError:
+        data = None
+    mark = data.get(_MADE_FOR) if isinstance(data, dict) else None
+    if not isinstance(mark, dict) or mark.get("scenario") != made_for["scenario"]:
+        words = f"{path} is not one that a run of {made_for['scenario']} wrote, and stays as it is"
+        return None, words, False
+    if mark.get("question") != made_for["question"]:
+        return None, "the one kept before answers another question", True
+    try:
+        found = design_from_json(data, where=str(path))
+    except InputError as error:
+        return None, f"the one kept before is refused: {error.what}", True
+    differs = first_difference(problem.system, found.system)
+    if differs is not None:
+        return None, f"the one kept before is for another system: {differs}", True
+    return found, "kept by an earlier run, its proof checked again", True
