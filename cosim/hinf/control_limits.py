@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import flint
@@ -181,17 +181,9 @@ def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakCo
 def reached_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
     """The system with z = 0; without w, too, where no energy comes in."""
     s = system
-    nothing = np.zeros((1, s.A.shape[0])) if energy else None
-    return DelaySystem(
-        s.A,
-        s.B,
-        s.C if energy else None,
-        nothing,
-        E=s.E if s.E.size else None,
-        H=s.H if s.E.size else None,
-        delays=s.delays,
-        name=s.name,
-    )
+    C = s.C if energy else s.C[:, :0]
+    D, D1, D2 = (np.zeros((int(energy), M.shape[1])) for M in (s.A, C, s.B))
+    return replace(s, C=C, D=D, D1=D1, D2=D2)
 
 
 def squared_peaks(

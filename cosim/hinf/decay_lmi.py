@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,11 +16,12 @@ from cosim.hinf.decay import Decay, acting_delays, corners, growth_of
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.proof import exact_point
 from cosim.hinf.rational import exact
+from cosim.hinf.refusals import stability_alone
 from cosim.hinf.scaling import Scaling
 from cosim.hinf.search import starts
 from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.svec import svec
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models.delay_system import DelaySystem
 
 if TYPE_CHECKING:
     from cosim.models.delay_system import Matrix
@@ -38,17 +40,13 @@ def shifted_systems(system: DelaySystem, rate: float) -> list[DelaySystem]:
 def _shifted(system: DelaySystem, rate: float, growth: tuple[float, ...]) -> DelaySystem:
     n = system.A.shape[0]
     late = [s for s, delay in zip(growth, system.delays, strict=True) if delay.feedback]
-    uncertain = bool(system.E.size)
-    return DelaySystem(
-        system.A + rate * np.eye(n),
-        system.B * (late[0] if late else 1.0),
-        E=system.E if uncertain else None,
-        H=system.H if uncertain else None,
-        delays=[
-            Delay(x.d, s * x.A, s * x.H if uncertain else None, x.feedback, x.any_age)
-            for s, x in zip(growth, system.delays, strict=True)
-        ],
-        name=system.name,
+    return replace(
+        stability_alone(system),
+        A=system.A + rate * np.eye(n),
+        B=system.B * (late[0] if late else 1.0),
+        delays=tuple(
+            replace(x, A=s * x.A, H=s * x.H) for s, x in zip(growth, system.delays, strict=True)
+        ),
     )
 
 

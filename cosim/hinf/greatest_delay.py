@@ -35,7 +35,7 @@ from cosim.hinf.synthesis import (
     proved_at,
 )
 from cosim.hinf.threads import one_thread
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models.delay_system import DelaySystem
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -265,11 +265,7 @@ def with_delays(system: DelaySystem, lengths: Sequence[float]) -> DelaySystem:
             got=str(list(lengths)),
         )
     try:
-        delays = [
-            Delay(d, x.A, x.H, x.feedback, x.any_age)
-            for d, x in zip(lengths, system.delays, strict=True)
-        ]
+        delays = tuple(replace(x, d=d) for d, x in zip(lengths, system.delays, strict=True))
     except ValueError as error:
         raise InputError(str(error), where="delays") from error
-    s = system
-    return DelaySystem(s.A, s.B, s.C, s.D, s.D1, s.D2, s.E, s.H, delays, s.name)
+    return replace(system, delays=delays)

@@ -7,6 +7,7 @@ is it said that there is no solution: what a solver did not find was not found.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from cosim.errors import NotAchievableError
@@ -143,15 +144,8 @@ def not_certified(
 
 def stability_alone(system: DelaySystem) -> DelaySystem:
     """The system without w and z."""
-    uncertain = bool(system.E.size)
-    return DelaySystem(
-        system.A,
-        system.B,
-        E=system.E if uncertain else None,
-        H=system.H if uncertain else None,
-        delays=system.delays,
-        name=system.name,
-    )
+    s = system
+    return replace(s, C=s.C[:, :0], D=s.D[:0], D1=s.D1[:0, :0], D2=s.D2[:0])
 
 
 def _at(p: Scalars) -> str:

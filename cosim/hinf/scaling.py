@@ -15,7 +15,7 @@ and a solution of the LMI of Theorem 2 goes back by a congruence of its rows:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ from scipy.linalg import matrix_balance
 
 from cosim.errors import InputError
 from cosim.hinf.svec import Array
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models.delay_system import DelaySystem
 
 _EXPONENT = 200
 """Powers of two stay within this: their products must not overflow."""
@@ -44,21 +44,19 @@ class Scaling:
         """The system in these units."""
         S, U, T, a, c = self.state, self.input, self.T, self.a, self.c
         rows = T / S[:, None]
-        delays = [
-            Delay(x.d / T, rows * x.A * S, x.H * S / c, x.feedback, x.any_age)
-            for x in system.delays
-        ]
-        return DelaySystem(
-            rows * system.A * S,
-            rows * system.B * U,
-            a * rows * system.C,
-            a * system.D * S,
-            a**2 * system.D1,
-            a * system.D2 * U,
-            c * rows * system.E,
-            system.H * S / c,
-            delays,
-            system.name,
+        return replace(
+            system,
+            A=rows * system.A * S,
+            B=rows * system.B * U,
+            C=a * rows * system.C,
+            D=a * system.D * S,
+            D1=a**2 * system.D1,
+            D2=a * system.D2 * U,
+            E=c * rows * system.E,
+            H=system.H * S / c,
+            delays=tuple(
+                replace(x, d=x.d / T, A=rows * x.A * S, H=x.H * S / c) for x in system.delays
+            ),
         )
 
     def gain(self, K: Array) -> Array:

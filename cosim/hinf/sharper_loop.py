@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.hinf.analysis_lmi import AnalysisLmi
+from cosim.hinf.greatest_delay import with_delays
 from cosim.hinf.sharper_lmi import SharperLmi, multipliers_of, scalar_multipliers
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models.delay_system import DelaySystem
 
 Gain = NDArray[np.float64]
 
@@ -31,12 +32,7 @@ class Loop:
 
     def at(self, delays: Sequence[float]) -> Loop:
         """The same with other delays."""
-        s = self.system
-        changed = [
-            Delay(d, x.A, x.H, x.feedback, x.any_age) for d, x in zip(delays, s.delays, strict=True)
-        ]
-        other = DelaySystem(s.A, s.B, s.C, s.D, s.D1, s.D2, s.E, s.H, changed, s.name)
-        return Loop(other, self.order, self.gamma)
+        return Loop(with_delays(self.system, delays), self.order, self.gamma)
 
     def bears(self, K: Gain) -> bool:
         """Whether the solver finds that the analysis of K is met."""

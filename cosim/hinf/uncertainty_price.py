@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from cosim.hinf.analysis import analyse
 from cosim.hinf.synthesis import Design, design
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models.delay_system import DelaySystem
 
 
 def without_uncertainty(system: DelaySystem) -> DelaySystem:
     """The nominal system: E and every H removed."""
-    delays = [Delay(x.d, x.A, None, x.feedback, x.any_age) for x in system.delays]
-    return DelaySystem(
-        system.A,
-        system.B,
-        system.C,
-        system.D,
-        system.D1,
-        system.D2,
-        delays=delays,
-        name=system.name,
-    )
+    delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
+    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
 
 
 def nominal_gamma(found: Design) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,17 +49,6 @@ def weighted(
         )
     s, column = system, values[:, None]
     try:
-        return DelaySystem(
-            s.A,
-            s.B,
-            s.C,
-            column * s.D,
-            column * s.D1,
-            column * s.D2,
-            s.E if s.E.size else None,
-            s.H if s.E.size else None,
-            s.delays,
-            s.name,
-        )
+        return replace(s, D=column * s.D, D1=column * s.D1, D2=column * s.D2)
     except ValueError as error:
         raise InputError(str(error), where=where) from error

@@ -7,7 +7,6 @@ import stat
 import sys
 import threading
 from pathlib import Path
-from types import TracebackType
 
 from cosim.errors import InputError, LossError
 from cosim.trace.stream import McapStream
@@ -148,12 +147,7 @@ class Guard:
                 hint="write before finish() or close()",
             )
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         try:
             if isinstance(error, OSError):
                 self.fail(error)

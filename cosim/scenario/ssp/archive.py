@@ -8,7 +8,6 @@ import posixpath
 import zipfile
 import zlib
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Self
 from urllib.parse import unquote, urlsplit
 
@@ -66,12 +65,7 @@ class Archive:
         self._names = set(names)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._zip.close()
 
     def wrong(self, what: str, inside: str | None = None, **more: str | None) -> InputError:
