@@ -72,10 +72,6 @@ class Pace:
         self.largest_s = max(self.largest_s, float(late.max(initial=0.0)))
         self.late += int(np.count_nonzero(now > due[1:]))
 
-    def restart(self) -> None:
-        """Count from the next point on: after a pause, or a snapshot."""
-        self._began = None
-
     def _due(self, time_ns: int) -> float:
         assert self._began is not None  # noqa: S101 - set by `wait`
         return self._began + (time_ns - self._from_ns) / 1e9 / self.factor
