@@ -329,6 +329,17 @@ def test_state_that_does_not_fit_is_refused(
         )
 
 
+def test_fixed_step_slave_does_not_go_with_points_that_come_about(tmp_path: Path) -> None:
+    """The points known before the run are evenly spaced; those of the arrivals will not be."""
+    stiff = scalar_fmu(tmp_path, variable_step=False)
+    given: dict[str, Any] = {"links": [PacketLink("there", ns(0.1), delay=SIGNAL)]}
+    given |= {"step": 0.1, "stop": STOP, "delays": {"there": DelaySource((end("a.x"),), (0.0,))}}
+    with pytest.raises(InputError, match="steps of one size only"):
+        scalars(stiff, PAIR, (("a.x", "b.u", "there"),), **given)
+    on_grid = scalars(stiff, PAIR, (("a.x", "b.u", "there"),), events="grid", **given)
+    assert simulate(on_grid).ending == "finished"
+
+
 @pytest.mark.parametrize(("link", "policy"), [("there", "hold"), (None, "linear")])
 def test_state_takes_no_link_and_no_policy(fmu: Path, link: str | None, policy: str) -> None:
     with pytest.raises(InputError, match="it takes no link"):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from coupled import rewritten
 from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.errors import InputError
@@ -22,7 +23,7 @@ from cosim.master import (
     TraceRecorder,
     simulate,
 )
-from cosim.network import DelaySignal, Jitter, PacketLink, TransportLink
+from cosim.network import DelayProfile, DelaySignal, Jitter, PacketLink, TransportLink
 from cosim.trace import TraceWriter
 
 PAIR = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -2.0, "x0": -0.5}}
@@ -142,6 +143,39 @@ def test_snapshot_of_another_algorithm_is_refused(fmu: Path) -> None:
                     with pytest.raises(InputError, match="another system"):
                         session.restore(kept)
                     assert session.rows == 0
+
+
+def test_snapshot_of_another_recorded_delay_or_own_step_is_refused(fmu: Path) -> None:
+    """Two recordings that are written alike, and steps at points that are there anyway."""
+    times = [0.005 * k for k in range(1200)]  # of more than 1000, repr shows the ends
+
+    def system(delays: list[float], every: float = 0.2) -> System:
+        link = TransportLink("t", delay=DelayProfile.from_seconds(times, delays, "linear"))
+        given: dict[str, Any] = {"step": 0.1, "stop": 5.0, "links": [link]}
+        return scalars(fmu, PAIR, (("a.x", "b.u", "t"),), every={"a": every}, **given)
+
+    plain = [0.3] * 1200
+    other = [*plain[:600], 0.2, *plain[601:]]
+    assert repr(system(plain).links["t"]) == repr(system(other).links["t"])
+    with Session(system(plain)) as session:
+        session.step(4)
+        kept = session.snapshot(portable=True)
+    for tried in (system(other), system(plain, 0.4)):
+        with Session(tried) as session, pytest.raises(InputError, match="another system"):
+            session.restore(kept)
+    with Session(system(plain)) as session:
+        session.restore(kept)
+        assert session.rows == 4
+
+
+def test_snapshot_of_another_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
+    """One that declares the same, and is another file."""
+    other = rewritten(fmu, tmp_path / "other.fmu", ('modelName="scalar"', 'modelName="other"'))
+    with Session(linked(fmu)) as session:
+        session.step(3)
+        kept = session.snapshot(portable=True)
+    with Session(linked(other)) as session, pytest.raises(InputError, match="another system"):
+        session.restore(kept)
 
 
 @pytest.mark.parametrize("ending", ["diverged", "failed"])

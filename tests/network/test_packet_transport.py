@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.errors import InputError
-from cosim.network import DelaySignal, GilbertElliott, Jitter, PacketLink, TransportLink
+from cosim.network import (
+    DelaySignal,
+    GilbertElliott,
+    Jitter,
+    LossWindow,
+    PacketLink,
+    TransportLink,
+)
 
 
 @pytest.mark.parametrize(
@@ -77,6 +84,17 @@ def test_jitter_refuses(arguments: Any, word: str) -> None:
     """A jitter takes the parameters of its kind and no others."""
     with pytest.raises(InputError, match=word):
         Jitter(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [((-1, 5, 1.0), "from_ns"), ((5, 4, 1.0), "until_ns"), ((5, 5, 1.5), "loss window: loss")],
+)
+def test_loss_window_refuses(arguments: tuple[int, int, float], word: str) -> None:
+    """It begins in the run, and ends no earlier than it begins; an empty one is none."""
+    with pytest.raises(InputError, match=word):
+        LossWindow(*arguments)
+    assert LossWindow(5, 5, 1.0).until_ns == 5
 
 
 def test_gilbert_elliott_refuses() -> None:

@@ -293,3 +293,12 @@ def test_too_many_messages() -> None:
     """A period of 1 ns over an hour is taken for seconds mistaken for nanoseconds."""
     with pytest.raises(InputError, match="nanoseconds"):
         schedule(PacketLink("a", 1), 3600 * 10**9)
+
+
+def test_messages_that_take_too_long_to_send() -> None:
+    """512 frames of 2**53 ns would end beyond the instants that an integer holds."""
+    link = PacketLink("a", 1, data_rate=1_000_000_000, frame_size=2**53)
+    assert schedule(link, 510).arrival_ns[-1] == 511 * 2**53
+    with pytest.raises(InputError, match="longer to send than can be counted") as caught:
+        schedule(link, 511)
+    assert caught.value.got == f"512 messages of {2**53} ns"
