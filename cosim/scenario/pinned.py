@@ -103,14 +103,14 @@ def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, Desi
     made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem)}
     path = None if loaded.file is None else loaded.file.with_suffix(".design.json")
     if path is None:
-        return _made(part, problem), _in_trace("the scenario is no file")
+        return solve(problem, part.gain, part.order), _in_trace("the scenario is no file")
     try:
         found, why, ours = _kept(path, made_for, problem)
     except OSError as error:
         found, why, ours = None, f"{path}: {error.strerror}", False
     if found is not None:
         return found, DesignSource(f"{path}, {why}", str(path))
-    made = _made(part, problem)
+    made = solve(problem, part.gain, part.order)
     if ours and any(layer.path and layer.path[0] == "design" for layer in loaded.origin.layers):
         why, ours = "a setting changes [design]", False
     if not ours:
@@ -127,12 +127,6 @@ def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, Desi
 
 def _in_trace(why: str) -> DesignSource:
     return DesignSource(f"made for this run, kept in its trace alone: {why}", made=True)
-
-
-def _made(part: DesignPart, problem: Problem) -> Design:
-    """A new design, as it is when it is read again: both fly the same run."""
-    data = json.loads(json.dumps(design_to_json(solve(problem, part.gain, part.order))))
-    return design_from_json(data, where="the new design")
 
 
 def _question(part: DesignPart, problem: Problem) -> Any:

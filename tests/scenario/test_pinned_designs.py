@@ -357,8 +357,10 @@ def test_another_delay_with_its_file_flies_what_the_file_says(native_fmus: Path)
 # a design that a run has to make
 
 
-def test_a_design_is_made_once_and_kept(mine: Path, native_fmus: Path) -> None:
+@pytest.mark.parametrize("table", ["", "order = 0\n"])
+def test_a_design_is_made_once_and_kept(table: str, mine: Path, native_fmus: Path) -> None:
     """The second run takes it with a solver that answers nothing, and is the same run."""
+    mine.write_text(MINE + table, "utf-8")
     first = ran(mine, native_fmus)
     beside = mine.with_name("mine.design.json")
     assert first["design"]["made"] is True
