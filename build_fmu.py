@@ -14,10 +14,8 @@ import os
 import sys
 from pathlib import Path
 
-from cosim.errors import CosimError
-from fmu_src.build import FMI_VERSION, ensure_all
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.native_shell.platforms import PLATFORMS, platforms_named
+from cosim.core import CosimError
+from cosim.fmu import CATALOGUE, FMI_VERSION, PLATFORMS, ensure_all, platforms_named
 
 
 def main() -> int:

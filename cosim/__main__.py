@@ -1,5 +1,5 @@
 """`python -m cosim`: the command without its script."""
 
-from cosim.entry import main
+from cosim.cli import main
 
 main()

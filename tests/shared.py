@@ -33,8 +33,8 @@ def fmu_store(*flavours: str) -> Path:
 
     The flavours named are there (python where none is), each built once per session.
     """
-    from fmu_src.build import build_fmu  # noqa: PLC0415 - most tests need no FMU
-    from fmu_src.catalogue import CATALOGUE  # noqa: PLC0415
+    from cosim.fmu.export.build import build_fmu  # noqa: PLC0415 - most tests need no FMU
+    from cosim.fmu.export.catalogue import CATALOGUE  # noqa: PLC0415
 
     for flavour in flavours or ("python",):
         made_once(

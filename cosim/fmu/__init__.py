@@ -1,18 +1,5 @@
 """FMUs from the outside: describe, load, call."""
 
-from cosim.fmu.description import FmuDescription, describe_fmu
-from cosim.fmu.messages import LogSink
-from cosim.fmu.port import Port, SignalKind
-from cosim.fmu.slave import FmuSlave, StepResults
-from cosim.fmu.state import State
+import lazy_loader as _lazy
 
-__all__ = [
-    "FmuDescription",
-    "FmuSlave",
-    "LogSink",
-    "Port",
-    "SignalKind",
-    "State",
-    "StepResults",
-    "describe_fmu",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import fmpy
 
-from cosim.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.platforms import FMI2, this_machine
 from cosim.fmu.port import FmiVersion

@@ -15,7 +15,7 @@ from typing import Any
 from fmpy import read_model_description
 from fmpy.model_description import ValidationError
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu.declared_ports import declared_ports
 from cosim.fmu.inspect.archive import Archive
 from cosim.fmu.inspect.finding import refusal

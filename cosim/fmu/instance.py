@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 from weakref import WeakSet
 
-from cosim.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.fmu.binary import PREFIX, loaded
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.messages import (

@@ -20,7 +20,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
-from cosim.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD, WARNING
 from cosim.fmu.messages import LogSink

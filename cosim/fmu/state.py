@@ -6,7 +6,7 @@ import ctypes
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu.phase import Phase
 from cosim.fmu.variables import WithVariables
 

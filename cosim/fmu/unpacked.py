@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 from typing import IO
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.archive import open_archive
 

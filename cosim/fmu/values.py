@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu.port import Port
 
 _GREATEST_FLOAT32 = float(np.finfo("f4").max)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cosim.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD, WARNING, Instance
 from cosim.fmu.phase import WHEN, may_be_set, settable

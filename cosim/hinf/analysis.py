@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_BOX, MAX_ORDER, analysis_proved, covers_smaller
 from cosim.hinf.from_control import checked_system
 from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.yardsticks import measured
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.analysis_proof import (
     MAX_ORDER,
     ExactAnalysis,
@@ -36,7 +36,7 @@ from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_
 
 if TYPE_CHECKING:
     from cosim.hinf.analysis_lmi import AnalysisVariables
-    from cosim.models.delay_system import Delay, DelaySystem, Matrix
+    from cosim.models import Delay, DelaySystem, Matrix
 
 KIND = "analysis"
 _KEYS = ("kind", "claim", "system", "variables", "K")

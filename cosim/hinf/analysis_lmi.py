@@ -45,7 +45,7 @@ from cosim.hinf.conic import Constraint, solve
 from cosim.hinf.svec import Array, product, svec, symmetric
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _FLOOR = 1e-3
 """The margin of P, Q and R beside that of Phi, relative."""

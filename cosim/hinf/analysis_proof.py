@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.proof import MAX_ROWS, Certificate, claim_of
 from cosim.hinf.rational import (
     exact,
@@ -39,7 +39,7 @@ from cosim.hinf.rational import (
 )
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 EXACTLY = "constant, exactly d"
 """What a claim says of a delay below which it says nothing."""

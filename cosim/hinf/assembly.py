@@ -38,7 +38,7 @@ from cosim.hinf.conic import Constraint
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 _ROOT2 = math.sqrt(2.0)
 

@@ -20,10 +20,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.envelope import Envelope, auv_uncertainty
-from cosim.models.auv import TABLE_1
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import TABLE_1, Delay, DelaySystem
 
 DEFAULT_ENVELOPE = Envelope(u=0.3, v=0.3, w=0.2, r=0.06, psi=0.35)
 """Slow manoeuvring about a station: a path at 0.1 m/s with a sea on top."""

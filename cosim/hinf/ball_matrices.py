@@ -10,7 +10,7 @@ import numpy as np
 from cosim.hinf.rational import exact_matrix
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 
 def exact_terms(system: DelaySystem, K: Any) -> dict[float, tuple[Any, Any]]:

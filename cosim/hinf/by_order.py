@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from cosim.hinf.from_control import checked_system
-from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay
-from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2
+from cosim.hinf.greatest_delay import (
+    DELAY_LIMIT,
+    GreatestDelay,
+    greatest_delay as delay_of_theorem_2,
+)
 from cosim.hinf.search import starting
 from cosim.hinf.sharper_design import sharper_delay
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 
 def greatest_delay(

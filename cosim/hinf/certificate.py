@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.analysis_certificate import KIND, check_analysis
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.guarantees import Guarantees, guarantees_from_json
@@ -40,7 +40,7 @@ from cosim.hinf.variables_json import asymmetric, variables_from_json, variables
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 __all__ = [
     "Certificate",

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.analysis import (
     Analysis,
     Prover,
@@ -28,7 +28,7 @@ from cosim.hinf.analysis import (
 )
 from cosim.hinf.greatest_delay import DELAY_LIMIT
 from cosim.hinf.yardsticks import measured
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _STEP = 1.1
 _FIRST = 2.0**-10

@@ -18,12 +18,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 Matrix = NDArray[np.float64]
 Stack = NDArray[np.complex128]

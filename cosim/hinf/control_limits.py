@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.proof import failure
 from cosim.hinf.rational import (
@@ -42,10 +42,10 @@ from cosim.hinf.rational import (
 )
 from cosim.hinf.system_json import known_keys
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import Matrix
+    from cosim.models import Matrix
 
 MAX_OFFSETS = 8
 """Most states that may start away from zero: 2^7 corners of a box, up to their sign."""

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables, Shift
 from cosim.hinf.proof import failure
 from cosim.hinf.rational import exact, from_text, to_text
@@ -31,7 +31,7 @@ from cosim.hinf.system_json import known_keys
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 MAX_ACTING = 5
 """Most delays through which anything acts: 2^5 inequalities."""

@@ -21,10 +21,10 @@ from cosim.hinf.scaling import Scaling
 from cosim.hinf.search import starts
 from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.svec import svec
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import Matrix
+    from cosim.models import Matrix
 
 _DIGITS = 3  # of margins that are compared: those behind them may differ between machines
 

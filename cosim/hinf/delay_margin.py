@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf.closed_loop import balanced, close, closed_terms
 from cosim.hinf.roots import spectral_abscissa
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cosim.hinf.closed_loop import Matrix
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 Reals = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.control_limits import MAX_OFFSETS
 from cosim.hinf.decay import growth_of
 from cosim.hinf.system_json import number
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 KEYS = ("decay", "gain_limit", "peak_control", "offset", "energy")
 

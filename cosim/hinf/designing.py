@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import synthesis
 from cosim.hinf.demands import demands_of
 from cosim.hinf.from_control import checked_system
@@ -20,7 +20,7 @@ from cosim.hinf.search import starting
 from cosim.hinf.sharper_design import sharper_design
 from cosim.hinf.synthesis import Design
 from cosim.hinf.threads import one_thread
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 
 @one_thread

@@ -38,9 +38,8 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
-from cosim.models.auv import velocity_coefficients
-from cosim.models.products import total
+from cosim.core import InputError
+from cosim.models import total, velocity_coefficients
 
 _AXES = "uvwr"
 

@@ -40,7 +40,7 @@ import flint
 from cosim.hinf.rational import exact, exact_matrix, identity, lower_triangle
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError
-from cosim.hinf.demands import KEYS as DEMANDS
-from cosim.hinf.demands import Demands, demands_from_table
+from cosim.core import InputError
+from cosim.hinf.demands import KEYS as DEMANDS, Demands, demands_from_table
 from cosim.hinf.shown import shown
 from cosim.hinf.system_json import (
     MATRICES,
@@ -53,7 +52,7 @@ from cosim.hinf.system_json import (
     number,
 )
 from cosim.hinf.weights import weighted
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 _ONE_DELAY = ("d", "A1", "H1")
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.closed_loop import ClosedLoop
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 
 def frequency_response(loop: ClosedLoop, omega: ArrayLike) -> NDArray[np.complex128]:

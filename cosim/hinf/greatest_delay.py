@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from scipy import optimize
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.modes import unstabilisable
 from cosim.hinf.problem import ROUGH, Answer, Problem
@@ -35,7 +35,7 @@ from cosim.hinf.synthesis import (
     proved_at,
 )
 from cosim.hinf.threads import one_thread
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

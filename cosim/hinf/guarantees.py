@@ -21,7 +21,7 @@ from cosim.hinf.decay import Decay, decay_from_json
 from cosim.hinf.system_json import known_keys
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 KEY = "guarantees"
 _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {

@@ -27,7 +27,7 @@ from cosim.hinf.problem import Problem
 from cosim.hinf.scaling import scaling_of
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 
 class LimitedProblem(Problem):

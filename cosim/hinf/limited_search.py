@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf import synthesis
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.control_limits import GainLimit, norm_above
@@ -29,7 +29,7 @@ from cosim.hinf.rational import exact
 from cosim.hinf.search import least_gamma, starts
 from cosim.hinf.solver_status import FAILED, not_found, solver_words
 from cosim.hinf.synthesis import Design, checked_scalars
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _SLACK = 1e-3
 """Share by which the solver is to stay inside what is demanded: K is rounded after it."""

@@ -35,14 +35,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.analysis import gain_of
 from cosim.hinf.from_control import checked_system
 from cosim.hinf.scaling import scaling_of
 from cosim.hinf.synthesis import Design, check_reachable, checked_scalars, design, rounded_gain
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 
 _SINGULAR = 1e14

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf.closed_loop import close
 from cosim.hinf.roots import characteristic_roots
 from cosim.hinf.scaling import scaling_of
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _RANK = 1e-8
 """A singular value below this share of the largest is zero."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.demands import Demands
 from cosim.hinf.files import load_system
-from cosim.models import paper_example
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem, paper_example
 
 BUILT_IN = ("paper", "auv")
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.roots import characteristic_roots
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import flint
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.ball_matrices import balls, below, exact_terms, floats, size
 from cosim.hinf.rational import exact_matrix
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _BITS = 128
 _MOST_STEPS = 1000

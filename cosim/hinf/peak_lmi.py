@@ -32,7 +32,7 @@ from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 THETAS = (1.0, 0.6, 0.3, 0.1)
 _ABOVE_LEAST = (1e-3, 1e-2, 1e-1)

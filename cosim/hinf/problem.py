@@ -19,7 +19,7 @@ from cosim.hinf.scaling import Scaling, scaling_of
 from cosim.hinf.svec import Array, svec
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 _LARGEST_X = 1e3
 """What a margin needs to be bounded: X <= this."""

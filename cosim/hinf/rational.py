@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.shown import shown
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import Matrix
+    from cosim.models import Matrix
 
 MAX_DIGITS = 2000
 """Longest numerator or denominator read: three times what a product of two doubles needs."""

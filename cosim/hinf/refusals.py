@@ -10,14 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from cosim.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.conic import Solution
 from cosim.hinf.modes import unstabilisable
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.refutation import refute
 from cosim.hinf.solver_status import FAILED, OTHER_ROUTES, not_found
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
 _NOTHING = 1e-6

@@ -26,7 +26,7 @@ from cosim.hinf.refutation_proof import AffineLmi, Multipliers, Place, refuted
 from cosim.hinf.svec import Array, svec
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _TIGHT = 1e-12
 """What is left of the equalities is mended exactly, and must be small against the multipliers."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.proof import Certificate
 from cosim.hinf.rational import (
     exact,
@@ -40,7 +40,7 @@ from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys, system_from_json, system_to_json
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 REFUTATION = "refutation"
 FLOOR = "gamma floor"

@@ -28,13 +28,13 @@ from typing import TYPE_CHECKING, Any
 
 import flint
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables, minus_omega
 from cosim.hinf.proof import MAX_ROWS, Certificate
 from cosim.hinf.rational import first_bad_matrix, to_text
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 Entries = dict[tuple[int, int], Any]
 """Entries of a symmetric matrix on and below the diagonal, zeros left out."""

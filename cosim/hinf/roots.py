@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.closed_loop import ClosedLoop, balanced
 
 if TYPE_CHECKING:

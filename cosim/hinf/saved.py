@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.certificate import check_certificate
 from cosim.hinf.guarantees import KEY, Guarantees, guarantees_from_json
 from cosim.hinf.shown import shown

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.svec import Array
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _EXPONENT = 200
 """Powers of two stay within this: their products must not overflow."""

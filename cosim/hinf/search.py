@@ -23,7 +23,7 @@ from cosim.hinf.problem import ROUGH, Answer, Problem
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem, Matrix
+    from cosim.models import DelaySystem, Matrix
 
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from cosim.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.greatest_delay import DELAY_LIMIT, GreatestDelay, greatest_delay
 from cosim.hinf.refusals import hint_after
@@ -20,7 +20,7 @@ from cosim.hinf.yardsticks import Yardsticks
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _SHORT = 2.0**-10
 """First delay tried where Theorem 2 has none, of the limit."""

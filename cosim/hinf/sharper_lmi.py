@@ -40,7 +40,7 @@ from cosim.hinf.sharper_rows import Rows, symmetrised
 from cosim.hinf.svec import Array, product, svec
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _FLOOR = 1e-3
 """The margin of P, Q and R beside that of Phi, relative."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.greatest_delay import with_delays
 from cosim.hinf.sharper_lmi import SharperLmi, multipliers_of, scalar_multipliers
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 Gain = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from cosim.hinf.analysis_lmi import couplings
 from cosim.hinf.svec import Array, product, svec
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 
 def symmetrised(left: Array, right: Array) -> Array:

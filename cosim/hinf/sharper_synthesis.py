@@ -19,7 +19,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_ORDER
@@ -27,7 +27,7 @@ from cosim.hinf.from_control import checked_system
 from cosim.hinf.sharper_lmi import SharperLmi, multipliers_of, scalar_multipliers
 from cosim.hinf.sharper_loop import SCALES, Gain, Loop, carry, rounded
 from cosim.hinf.solver_status import not_found, solver_words
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 _ROUNDS = 25
 _WELL_ABOVE = 1.1

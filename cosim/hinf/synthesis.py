@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.analysis import check_gamma, gain_of
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
@@ -45,7 +45,7 @@ from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.threads import one_thread
 from cosim.hinf.worst_case import WorstCase, worst_case_at
 from cosim.hinf.yardsticks import Yardsticks, measured
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.shown import shown
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import Matrix
+    from cosim.models import Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""

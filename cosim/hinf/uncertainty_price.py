@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from cosim.hinf.analysis import analyse
 from cosim.hinf.synthesis import Design, design
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 
 
 def without_uncertainty(system: DelaySystem) -> DelaySystem:

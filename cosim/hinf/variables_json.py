@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.rational import from_text, is_symmetric, matrix_from_text, matrix_to_text, to_text
 from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys
 
 if TYPE_CHECKING:
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")
 

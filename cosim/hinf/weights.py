@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.errors import InputError
-from cosim.models.delay_system import DelaySystem
+from cosim.core import InputError
+from cosim.models import DelaySystem
 
 
 def weighted(

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.hinf.closed_loop import ClosedLoop, close
 from cosim.hinf.system_json import known_keys, number
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _AGREE = 1e-6
 _DIGITS = 6

@@ -6,7 +6,7 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from cosim.errors import NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf.closed_loop import close
 from cosim.hinf.delay_margin import delay_margin
 from cosim.hinf.norm import ROOTS, NormResult, hinf_norm
@@ -17,7 +17,7 @@ from cosim.hinf.threads import one_thread
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from cosim.models.delay_system import DelaySystem
+    from cosim.models import DelaySystem
 
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
 """How far above the norm a bound is tried, in turn: a flat gain takes too long up close."""

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import Port, SignalKind
 from cosim.master.parts import Connection, Endpoint, Parts
 from cosim.master.timetable import Link

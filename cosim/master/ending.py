@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.master.engine import Halt
 from cosim.master.exchange import TOO_LARGE
 from cosim.master.run import Ending

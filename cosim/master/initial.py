@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.errors import ComponentError
+from cosim.core import ComponentError
 from cosim.master.exchange import WARNING, Exchange
 from cosim.master.stations import Rows, Station
 from cosim.master.system import Endpoint, System

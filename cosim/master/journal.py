@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master.stations import Station
 
 

@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master.ending import ending_of
 from cosim.master.engine import (
     Adjustment,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master.system import System
 from cosim.network import TransportLink
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 
 _NAP_S = 0.05
 """Longest sleep at a time: an interrupt is obeyed that soon."""

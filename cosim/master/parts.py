@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription, Port
 from cosim.master.beats import Beat, beat_of
 from cosim.master.timetable import Link, Timetable

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master.beats import Beat
 from cosim.master.course import Course
 from cosim.master.system import Policy, System

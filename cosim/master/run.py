@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master.engine import EngineChoice
 from cosim.master.stations import Station
 from cosim.network import PacketSchedule

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Any, Self, get_args
 
-from cosim.errors import CosimError, InputError
+from cosim.core import CosimError, InputError
 from cosim.fmu import FmuSlave
 from cosim.master.engine import Adjustment, EngineName, choose
 from cosim.master.initial import initialise

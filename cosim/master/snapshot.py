@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import State
 from cosim.master.engine import Adjustment
 from cosim.master.stations import Rows

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuSlave, Port
 from cosim.master.beats import Beat
 from cosim.master.columns import Column

@@ -14,7 +14,7 @@ from itertools import groupby
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import Port
 from cosim.master.beats import beat_of
 from cosim.master.columns import columns_of, element_names

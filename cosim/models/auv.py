@@ -14,7 +14,7 @@ vehicle; these are this project's choice:
     nu' = M^-1 (h(nu) + tau) - diag(a) nu(t-d) + w
 
 Written once, over named scalars, with `sin` and `cos` from a passed namespace: floats
-through `derivatives` are the simulation, symbols through it become C, arrays through it
+through `vehicle_derivatives` are the simulation, symbols through it become C, arrays through it
 are the vectorised check. Nothing is imported but the standard library, since this file
 also travels inside the FMU.
 
@@ -100,7 +100,7 @@ def thrust_map(p: Mapping[str, Any]) -> list[list[Any]]:
     ]
 
 
-def conditions(p: Mapping[str, Any]) -> list[tuple[Any, str]]:
+def vehicle_conditions(p: Mapping[str, Any]) -> list[tuple[Any, str]]:
     """What must be positive for the parameters `p` to mean a vehicle, and how to say so."""
     m = inertia(p)
     diagonal = "mass plus added mass must be positive in surge, sway and heave"
@@ -155,7 +155,7 @@ def kinematics(psi: Any, nu: tuple[Any, Any, Any, Any], ns: Any) -> list[Any]:
     return [u * c - v * s, u * s + v * c, w, r]
 
 
-def derivatives(
+def vehicle_derivatives(
     state: Any,
     delayed_nu: Any,
     tau: Any,

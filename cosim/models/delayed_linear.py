@@ -17,7 +17,7 @@ from typing import Any
 from cosim.models.products import Matrix, product, total
 
 
-def derivatives(
+def linear_derivatives(
     t: Any,
     x: Sequence[Any],
     delayed: Sequence[Sequence[Any]],
@@ -59,7 +59,7 @@ def derivatives(
     return [total(parts) for parts in zip(*terms, strict=True)]
 
 
-def output(
+def linear_output(
     x: Sequence[Any], u: Sequence[Any], w: Sequence[Any], m: Mapping[str, Matrix]
 ) -> list[Any]:
     """z = D x + D1 w + D2 u of Eq. (7), length p."""

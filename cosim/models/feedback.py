@@ -15,7 +15,7 @@ from typing import Any
 from cosim.models.products import product
 
 
-def command(
+def feedback_command(
     K: Sequence[Sequence[Any]],
     x: Sequence[Any],
     reference: Sequence[Any],
@@ -27,6 +27,6 @@ def command(
     return u if output_map is None else product(output_map, u)
 
 
-def limited(values: Sequence[Any], limits: Sequence[Any], ns: Any = builtins) -> list[Any]:
+def clamped_command(values: Sequence[Any], limits: Sequence[Any], ns: Any = builtins) -> list[Any]:
     """Each value held within +- its limit; `ns` provides `min` and `max` of two."""
     return [ns.max(-bound, ns.min(bound, v)) for v, bound in zip(values, limits, strict=True)]

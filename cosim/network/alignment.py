@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.checks import check_duration
 from cosim.network.messages import moved
 from cosim.network.resolve import rounded_up, settled

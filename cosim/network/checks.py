@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 
 MAX_NS = 2**53
 """Longest duration a link takes: 104 days. Up to here a double counts nanoseconds exactly."""

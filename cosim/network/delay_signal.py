@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.checks import MAX_NS, check_duration, is_finite
 
 

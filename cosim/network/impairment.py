@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.checks import check_duration, check_probability
 
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.alignment import communication_points
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.messages import delays, drawn, sending_instants

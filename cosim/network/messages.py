@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network import draws
 from cosim.network.checks import check_duration
 from cosim.network.delay_signal import DelaySignal

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.checks import MAX_NS
 from cosim.network.profile_csv import read_columns
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.checks import MAX_NS
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.messages import Messages
 from cosim.network.packet import PacketLink
 from cosim.network.state import NONE_YET, SUBSTITUTE, LinkState, Timeline

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network.checks import check_duration, check_name
 from cosim.network.profile import DelayProfile
 from cosim.network.state import NONE_YET, LinkState

@@ -1,6 +1,5 @@
 """The paper, claim by claim: what is printed, what comes out, and why they differ."""
 
-from cosim.paper.report import Report, reproduce
-from cosim.paper.row import How, Row, Verdict
+import lazy_loader as _lazy
 
-__all__ = ["How", "Report", "Row", "Verdict", "reproduce"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

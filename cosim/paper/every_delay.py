@@ -23,7 +23,7 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 from cosim.paper.exact import fractions, is_positive, mirrored
 from cosim.paper.solver import solve
 

@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core.progress import Progress
-from cosim.hinf import Analysis, Design, analyse, close, design, hinf_norm
-from cosim.hinf.closed_loop import ClosedLoop
-from cosim.hinf.norm import NormResult
-from cosim.models import paper_example as printed
-from cosim.models.delay_system import DelaySystem
+from cosim.core import Progress
+from cosim.hinf import Analysis, ClosedLoop, Design, NormResult, analyse, close, design, hinf_norm
+from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.flight import fly
 from cosim.paper.row import EXAMPLE, How, Row, Verdict

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.models import paper_example as printed
-from cosim.models.auv import TABLE_1
+from cosim.models import TABLE_1, paper_example as printed
 from cosim.paper.flight import Flight, fly
 from cosim.paper.row import FIGURES, How, Row, Verdict
 

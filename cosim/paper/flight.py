@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.models import paper_example as example
-from cosim.models.delay_line import DelayLine
-from cosim.models.delayed_linear import derivatives, output
-from cosim.models.feedback import command
+from cosim.models import (
+    DelayLine,
+    feedback_command,
+    linear_derivatives,
+    linear_output,
+    paper_example as example,
+)
 
 _LETTERS = ("A", "A1", "B", "C", "D", "D1", "D2", "E", "H", "H1")
 _MATRICES = {letter: getattr(example, letter) for letter in _LETTERS}
@@ -62,13 +65,13 @@ def fly(
         return [math.sin(frequency * t)]
 
     def control(x: list[float]) -> list[float]:
-        return command([example.PRINTED_K], x[:2], (0.0, 0.0), None)
+        return feedback_command([example.PRINTED_K], x[:2], (0.0, 0.0), None)
 
     def rate(t: float, state: list[float], lagged: list[list[float]]) -> list[float]:
         x, late = state[:2], [lagged[0][:2]]
         u, w = control(x), disturbance(t)
-        slope = derivatives(t, x, late, u, w, _MATRICES, uncertainty, math)
-        z = output(x, u, w, _MATRICES)
+        slope = linear_derivatives(t, x, late, u, w, _MATRICES, uncertainty, math)
+        z = linear_output(x, u, w, _MATRICES)
         return [*slope, sum(v * v for v in z), sum(v * v for v in w)]
 
     line = DelayLine([*initial, 0.0, 0.0], [example.d], step)

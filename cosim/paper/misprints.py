@@ -14,8 +14,7 @@ import cvxpy as cp
 import numpy as np
 from scipy import optimize
 
-from cosim.hinf import spectral_abscissa
-from cosim.hinf.closed_loop import ClosedLoop
+from cosim.hinf import ClosedLoop, spectral_abscissa
 from cosim.models import paper_example
 from cosim.paper.exact import Exact, decimals, fractions, is_positive, mirrored
 from cosim.paper.omega import PRINTED, Data, Reading, Unknowns, omega

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from cosim.hinf import design, system_by_name
-from cosim.models.auv import (
+from cosim.models import (
     TABLE_1,
     kinematics,
     thrust_map,

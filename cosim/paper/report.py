@@ -6,9 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.core.progress import Progress, silent
-from cosim.hinf import DELAY_LIMIT
-from cosim.hinf.threads import one_thread
+from cosim.core import Progress, silent
+from cosim.hinf import DELAY_LIMIT, one_thread
 from cosim.models import paper_example
 from cosim.paper.every_delay import every_delay
 from cosim.paper.example import example_rows, solved

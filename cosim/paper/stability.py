@@ -8,8 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from cosim.hinf import characteristic_roots, close
-from cosim.models import paper_example as printed
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.row import EXAMPLE, How, Row, Verdict
 

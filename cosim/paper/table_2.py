@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from cosim.core.progress import Progress
+from cosim.core import Progress
 from cosim.hinf import DELAY_LIMIT, GreatestDelay, certified_delay, greatest_delay
-from cosim.models import paper_example
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem, paper_example
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.exact import decimals
 from cosim.paper.misprints import greatest_delay_as_printed

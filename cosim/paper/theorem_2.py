@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.hinf.exact_lmi import ExactVariables, minus_omega
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.hinf import ExactVariables, minus_omega
+from cosim.models import Delay, DelaySystem
 from cosim.paper.exact import (
     Exact,
     fraction,

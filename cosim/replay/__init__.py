@@ -1,8 +1,5 @@
 """A trace back into runs."""
 
-from cosim.replay.inject import Injected, inject
-from cosim.replay.mapping import Wanted
-from cosim.replay.order import Order
-from cosim.replay.rerun import Rerun, rerun
+import lazy_loader as _lazy
 
-__all__ = ["Injected", "Order", "Rerun", "Wanted", "inject", "rerun"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

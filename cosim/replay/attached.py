@@ -7,11 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.hinf import WorstCase
-from cosim.hinf.certificate import certificate_from_bytes
-from cosim.hinf.worst_case import worst_case_from_json
-from cosim.scenario.read import LoadedScenario, parse
+from cosim.core import InputError
+from cosim.hinf import WorstCase, certificate_from_bytes, worst_case_from_json
+from cosim.scenario import LoadedScenario, parse
 from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network import (
     SUBSTITUTE,
     PacketLink,
@@ -18,10 +18,7 @@ from cosim.network import (
     schedule,
 )
 from cosim.replay.mapping import Source
-from cosim.trace import Table, Trace
-from cosim.trace.hold import rows_in_force
-from cosim.trace.layout import component_of
-from cosim.trace.table import series_of
+from cosim.trace import Table, Trace, component_of, rows_in_force, series_of
 
 Integers = NDArray[np.int64]
 Link = PacketLink | TransportLink

@@ -16,17 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core.progress import Progress, silent
-from cosim.errors import InputError
+from cosim.core import InputError, Progress, silent
 from cosim.fmu import FmuDescription
 from cosim.master import Component, Endpoint, System, Timetable, TraceRecorder, identifier
 from cosim.replay.attached import scenario_in
 from cosim.replay.feed import Fed, Link, fed
 from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unfed
 from cosim.replay.order import Order, provenance, start_values
-from cosim.scenario.channels import link_of
-from cosim.scenario.conduct import conduct
-from cosim.scenario.read import LoadedScenario
+from cosim.scenario import LoadedScenario, conduct, link_of
 from cosim.trace import (
     SCENARIO_ATTACHMENT,
     Attachment,

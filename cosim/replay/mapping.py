@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription
-from cosim.scenario.schema import Scenario
-from cosim.trace import Trace, input_topic, link_topic, output_topic
-from cosim.trace.layout import component_of
-from cosim.trace.traffic import link_names
+from cosim.scenario import Scenario
+from cosim.trace import Trace, component_of, input_topic, link_names, link_topic, output_topic
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.replay.attached import design_in
 from cosim.replay.feed import Fed, Link
 from cosim.replay.mapping import Source, Wanted
-from cosim.scenario.gain import gain_parameters
-from cosim.scenario.read import LoadedScenario
+from cosim.scenario import LoadedScenario, gain_parameters
 from cosim.trace import Tolerances, Trace, content_hash
 
 Way = Literal["delivered", "sent"]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from cosim.errors import CosimError
-from cosim.scenario.hangar import Hangar
-from fmu_src.build import FMI_VERSION, ensure_fmu
-from fmu_src.catalogue import CATALOGUE
+from cosim.core import CosimError
+from cosim.fmu import CATALOGUE, FMI_VERSION, ensure_fmu
+from cosim.scenario import Hangar
 
 
 def provide(hangar: Hangar) -> None:

@@ -12,18 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.core.progress import Progress
-from cosim.errors import InputError
+from cosim.core import InputError, Progress
 from cosim.hinf import design_from_json
 from cosim.replay.attached import design_in, scenario_in, worst_case_in
 from cosim.replay.provide import provide
-from cosim.scenario.execute import Prepared, fly, prepare
-from cosim.scenario.gain import problem_about
-from cosim.scenario.hangar import Hangar
-from cosim.scenario.outcome import Outcome
-from cosim.trace import DESIGN_ATTACHMENT, Trace, content_hash, diff
-from cosim.trace.content import begins_with
-from cosim.trace.diff_json import differences
+from cosim.scenario import Hangar, Outcome, Prepared, fly, prepare, problem_about
+from cosim.trace import DESIGN_ATTACHMENT, Trace, begins_with, content_hash, diff, differences
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Scripted scenarios: read, assemble, fly, judge; from Python: `run_scenario`, `open_session`."""
 
-from cosim.scenario.opening import open_session, run_scenario
-from cosim.scenario.outcome import Outcome
-from cosim.scenario.schema import Scenario
+import lazy_loader as _lazy
 
-__all__ = ["Outcome", "Scenario", "open_session", "run_scenario"]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

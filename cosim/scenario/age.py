@@ -11,9 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Algorithm, Run
-from cosim.master.routes import Route
-from cosim.master.stations import Station
+from cosim.master import Algorithm, Route, Run, Station
 
 NONE_IN_USE = -1
 Integers = NDArray[np.int64]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription, Port
 from cosim.hinf import WorstCase
 from cosim.master import (
@@ -18,11 +18,11 @@ from cosim.master import (
     DelaySource,
     Endpoint,
     Link,
+    LogLevel,
     System,
     Timetable,
     make_timetable,
 )
-from cosim.master.system import LogLevel
 from cosim.scenario.channels import delay_source, link_of, nanoseconds
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.matching import endpoint, matched

@@ -13,8 +13,7 @@ from cosim.scenario.origin import Findings
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, values_over
 from cosim.scenario.script import bound
-from cosim.trace import AssertionResult
-from cosim.trace.assertions import Result
+from cosim.trace import AssertionResult, Result
 
 _Truths = NDArray[np.bool_]
 

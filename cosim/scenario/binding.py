@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.expression import Expression, ExpressionError, reference_of
 from cosim.scenario.quantity import NUMBER_ONLY, TIME, Dimension
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master import DelaySource, Link
 from cosim.network import (
     DelayProfile,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import ValidationError
 
-from cosim.errors import CosimError, InputError
+from cosim.core import CosimError, InputError
 from cosim.hinf import WorstCase
 from cosim.master import System
 from cosim.scenario.assemble import (

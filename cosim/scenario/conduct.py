@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
-from cosim.core.progress import Progress
+from cosim.core import Progress
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
 from cosim.scenario.drive import Driver, Rows
 from cosim.scenario.interrupt import Interruptible

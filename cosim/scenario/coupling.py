@@ -13,9 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Run, System
-from cosim.master.routes import Route
-from cosim.master.stations import Station
+from cosim.master import Route, Run, Station, System
 from cosim.network import PacketLink, PacketSchedule
 
 Integers = NDArray[np.int64]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core.progress import Progress
+from cosim.core import Progress
 from cosim.scenario.execute import check_room, fly, prepare
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import load
-from cosim.trace.picture import Labelled, compare_flights, pyplot
+from cosim.trace import Labelled, compare_flights, pyplot
 
 FLIGHTS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
 """Scenario and label, the first with the gain that is designed for the link."""

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from cosim.scenario.links import LinkPart as Link
-from cosim.scenario.links import PacketPart, ProfilePart, RangeDelayPart, SignalDelayPart
+from cosim.scenario.links import (
+    LinkPart as Link,
+    PacketPart,
+    ProfilePart,
+    RangeDelayPart,
+    SignalDelayPart,
+)
 from cosim.scenario.schema import Scenario
 
 

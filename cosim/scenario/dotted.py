@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import MutableMapping
 from typing import Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.origin import Path
 
 _PIECE = re.compile(

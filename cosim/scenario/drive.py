@@ -6,8 +6,7 @@ import heapq
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cosim.master import Connection, Observer, Pace, Run, Session, System
-from cosim.master.stations import Station
+from cosim.master import Connection, Observer, Pace, Run, Session, Station, System
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Action, Event
 

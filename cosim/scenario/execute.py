@@ -9,8 +9,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.core.progress import Progress, silent
-from cosim.errors import InputError
+from cosim.core import InputError, Progress, silent
 from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
 from cosim.scenario.assemble import assemble, same_start

@@ -14,7 +14,7 @@ import ast
 import re
 import warnings
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.quantity import NUMBER, Quantity, QuantityError, parse_quantity
 
 LONGEST = 1000

@@ -17,8 +17,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.hinf.files import parse_toml
+from cosim.core import InputError
+from cosim.hinf import parse_toml
 from cosim.scenario.dotted import remove, split
 from cosim.scenario.origin import Layer
 from cosim.scenario.schema import MADE_WITH

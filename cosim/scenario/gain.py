@@ -9,13 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
-from cosim.hinf import AuvDesign, Demands, Design, Envelope, design, system_by_name
-from cosim.hinf.auv import DEFAULT_ENVELOPE, DEFAULT_K1, DEFAULT_K2, auv_system
-from cosim.hinf.named import BUILT_IN
-from cosim.hinf.system_json import first_difference
-from cosim.models.delay_system import DelaySystem
+from cosim.hinf import (
+    BUILT_IN,
+    DEFAULT_ENVELOPE,
+    DEFAULT_K1,
+    DEFAULT_K2,
+    AuvDesign,
+    Demands,
+    Design,
+    Envelope,
+    auv_system,
+    design,
+    first_difference,
+    system_by_name,
+)
+from cosim.models import DelaySystem
 from cosim.scenario.schema import DesignPart
 
 _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelope")

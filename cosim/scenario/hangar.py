@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cosim.errors import InputError
-from cosim.fmu import FmuDescription, describe_fmu
-from fmu_src.build import FLAVOUR, ensure_fmu
-from fmu_src.catalogue import CATALOGUE
+from cosim.core import InputError
+from cosim.fmu import CATALOGUE, FLAVOUR, FmuDescription, describe_fmu, ensure_fmu
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,7 @@ class Hangar:
     folder : where relative paths of a scenario begin.
     wanted : FMU reference -> SHA-256 that its file must have, wherever below `root` it lies
         and whatever it is called; if there is none, the reference is followed as usual.
-    flavour : which FMUs a catalogue name means, a key of `fmu_src.build.FMI_VERSION`.
+    flavour : which FMUs a catalogue name means, a key of `cosim.fmu.export.build.FMI_VERSION`.
     """
 
     root: Path

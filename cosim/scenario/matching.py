@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.master import Connection, Endpoint, Policy
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from cosim.errors import InputError
+from cosim.core import InputError
+from cosim.fmu import FLAVOUR
 from cosim.master import EngineName, Observer, Pace, Session
 from cosim.scenario.execute import Prepared, flown_system, fly, prepare
 from cosim.scenario.hangar import Hangar
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import load, of_scenario
 from cosim.scenario.schema import Scenario
-from fmu_src.build import FLAVOUR
 
 FMUS = Path("fmus")
 

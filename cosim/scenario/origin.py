@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.locate import place_of
 
 Path = tuple[str | int, ...]

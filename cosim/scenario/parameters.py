@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.fmu import FmuDescription, Port
-from cosim.fmu.phase import may_be_set, settable
-from cosim.fmu.values import elements
+from cosim.core import InputError
+from cosim.fmu import FmuDescription, Port, elements, may_be_set, settable
 from cosim.scenario.origin import Findings
 from cosim.scenario.units import in_unit_of
 

@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run
-from cosim.models.auv import STATE, TABLE_1, thrust_map
-from cosim.models.delay_system import DelaySystem
-from cosim.models.products import total
+from cosim.models import STATE, TABLE_1, DelaySystem, thrust_map, total
 
 _FORCE = ("force.x", "force.y", "force.z", "moment.z")
 _DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")

@@ -15,10 +15,15 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.hinf import Design, design_from_json, design_to_json, read_certificate
-from cosim.hinf.certificate import certificate_from_bytes
-from cosim.hinf.system_json import first_difference
+from cosim.core import InputError
+from cosim.hinf import (
+    Design,
+    certificate_from_bytes,
+    design_from_json,
+    design_to_json,
+    first_difference,
+    read_certificate,
+)
 from cosim.scenario.gain import Problem, problem_about, solve
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cosim.hinf import AuvDesign
-from cosim.models.auv import TABLE_1
-from cosim.models.delay_system import DelaySystem
+from cosim.models import TABLE_1, DelaySystem
 from fmu_src.delayed_plant.variables import delay_names, plant_delays, plant_matrices
 
 _ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cosim.core.progress import Progress, silent
-from cosim.errors import InputError
+from cosim.core import InputError, Progress, silent
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, WorstCase
 from cosim.scenario.assemble import assemble, find_fmus

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.network import DelayProfile
 from cosim.scenario.dotted import put, setting
 from cosim.scenario.extend import (

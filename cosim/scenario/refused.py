@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.events import ConditionError
 from cosim.scenario.expression import ExpressionError
 from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN

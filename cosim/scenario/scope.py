@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import Port
-from cosim.master import Endpoint, Run, System
-from cosim.master.checks import LINK_STATE
-from cosim.master.columns import element_names
+from cosim.master import LINK_STATE, Endpoint, Run, System, element_names
 from cosim.network import PacketLink
 from cosim.scenario.binding import Meaning
 from cosim.scenario.matching import endpoint

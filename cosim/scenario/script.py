@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from cosim.errors import InputError
-from cosim.fmu.phase import may_be_set, settable
-from cosim.fmu.values import elements
+from cosim.core import InputError
+from cosim.fmu import elements, may_be_set, settable
 from cosim.master import Endpoint, System
 from cosim.scenario.binding import Bound, bind
 from cosim.scenario.channels import Change, nanoseconds

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription
-from cosim.hinf import Design, WorstCase
-from cosim.hinf.worst_case import worst_case_at
+from cosim.hinf import Design, WorstCase, worst_case_at
 from cosim.master import Endpoint
-from cosim.models.delay_system import DelaySystem
+from cosim.models import DelaySystem
 from cosim.scenario.matching import endpoint, members
 from cosim.scenario.schema import DisturbancePart, PathPart
 from cosim.scenario.units import in_unit_of

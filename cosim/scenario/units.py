@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription, Port
 from cosim.scenario.quantity import (
     Dimension,

@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.hinf import Design, WorstCase, check_certificate
 from cosim.master import Run, System
-from cosim.models.products import total
+from cosim.models import total
 from cosim.network import PacketSchedule
 from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
 from cosim.scenario.coupling import coupling_delays_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cosim.core.progress import Progress
+from cosim.core import Progress
 from cosim.master import Observer, System
 from cosim.scenario.interrupt import Interruptible
 

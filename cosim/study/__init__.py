@@ -12,29 +12,6 @@ done = run_study(study, Path("studies/delay"), workers="all")
 table, about = read_table(done.results)
 """
 
-from cosim.study.boundary import Boundary, boundary, loop_delay_margin
-from cosim.study.conduct import Finished
-from cosim.study.read import LoadedStudy, builtin_studies, load_study
-from cosim.study.running import run_study
-from cosim.study.schema import GridAxis, Metric, ReplicatesAxis, SampledAxis, Study
-from cosim.study.summary import Summary, summarise
-from cosim.study.table import read_table
+import lazy_loader as _lazy
 
-__all__ = [
-    "Boundary",
-    "Finished",
-    "GridAxis",
-    "LoadedStudy",
-    "Metric",
-    "ReplicatesAxis",
-    "SampledAxis",
-    "Study",
-    "Summary",
-    "boundary",
-    "builtin_studies",
-    "load_study",
-    "loop_delay_margin",
-    "read_table",
-    "run_study",
-    "summarise",
-]
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

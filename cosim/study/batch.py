@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from cosim.errors import ComponentError, CosimError, InputError
-from cosim.hinf.threads import one_thread
-from cosim.scenario.outcome import Outcome
+from cosim.core import ComponentError, CosimError, InputError
+from cosim.hinf import one_thread
+from cosim.scenario import Outcome
 from cosim.study.flight import Base, Flyer
 from cosim.study.measure import Value, measure
 from cosim.study.schema import Study

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import CosimError
+from cosim.core import CosimError
 from cosim.hinf import Delay, DelaySystem, delay_margin
 from cosim.study.plan import Plan
 from cosim.study.schema import StabilityPart, Study

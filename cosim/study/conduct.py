@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.core.progress import Progress, silent
-from cosim.errors import LossError
+from cosim.core import LossError, Progress, silent
 from cosim.study.batch import FAILED, Job, Row, adopt, fly_batch, record_batch
 from cosim.study.boundary import yardsticks
 from cosim.study.folder import Folder

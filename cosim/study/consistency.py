@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.scenario.locate import line_of
+from cosim.core import InputError
+from cosim.scenario import line_of
 from cosim.study.schema import RESERVED, SampledAxis, Study
 
 Place = Callable[..., str]

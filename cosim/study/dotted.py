@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.scenario.dotted import inside, kind_of, split
+from cosim.core import InputError
+from cosim.scenario import inside, kind_of, split
 
 
 def look(data: Any, path: str) -> Any:

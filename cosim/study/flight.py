@@ -13,16 +13,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
 from cosim.master import Run
-from cosim.scenario.execute import Prepared, fly, fly_unrecorded, prepare
-from cosim.scenario.gain import Problem, problem_about
-from cosim.scenario.hangar import Hangar
-from cosim.scenario.outcome import Outcome
-from cosim.scenario.read import LoadedScenario
-from cosim.scenario.schema import Scenario
+from cosim.scenario import (
+    Hangar,
+    LoadedScenario,
+    Outcome,
+    Prepared,
+    Problem,
+    Scenario,
+    fly,
+    fly_unrecorded,
+    prepare,
+    problem_about,
+)
 from cosim.study.consistency import Place, nowhere
 from cosim.study.measure import needs_companion
 from cosim.study.points import Points

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.study.batch import Row
 
 MANIFEST, JOURNAL, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master import Run
 from cosim.study.dotted import look
 from cosim.study.schema import Metric

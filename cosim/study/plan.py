@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import CosimError, InputError
-from cosim.scenario.dotted import split
-from cosim.scenario.gain import is_file
-from cosim.scenario.pinned import design_content
+from cosim.core import CosimError, InputError
+from cosim.scenario import design_content, is_file, split
 from cosim.study.batch import Job, Row, taken
 from cosim.study.consistency import Place, check_consistent, nowhere
 from cosim.study.flight import Base, Flyer

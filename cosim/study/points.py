@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.study.schema import (
     MOST_RUNS,
     Axis,

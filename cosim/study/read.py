@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from cosim.errors import InputError
-from cosim.hinf.files import parse_toml
-from cosim.scenario.read import LoadedScenario, builtin_names, load, read_text, validated
+from cosim.core import InputError
+from cosim.hinf import parse_toml
+from cosim.scenario import LoadedScenario, builtin_names, load, read_text, validated
 from cosim.study.consistency import Place, check_consistent, in_file
 from cosim.study.schema import Study
 

@@ -8,9 +8,8 @@ from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 
-from cosim.core.progress import Progress
-from cosim.errors import InputError
-from cosim.scenario.read import LoadedScenario, load
+from cosim.core import InputError, Progress
+from cosim.scenario import LoadedScenario, load
 from cosim.study.conduct import Finished, conduct
 from cosim.study.consistency import Place, nowhere
 from cosim.study.flight import Base

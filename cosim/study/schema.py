@@ -15,8 +15,8 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.errors import InputError
-from cosim.scenario.dotted import split
+from cosim.core import InputError
+from cosim.scenario import split
 from cosim.study.expression import Expression
 
 Text = Annotated[str, StringConstraints(min_length=1)]

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.study.boundary import Boundary, boundary
 from cosim.study.pictures import BLUE, GREEN, GREY, RED, edges, grid_of, numbers, save
 from cosim.study.schema import StabilityPart, Study
-from cosim.trace.picture import pyplot
+from cosim.trace import pyplot
 
 _LOST, _DARK = "#ec7a63", "#7a0f1a"
 _STYLE = {"font.size": 9, "axes.axisbelow": True, "hatch.linewidth": 0.7}

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.extras import optional
+from cosim.core import InputError, optional
 from cosim.study.batch import Row
 from cosim.study.folder import RESULTS, read_manifest, read_rows
 from cosim.study.points import Points

@@ -11,11 +11,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription
-from cosim.scenario.dotted import put, split
-from cosim.scenario.extend import give_way
-from cosim.scenario.schema import Scenario
+from cosim.scenario import Scenario, give_way, put, split
 from cosim.study.consistency import Place, nowhere
 from cosim.study.expression import Expression
 from cosim.study.schema import Axis, GridAxis, Study

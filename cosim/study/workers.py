@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from cosim.errors import ComponentError, InputError
+from cosim.core import ComponentError, InputError
 from cosim.study.batch import Job
 
 Batch = list[int]

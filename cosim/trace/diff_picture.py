@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace.diff import Diff, SignalDiff
 from cosim.trace.hold import held, rows_in_force
 from cosim.trace.picture import pyplot

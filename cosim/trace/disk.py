@@ -8,7 +8,7 @@ import sys
 import threading
 from pathlib import Path
 
-from cosim.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace.stream import McapStream
 
 if sys.platform != "win32":

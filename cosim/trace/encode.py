@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace.columns import Column, columns_of_doubles, columns_of_rows
 from cosim.trace.layout import field_names
 from cosim.trace.wire import FIXED64, alike, field_tag

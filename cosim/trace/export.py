@@ -15,8 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.core.progress import Progress
-from cosim.errors import InputError
+from cosim.core import InputError, Progress
 from cosim.trace.content import content_hash_of
 from cosim.trace.diff import signal_name
 from cosim.trace.hold import held, rows_in_force

@@ -10,7 +10,7 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace import foxglove, layout
 from cosim.trace.block import HEAD, Records
 from cosim.trace.poses import pose_messages

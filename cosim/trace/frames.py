@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace.hold import held, rows_in_force
 from cosim.trace.readable import Readable
 from cosim.trace.table import Table, pandas, rows_frame, with_gaps

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace.declared import Channel
 from cosim.trace.decode import RowDecoder
 from cosim.trace.json_rows import json_columns

@@ -22,7 +22,7 @@ from google.protobuf.descriptor_pb2 import (
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from cosim.errors import InputError
+from cosim.core import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

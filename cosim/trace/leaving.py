@@ -12,7 +12,7 @@ import weakref
 from types import FrameType
 from typing import Protocol
 
-from cosim.errors import CosimError
+from cosim.core import CosimError
 
 
 class Open(Protocol):

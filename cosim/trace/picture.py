@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
-from cosim.extras import optional
+from cosim.core import InputError, optional
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
 

@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace import frames, layout, traffic
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel

@@ -17,7 +17,7 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from cosim.errors import InputError
+from cosim.core import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,8 +11,7 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
-from cosim.core.progress import Progress, silent
-from cosim.errors import InputError, LossError
+from cosim.core import InputError, LossError, Progress, silent
 from cosim.trace import layout
 from cosim.trace.disk import PartialFile
 from cosim.trace.pieces import McapFile, Piece, attachment_of, message_of, metadata_of

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
-from cosim.extras import optional
+from cosim.core import InputError, optional
 
 if TYPE_CHECKING:
     from cosim.trace.layout import Signal

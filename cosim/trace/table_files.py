@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.extras import optional
+from cosim.core import optional
 from cosim.trace.reader import Trace
 
 _ROWS = 20_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace.declared import Channel
 from cosim.trace.gather import decoder_of
 from cosim.trace.layout import Signal

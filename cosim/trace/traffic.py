@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace.hold import rows_in_force
 from cosim.trace.layout import dropped_topic, link_topic
 from cosim.trace.readable import Readable

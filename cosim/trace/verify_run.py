@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mcap.opcode import Opcode
 
-from cosim.errors import CosimError, InputError
+from cosim.core import CosimError, InputError
 from cosim.trace import layout
 from cosim.trace.pieces import McapFile, attachment_of, metadata_of
 from cosim.trace.reader import Table, Trace

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-from cosim.errors import CosimError, InputError
+from cosim.core import CosimError, InputError
 from cosim.trace import layout, leaving
 from cosim.trace.block import HEAD, Records, in_order
 from cosim.trace.disk import Guard, PartialFile

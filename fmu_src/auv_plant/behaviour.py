@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cosim.models.auv import STATE, conditions, derivatives, thrust_map
-from fmu_src.python_shell.delay_plant import DelayPlant
+from cosim.fmu import DelayPlant
+from cosim.models import STATE, thrust_map, vehicle_conditions, vehicle_derivatives
 
 
 class AuvPlant(DelayPlant):
@@ -23,7 +23,7 @@ class AuvPlant(DelayPlant):
 
     def conditions(self, v: Any) -> list[tuple[Any, str]]:
         """The mass matrix is positive definite."""
-        return conditions(v)
+        return vehicle_conditions(v)
 
     def constants(self, v: Any) -> tuple[Any, Any]:
         """Parameters and M^-1."""
@@ -35,4 +35,4 @@ class AuvPlant(DelayPlant):
         """x' of the vehicle; only nu is delayed."""
         del t
         parameters, b = c
-        return derivatives(x, late[0][4:], u[:4], u[4:], parameters, b, ns)
+        return vehicle_derivatives(x, late[0][4:], u[:4], u[4:], parameters, b, ns)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.models.auv import STATE, TABLE_1
-from fmu_src.spec import ComponentSpec, Variable
+from cosim.fmu import ComponentSpec, Variable
+from cosim.models import STATE, TABLE_1
 
 _UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
 _STATE_TEXT = (
@@ -135,7 +135,7 @@ SPEC = ComponentSpec(
     sources=(
         "cosim.models.auv",
         "cosim.models.delay_line",
-        "fmu_src.python_shell.delay_plant",
+        "cosim.fmu.export.python.delay_plant",
         "fmu_src.auv_plant.behaviour",
     ),
     readme=Path(__file__).with_name("readme.md"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cosim.models.delayed_linear import derivatives, output
-from fmu_src.python_shell.delay_plant import DelayPlant
+from cosim.fmu import DelayPlant
+from cosim.models import linear_derivatives, linear_output
 
 
 class DelayedPlant(DelayPlant):
@@ -36,9 +36,9 @@ class DelayedPlant(DelayPlant):
         """x' of Eq. (7)."""
         matrices, uncertainty = c
         m = self._m
-        return derivatives(t, x, late, u[:m], u[m:], matrices, uncertainty, ns)
+        return linear_derivatives(t, x, late, u[:m], u[m:], matrices, uncertainty, ns)
 
     def outputs(self, x: Sequence[Any], u: Sequence[Any], c: Any) -> dict[str, Any]:
         """The performance output z; it depends on u and w without delay."""
         m = self._m
-        return dict(zip(self._performance, output(x, u[:m], u[m:], c[0]), strict=True))
+        return dict(zip(self._performance, linear_output(x, u[:m], u[m:], c[0]), strict=True))

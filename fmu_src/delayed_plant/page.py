@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cosim.models.delay_system import Delay, DelaySystem
+from cosim.models import Delay, DelaySystem
 
 
 def notes(system: DelaySystem, delays: Sequence[Delay], named: Sequence[str], origin: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fmu_src.decimals import round_below
+from cosim.fmu import round_below
 
 _SHARE = 0.16  # of the time in which x' can turn x over: RK4 then errs by some 1e-6 of x per unit
 _LONGEST, _SHORTEST = 0.1, 1e-9  # [s]

@@ -11,11 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.models import paper_example
-from cosim.models.delay_system import Delay, DelaySystem
-from cosim.models.products import product
-from fmu_src.page.loop import loop_scenario
-from fmu_src.spec import ComponentSpec, Variable
+from cosim.fmu import ComponentSpec, Variable, loop_scenario
+from cosim.models import Delay, DelaySystem, paper_example, product
 
 from .page import notes
 from .step import default_step
@@ -125,7 +122,7 @@ def delayed_plant_spec(
             "cosim.models.products",
             "cosim.models.delayed_linear",
             "cosim.models.delay_line",
-            "fmu_src.python_shell.delay_plant",
+            "cosim.fmu.export.python.delay_plant",
             "fmu_src.delayed_plant.behaviour",
         ),
         readme=Path(__file__).with_name("readme.md"),

@@ -6,7 +6,7 @@ import builtins
 import math
 from typing import Any
 
-from cosim.models.feedback import command, limited
+from cosim.models import clamped_command, feedback_command
 
 
 class StateFeedback:
@@ -35,9 +35,9 @@ class StateFeedback:
         """Outputs for the inputs in `v`; `ns` provides `min` and `max`."""
         x = [v[name] for name in self._measured]
         reference = [0.0 if name is None else v[name] for name in self._reference]
-        values = command(c[0], x, reference, c[1])
+        values = feedback_command(c[0], x, reference, c[1])
         if self._limits:
-            values = limited(values, [v[name] for name in self._limits], ns)
+            values = clamped_command(values, [v[name] for name in self._limits], ns)
         return dict(zip(self._outputs, values, strict=True))
 
     def initialise(self, v: dict[str, float], start: float) -> None:

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from cosim.models.auv import STATE, TABLE_1, inertia
-from fmu_src.page.loop import loop_scenario
-from fmu_src.spec import ComponentSpec, Variable
+from cosim.fmu import ComponentSpec, Variable, loop_scenario
+from cosim.models import STATE, TABLE_1, inertia
 
 LIMITS = (2500.0, 2500.0)
 """Largest thrust along each axis [N] and largest moment [N m] of the vehicle."""

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.fmu import UNITS, ComponentSpec, Variable
 from fmu_src.link_channel.behaviour import JITTERS, ORDERS
-from fmu_src.spec import ComponentSpec, Variable
-from fmu_src.units import UNITS
 
 LONGEST_S = 1e8
 """Longest time of a link and of a run [s]."""
@@ -20,7 +19,7 @@ MOST_BITS = 2.0**53
 class Lane:
     """A signal that passes the link.
 
-    unit : of the signal; one that `fmu_src.units` does not have is left out.
+    unit : of the signal; one that `cosim.fmu.export.units` does not have is left out.
     initial : what comes out until something else has arrived.
     text : which signal it is.
     """

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fmu_src.spec import ComponentSpec, Variable
-from fmu_src.units import UNITS
+from cosim.fmu import UNITS, ComponentSpec, Variable
 
 MOST_NUMBERS = 2_000_000
 """Values that a table may have: they stand in the FMU's source."""

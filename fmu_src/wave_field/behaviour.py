@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cosim.models.waves import Component, Gains, accelerations, at_depth, gains, sea
+from cosim.models import Component, Gains, accelerations, at_depth, gains, sea
 
 SPECTRA = {1: "jonswap", 2: "pierson-moskowitz"}
 _EXPLICIT = 0

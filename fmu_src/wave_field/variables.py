@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.models.waves import GRAVITY, accelerations, at_depth, gains, sea
-from fmu_src.spec import ComponentSpec, Variable
+from cosim.fmu import ComponentSpec, Variable
+from cosim.models import GRAVITY, accelerations, at_depth, gains, sea
 
 SLOTS = 8
 """Explicit components that an FMU has room for."""

@@ -30,8 +30,7 @@ from cosim.scenario.assemble import Hangar, assemble
 from cosim.scenario.execute import prepare
 from cosim.scenario.gain import gain_parameters
 from cosim.scenario.read import load
-
-from ._show import show
+from tests.benchmarks._show import show
 
 END, STEP, REPEATS = 120.0, 0.01, 15
 PLANT = "plant"

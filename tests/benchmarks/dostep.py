@@ -24,9 +24,9 @@ from fmpy.fmi2 import FMU2Slave
 from rich.console import Console
 from rich.table import Table
 
-from fmu_src.build import ensure_fmu
-from fmu_src.native_shell.compiler import STANDARD, host_compiler
-from fmu_src.native_shell.platforms import host
+from cosim.fmu.export.build import ensure_fmu
+from cosim.fmu.export.native.compiler import STANDARD, host_compiler
+from cosim.fmu.export.native.platforms import host
 
 NAME, STEP, DELAY, STEPS = "AuvPlant", 0.05, 0.5, 1000
 FORCE = ("force.x", "force.y", "force.z", "moment.z")

@@ -29,11 +29,10 @@ from rich.table import Table
 
 from cosim.master import EngineName, Session, System, TraceRecorder, simulate
 from cosim.trace import TraceWriter
-
-from ._show import show
-from ._tiny import tiny_fmu
-from .acoustic import the_system
-from .loop import system_of
+from tests.benchmarks._show import show
+from tests.benchmarks._tiny import tiny_fmu
+from tests.benchmarks.acoustic import the_system
+from tests.benchmarks.loop import system_of
 
 ENGINES: tuple[EngineName, ...] = ("compiled", "python")
 SETTLING = 100

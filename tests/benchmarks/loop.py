@@ -50,10 +50,9 @@ from cosim.master import (
 from cosim.master.stations import Station
 from cosim.network import Jitter, PacketLink
 from cosim.trace import TraceWriter
-
-from ._peers import PEERS, ByPeer
-from ._show import show
-from ._tiny import tiny_fmu
+from tests.benchmarks._peers import PEERS, ByPeer
+from tests.benchmarks._show import show
+from tests.benchmarks._tiny import tiny_fmu
 
 SIGNALS = (1, 6, 20)
 STEP = 1e-3

@@ -33,7 +33,7 @@ if __package__ == "tests.benchmarks":
 from master.scalar import ns, scalar_fmu, scalars
 from truth.dde import solve
 
-from ._show import show
+from tests.benchmarks._show import show
 
 A = (-1.0, -0.5)
 B = (1.5, -2.0)

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from . import _trace_read, _trace_write
+from tests.benchmarks import _trace_read, _trace_write
 
 Measured = dict[str, dict[str, dict[str, float]]]
 

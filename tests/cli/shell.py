@@ -16,7 +16,7 @@ from unittest.mock import patch
 import typer.main
 from shared import fmu_store, made_once
 
-from cosim.cli import main
+from cosim.cli.main import main
 
 BUILT_IN = (
     "auv-acoustic",

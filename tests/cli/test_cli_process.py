@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from cli.shell import COMMAND, SCENARIOS, cosim
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import Trace
 
 LONG = (SCENARIOS / "valid" / "over-a-packet-link.toml").read_text("utf-8")
@@ -95,7 +95,7 @@ def test_interrupted_run_leaves_its_rows(
 
 FULL = """
 import resource, sys
-from cosim.entry import main
+from cosim.cli.entry import main
 resource.setrlimit(resource.RLIMIT_FSIZE, (700_000, 700_000))
 main()
 """

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cli.shell import cosim
 
-from cosim.errors import (
+from cosim.core.errors import (
     CheckFailedError,
     ComponentError,
     CosimError,
@@ -42,7 +42,7 @@ def test_error_leaves_with_its_code(
     def fails(*_: object) -> None:
         raise kind("this went wrong")
 
-    monkeypatch.setattr("cosim.verbs.fly.answer", fails)
+    monkeypatch.setattr("cosim.cli.fly.answer", fails)
     monkeypatch.delenv("COSIM_DEBUG", raising=False)
     result = cosim("scenarios", "--json", cwd=tmp_path)
     assert result.code == code
@@ -60,7 +60,7 @@ class Finder:
             raise KeyboardInterrupt
 
 sys.meta_path.insert(0, Finder())
-from cosim.entry import main
+from cosim.cli.entry import main
 main()
 """
 

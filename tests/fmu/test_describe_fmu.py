@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.fmu import describe_fmu
-from fmu_src.catalogue import CATALOGUE
+from cosim.fmu.export.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,10 +9,9 @@ from pathlib import Path
 import fmpy
 import pytest
 from fmu.packed import FMI1, FMI3, XML, described, each_library_read_once, files_of, pack
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.fmu.inspect import inspect_fmu
 from cosim.fmu.inspect.facts import facts
 from cosim.fmu.inspect.library import read_binary

@@ -7,8 +7,8 @@ import math
 import pytest
 from scipy import constants
 
+from cosim.fmu.export.units import UNITS
 from cosim.fmu.inspect.units import BASES, si_of_name
-from fmu_src.units import UNITS
 
 
 @pytest.mark.parametrize("name", sorted(UNITS))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
 
-from cosim.errors import ComponentError, InputError
+from cosim.core.errors import ComponentError, InputError
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
 
 

@@ -12,7 +12,7 @@ from master.coupled import rewritten
 from master.scalar import scalar_fmu
 from packed import XML, pack
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.fmu import FmuSlave, describe_fmu
 from cosim.fmu.phase import Phase, may_be_set
 from cosim.master import Component, Session, System, make_timetable

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from raw_fmu import RawFmu
 
+from cosim.fmu.export.build import build_fmu
 from cosim.network import LinkState, PacketLink, TransportLink, align, schedule
 from cosim.scenario.ssp.link_fmu import link_spec
-from fmu_src.build import build_fmu
 from fmu_src.link_channel.variables import Lane
 
 INITIAL = (7.0, -3.0)

@@ -11,6 +11,8 @@ import certified_gains
 import numpy as np
 import pytest
 
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.certified import certified_section
 from cosim.hinf import (
     certificate_bytes,
     characteristic_roots,
@@ -21,8 +23,6 @@ from cosim.hinf import (
 )
 from cosim.hinf.system_json import system_from_json
 from cosim.models.paper_example import PRINTED_K
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.certified import certified_section
 
 CARRIERS = {"HinfController": "auv", "PaperController": "paper"}
 

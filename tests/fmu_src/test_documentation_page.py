@@ -13,9 +13,9 @@ import pytest
 from cli.shell import cosim
 from lxml import etree
 
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.documentation import documentation_files
-from fmu_src.page.text import to_html
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.documentation import documentation_files
+from cosim.fmu.export.page.text import to_html
 
 NAMES = sorted(CATALOGUE)
 MATHML = "{http://www.w3.org/1998/Math/MathML}"

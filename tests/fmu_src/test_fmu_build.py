@@ -16,16 +16,16 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from fmu_src.build import ensure_fmu
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.python_shell import package
-from fmu_src.spec import Variable
-from fmu_src.units import UNITS
+from cosim.fmu.export.build import ensure_fmu
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.python import package
+from cosim.fmu.export.spec import Variable
+from cosim.fmu.export.units import UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fmu_src.spec import ComponentSpec
+    from cosim.fmu.export.spec import ComponentSpec
 
 NAMES = sorted(CATALOGUE)
 PAPER = CATALOGUE["PaperController"]
@@ -265,7 +265,7 @@ def test_guid_changes_with_what_is_generated(monkeypatch: pytest.MonkeyPatch) ->
         patch.setattr(package, "_script", lambda *arguments: script(*arguments) + "\n")
         assert package.guid(spec) != before
     units = {**UNITS, "m": {"m": 2}}
-    monkeypatch.setattr("fmu_src.model_description.UNITS", units)
+    monkeypatch.setattr("cosim.fmu.export.model_description.UNITS", units)
     assert package.guid(spec) != before
 
 

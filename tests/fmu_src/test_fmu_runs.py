@@ -17,8 +17,8 @@ from fmpy import simulate_fmu
 from raw_fmu import RawFmu, matrices
 from truth.dde import Hold, solve
 
+from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.models.auv import TABLE_1
-from fmu_src.catalogue import CATALOGUE
 
 NAMES = sorted(CATALOGUE)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from link_flights import INITIAL, Channel, build, expected, signal
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import (
     DelayProfile,
     GilbertElliott,

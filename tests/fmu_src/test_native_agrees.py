@@ -15,10 +15,10 @@ from driven import drive, started
 from raw_fmu import RawFmu
 from truth.dde import Hold, solve
 
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.native_shell.model import behaviour_of
-from fmu_src.native_shell.package import build_native_fmu
-from fmu_src.spec import ComponentSpec
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.native.model import behaviour_of
+from cosim.fmu.export.native.package import build_native_fmu
+from cosim.fmu.export.spec import ComponentSpec
 
 NAMES = sorted(CATALOGUE)
 

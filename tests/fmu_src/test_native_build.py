@@ -18,13 +18,13 @@ from fmpy.build import build_platform_binary
 from fmpy.validation import validate_fmu
 from shared import copied
 
-from cosim.errors import InputError
-from fmu_src.archive import deterministic_zip
-from fmu_src.build import ensure_fmu
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.native_shell import compiler
-from fmu_src.native_shell.package import guid
-from fmu_src.native_shell.platforms import PLATFORMS, host
+from cosim.core.errors import InputError
+from cosim.fmu.export.archive import deterministic_zip
+from cosim.fmu.export.build import ensure_fmu
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.native import compiler
+from cosim.fmu.export.native.package import guid
+from cosim.fmu.export.native.platforms import PLATFORMS, host
 
 NAMES = sorted(CATALOGUE)
 ROOT = Path(__file__).resolve().parents[2]

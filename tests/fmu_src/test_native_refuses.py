@@ -15,7 +15,7 @@ from fmpy import fmi2
 from fmpy.fmi1 import FMICallException
 from raw_fmu import RawFmu
 
-from fmu_src.native_shell.package import build_native_fmu
+from cosim.fmu.export.native.package import build_native_fmu
 
 if TYPE_CHECKING:
     from collections.abc import Callable

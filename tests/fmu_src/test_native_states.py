@@ -10,7 +10,7 @@ import pytest
 from driven import DRIVE, drive, started
 from raw_fmu import RawFmu
 
-from fmu_src.catalogue import CATALOGUE
+from cosim.fmu.export.catalogue import CATALOGUE
 
 NAMES = sorted(CATALOGUE)
 

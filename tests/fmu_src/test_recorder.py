@@ -11,16 +11,15 @@ import pytest
 import sympy
 import two_delays
 from driven import started
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from raw_fmu import RawFmu
 
+from cosim.fmu.export.native.emit import run_constants, statements
+from cosim.fmu.export.native.model import c_string
+from cosim.fmu.export.native.package import build_native_fmu
+from cosim.fmu.export.native.recorder import FIXED, Functions, Tape
+from cosim.fmu.export.native.tangent import tangents
 from cosim.models import auv
-from fmu_src.native_shell.emit import run_constants, statements
-from fmu_src.native_shell.model import c_string
-from fmu_src.native_shell.package import build_native_fmu
-from fmu_src.native_shell.recorder import FIXED, Functions, Tape
-from fmu_src.native_shell.tangent import tangents
 
 VALUES = {"a": 1 / 3, "b": -7.1, "c": 1e-9, "d": 3.0}
 
@@ -159,7 +158,7 @@ def test_recorded_vehicle_is_the_symbolic_one() -> None:
 
     def run(p: Any, x: list[Any], ns: Any) -> list[Any]:
         b = auv.thrust_map(p)
-        return auv.derivatives(x[:8], x[8:12], x[12:16], x[16:], p, b, ns)
+        return auv.vehicle_derivatives(x[:8], x[8:12], x[12:16], x[16:], p, b, ns)
 
     symbols = sympy.symbols(f"x:{len(moving)}")
     letters = {name: sympy.Symbol(f"p{i}") for i, name in enumerate(names)}

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from fmu_src.hinf_controller.behaviour import StateFeedback
-from fmu_src.hinf_controller.variables import PAPER_SPEC
-from fmu_src.hinf_controller.variables import SPEC as VEHICLE_SPEC
+from fmu_src.hinf_controller.variables import PAPER_SPEC, SPEC as VEHICLE_SPEC
 
 
 def controller(sample_time: float, start: float = 0.0) -> tuple[StateFeedback, dict[str, Any]]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from raw_fmu import RawFmu
 
-from fmu_src.build import build_fmu
+from cosim.fmu.export.build import build_fmu
 from fmu_src.signal_table.variables import MOST_NUMBERS, table_spec
 
 INSTANTS = [0, 100_000_000, 130_000_001, 400_000_000]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from cosim.fmu.export.python.delay_plant import DelayPlant
+from cosim.fmu.export.spec import ComponentSpec, Variable
 from cosim.models import auv
-from fmu_src.python_shell.delay_plant import DelayPlant
-from fmu_src.spec import ComponentSpec, Variable
 
 
 class TwoDelays(DelayPlant):

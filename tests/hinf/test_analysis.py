@@ -21,7 +21,7 @@ import pytest
 from numpy.polynomial import Legendre, Polynomial
 from solved import Array, benchmark, random_system
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
 from cosim.hinf.analysis_certificate import _variables
 from cosim.hinf.analysis_proof import ExactAnalysis, _loop, minus_phi

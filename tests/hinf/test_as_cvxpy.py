@@ -10,7 +10,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import analyse, as_cvxpy, check_certificate, lmi
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.problem import Answer, Problem

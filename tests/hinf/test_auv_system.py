@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import AuvDesign, Design, auv_system, design
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.models.delay_system import DelaySystem

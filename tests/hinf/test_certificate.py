@@ -14,7 +14,7 @@ import pytest
 from scipy.linalg import expm
 from solved import Array, benchmark, random_system, solved
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.certificate import Variables, certificate_to_json, certify, check_certificate
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from solved import benchmark, solved
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.certificate import certificate_to_json, check_certificate, read_certificate
 from cosim.hinf.rational import MAX_DIGITS
 from cosim.models import paper_example

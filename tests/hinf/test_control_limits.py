@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flown import fly, sawtooth, turning
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, demands_of, design
 from cosim.hinf.control_limits import GainLimit, PeakControl, norm_above, offset_corners
 from cosim.hinf.peak_lmi import proved_peak_control

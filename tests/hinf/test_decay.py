@@ -10,7 +10,7 @@ import pytest
 from flown import fly, sawtooth, turning
 from solved import random_system
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, close, design, spectral_abscissa, with_delays
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.closed_loop import ClosedLoop

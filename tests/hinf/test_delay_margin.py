@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.closed_loop import ClosedLoop, close
 from cosim.hinf.delay_margin import delay_margin
 from cosim.hinf.roots import spectral_abscissa

@@ -7,7 +7,7 @@ import doctest
 import numpy as np
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import Delay, DelaySystem, check_certificate, design, designing, greatest_delay
 from cosim.models import paper_example
 

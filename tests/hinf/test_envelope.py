@@ -9,13 +9,12 @@ from fractions import Fraction
 import flint
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.envelope import Envelope, Scaling, auv_uncertainty, quadratic_part
-from cosim.models.auv import TABLE_1, derivatives, thrust_map, velocity_coefficients
+from cosim.models.auv import TABLE_1, thrust_map, vehicle_derivatives, velocity_coefficients
 
 BOXES = (
     Envelope(0.3, 0.3, 0.2, 0.06, 0.35),
@@ -97,7 +96,7 @@ def test_the_uncertain_part_is_exactly_f_minus_its_linear_part(x: tuple[float, .
     """f(x) - A x = dA(x) x: nothing of the vehicle's equations is left out of E F H."""
     p = {**TABLE_1, "damping.u": 0.0, "damping.v": 0.0, "damping.w": 0.0, "damping.r": 0.0}
     zero = (0.0,) * 4
-    f = np.array(derivatives(x, zero, zero, zero, p, thrust_map(p), math))
+    f = np.array(vehicle_derivatives(x, zero, zero, zero, p, thrust_map(p), math))
     linear = np.concatenate([x[4:], zero])
     dA = _delta_a(x[3], (x[4], x[5], x[6], x[7]))
     assert dA @ np.array(x) == pytest.approx(f - linear, abs=1e-12)

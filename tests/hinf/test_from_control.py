@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import (
     Delay,
     DelaySystem,

@@ -11,7 +11,7 @@ import pytest
 from solved import benchmark
 
 from cosim import cli
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay, with_delays
 from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2
 from cosim.models import paper_example

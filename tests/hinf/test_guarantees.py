@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import Design, check_certificate, design, design_from_json, design_to_json
 from cosim.models import paper_example
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import (
     auv_system,
     check_certificate,

@@ -26,7 +26,7 @@ from truth_of_loops import (
     norm,
 )
 
-from cosim.errors import NotAchievableError
+from cosim.core.errors import NotAchievableError
 from cosim.hinf import (
     analyse,
     certified_delay,

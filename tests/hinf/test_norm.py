@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.closed_loop import ClosedLoop, close
 from cosim.hinf.norm import NormResult, gain_at, hinf_norm
 from cosim.models import paper_example

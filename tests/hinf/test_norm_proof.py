@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import auv_system
 from cosim.hinf.closed_loop import close
 from cosim.hinf.norm import gain_at, hinf_norm

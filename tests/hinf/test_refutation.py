@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from solved import benchmark, random_system
 
 from cosim import cli
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
+from cosim.fmu.export.controller import pack_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
@@ -29,7 +30,6 @@ from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.refutation_proof import AffineLmi, Place
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
-from cosim.packing.controller import pack_controller
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import lambertw
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.closed_loop import ClosedLoop, close
 from cosim.hinf.roots import characteristic_roots, roots_right_of, spectral_abscissa
 from cosim.models import paper_example

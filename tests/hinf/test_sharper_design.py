@@ -9,7 +9,7 @@ import pytest
 from solved import random_system
 from truth_of_loops import first_loss, loop_of, norm
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import (
     auv_system,
     check_certificate,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from cli.shell import cosim
 
-from cosim.errors import NotAchievableError
+from cosim.core.errors import NotAchievableError
 from cosim.hinf import Analysis, analyse, certified_delay, check_certificate, design, greatest_delay
 from cosim.hinf.decay_lmi import proved_decay
 from cosim.hinf.demands import demands_of

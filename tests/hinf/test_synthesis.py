@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.errors import InputError, NotAchievableError
+from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import (
     analyse,
     auv_system,

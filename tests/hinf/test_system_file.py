@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf.files import load_system, system_from_toml
 from cosim.hinf.system_json import MATRICES, system_from_json, system_to_json
 from cosim.models import paper_example

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.hinf import Design, auv_system, check_certificate, design
 from cosim.hinf.auv import DEFAULT_ENVELOPE, DEFAULT_K1, DEFAULT_K2
-from cosim.models.auv import TABLE_1, derivatives, inertia, thrust_map
+from cosim.models.auv import TABLE_1, inertia, thrust_map, vehicle_derivatives
 
 OFFSET = (1.0, 1.0, 0.6, 0.15, 0.0, 0.0, 0.0, 0.0)
 """Where a flight may start [m, m, m, rad, m/s, ...]."""
@@ -41,7 +41,7 @@ def _flight(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -> 
 
         def rate(state: np.ndarray, at: int, tau: list[float] = tau) -> np.ndarray:
             delayed = list(x[max(at - state_late, 0)][4:])
-            return np.array(derivatives(list(state), delayed, tau, nothing, p, b, math))
+            return np.array(vehicle_derivatives(list(state), delayed, tau, nothing, p, b, math))
 
         first = rate(x[k], k)
         x[k + 1] = x[k] + step / 2 * (first + rate(x[k] + step * first, k + 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import DelaySystem, design, weighted
 from cosim.models import paper_example
 

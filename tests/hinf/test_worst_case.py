@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import characteristic_roots, close, hinf_norm, system_by_name, worst_case
 from cosim.hinf.closed_loop import ClosedLoop
 from cosim.hinf.norm import gain_at

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.hinf import (
     analyse,
     characteristic_roots,

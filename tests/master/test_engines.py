@@ -14,7 +14,7 @@ from coupled import end, ns, section_5
 from mixed import mixed_fmu
 
 import cosim.master.engine.choice as choice_module
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,

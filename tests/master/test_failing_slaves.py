@@ -9,7 +9,7 @@ import pytest
 from faulty import CALLS, faulty_fmu
 from scalar import end, ns
 
-from cosim.errors import ComponentError
+from cosim.core.errors import ComponentError
 from cosim.fmu import describe_fmu
 from cosim.master import (
     Component,

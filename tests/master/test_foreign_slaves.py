@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import Component, Connection, Endpoint, Session, System, make_timetable, simulate
 from cosim.master.stations import Station

@@ -11,7 +11,7 @@ import pytest
 from coupled import rewritten
 from scalar import end, ns, scalar_fmu, scalars
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.master import (
     DelaySource,
     EngineName,

@@ -14,10 +14,10 @@ import symengine
 from cosim.models.auv import (
     STATE,
     TABLE_1,
-    derivatives,
     hydrodynamic_force,
     inertia,
     thrust_map,
+    vehicle_derivatives,
     velocity_coefficients,
 )
 
@@ -91,7 +91,7 @@ def test_motion_satisfies_equation_3_as_printed() -> None:
         state = generator.normal(size=8)
         tau = generator.normal(size=4) * 1000
         still = {**TABLE_1, **dict.fromkeys([f"damping.{a}" for a in "uvwr"], 0.0)}
-        rate = derivatives(state, [0.0] * 4, tau, [0.0] * 4, still, thrust_map(still), math)
+        rate = vehicle_derivatives(state, [0.0] * 4, tau, [0.0] * 4, still, thrust_map(still), math)
         u, v, w, r = state[4:]
         du, dv, dw, dr = rate[4:]
         l2, l3, l4, l5 = (rho / 2 * L**k for k in (2, 3, 4, 5))
@@ -110,7 +110,7 @@ def test_motion_satisfies_equation_3_as_printed() -> None:
 def test_kinematics_is_a_rotation() -> None:
     """Eq. (2) in full: the earth velocity is the body velocity turned by psi, as a complex."""
     state = [1.0, 2.0, 3.0, 2.2, 0.7, -0.4, 0.2, 0.3]
-    rate = derivatives(
+    rate = vehicle_derivatives(
         state, [0.0] * 4, [0.0] * 4, [0.0] * 4, PARAMETERS, thrust_map(PARAMETERS), math
     )
     turned = complex(0.7, -0.4) * complex(math.cos(2.2), math.sin(2.2))
@@ -122,8 +122,8 @@ def test_damping_acts_on_the_delayed_speed_and_disturbance_is_an_acceleration() 
     """-diag(a) nu(t-d) + w is added to nu' of the undamped vehicle, and to nothing else."""
     b = thrust_map(PARAMETERS)
     state, late, w = [0.1 * i for i in range(8)], [1.0, -2.0, 3.0, -4.0], [0.5, 0.6, 0.7, 0.8]
-    bare = derivatives(state, [0.0] * 4, [9.0] * 4, [0.0] * 4, PARAMETERS, b, math)
-    full = derivatives(state, late, [9.0] * 4, w, PARAMETERS, b, math)
+    bare = vehicle_derivatives(state, [0.0] * 4, [9.0] * 4, [0.0] * 4, PARAMETERS, b, math)
+    full = vehicle_derivatives(state, late, [9.0] * 4, w, PARAMETERS, b, math)
     a = [PARAMETERS[f"damping.{axis}"] for axis in "uvwr"]
     expected = [0.0] * 4 + [-a[i] * late[i] + w[i] for i in range(4)]
     assert np.subtract(full, bare) == pytest.approx(expected, abs=1e-14)
@@ -133,15 +133,17 @@ def test_floats_arrays_and_symbols_agree() -> None:
     """One source: the same numbers whether floats, arrays or symbols went through it."""
     b = thrust_map(PARAMETERS)
     points = np.random.default_rng(3).normal(size=(20, 50))
-    arrays = derivatives(points[:8], points[8:12], points[12:16], points[16:], PARAMETERS, b, np)
+    arrays = vehicle_derivatives(
+        points[:8], points[8:12], points[12:16], points[16:], PARAMETERS, b, np
+    )
     symbols = symengine.symbols("s0:20")
-    written = derivatives(
+    written = vehicle_derivatives(
         symbols[:8], symbols[8:12], symbols[12:16], symbols[16:], PARAMETERS, b, symengine
     )
     compiled = symengine.Lambdify(symbols, written)
     for k in range(50):
         s = [float(value) for value in points[:, k]]
-        floats = derivatives(s[:8], s[8:12], s[12:16], s[16:], PARAMETERS, b, math)
+        floats = vehicle_derivatives(s[:8], s[8:12], s[12:16], s[16:], PARAMETERS, b, math)
         assert np.array([row[k] for row in arrays]) == pytest.approx(floats, rel=1e-13, abs=1e-13)
         assert np.asarray(compiled(s)) == pytest.approx(floats, rel=1e-12, abs=1e-12)
 

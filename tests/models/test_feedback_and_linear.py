@@ -10,8 +10,8 @@ import pytest
 import symengine
 
 from cosim.models import paper_example
-from cosim.models.delayed_linear import derivatives, output, product
-from cosim.models.feedback import command, limited
+from cosim.models.delayed_linear import linear_derivatives, linear_output, product
+from cosim.models.feedback import clamped_command, feedback_command
 
 LETTERS = ("A", "A1", "B", "C", "D", "D1", "D2", "E", "H", "H1")
 
@@ -34,10 +34,10 @@ def test_equation_7_is_its_matrices(n: int, m: int, q: int, p: int) -> None:
     expected = (M["A"] + M["E"] @ F @ M["H"]) @ x + (M["A1"] + M["E"] @ F @ M["H1"]) @ late
     expected = expected + M["B"] @ u + M["C"] @ w
     lists: Any = {letter: matrix.tolist() for letter, matrix in M.items()}
-    got = derivatives(t, x, [late], u, w, lists, (amplitude, omega), math)
+    got = linear_derivatives(t, x, [late], u, w, lists, (amplitude, omega), math)
     assert got == pytest.approx(expected, rel=1e-13, abs=1e-13)
     z = M["D"] @ x + M["D1"] @ w + M["D2"] @ u
-    assert output(x, u, w, lists) == pytest.approx(z, rel=1e-13, abs=1e-13)
+    assert linear_output(x, u, w, lists) == pytest.approx(z, rel=1e-13, abs=1e-13)
 
 
 def nothing(rows: int, columns: int) -> list[list[float]]:
@@ -59,9 +59,9 @@ def test_several_delays_and_a_rectangular_f(delays: int, s: int, r: int) -> None
     m: Any = {f"A{i}": A[k].tolist() for k, i in enumerate(letters)}
     m |= {f"H{i}": H[k].tolist() for k, i in enumerate(letters)}
     m |= {"B": nothing(2, 0), "C": nothing(2, 0), "E": E.tolist()}
-    got = derivatives(0.7, states[0], states[1:], [], [], m, (0.5, 1.3), math)
+    got = linear_derivatives(0.7, states[0], states[1:], [], [], m, (0.5, 1.3), math)
     assert got == pytest.approx(expected, rel=1e-13, abs=1e-13)
-    certain = derivatives(0.7, states[0], states[1:], [], [], m, None, math)
+    certain = linear_derivatives(0.7, states[0], states[1:], [], [], m, None, math)
     plain = sum(A[i] @ states[i] for i in range(delays + 1))
     assert certain == pytest.approx(plain, rel=1e-13, abs=1e-13)
 
@@ -71,11 +71,13 @@ def test_section_5_over_symbols_is_section_5_over_floats() -> None:
     matrices = {letter: getattr(paper_example, letter) for letter in LETTERS}
     names = symengine.symbols("t x0 x1 l0 l1 u w")
     t, x0, x1, l0, l1, u, w = names
-    written = derivatives(t, [x0, x1], [[l0, l1]], [u], [w], matrices, (0.5, 1.0), symengine)
+    written = linear_derivatives(t, [x0, x1], [[l0, l1]], [u], [w], matrices, (0.5, 1.0), symengine)
     compiled = symengine.Lambdify(names, written)
     for point in np.random.default_rng(2).normal(size=(20, 7)):
         a = [float(value) for value in point]
-        floats = derivatives(a[0], a[1:3], [a[3:5]], a[5:6], a[6:7], matrices, (0.5, 1.0), math)
+        floats = linear_derivatives(
+            a[0], a[1:3], [a[3:5]], a[5:6], a[6:7], matrices, (0.5, 1.0), math
+        )
         assert np.asarray(compiled(a)) == pytest.approx(floats, rel=1e-13, abs=1e-13)
 
 
@@ -107,12 +109,12 @@ def test_command_is_map_times_gain_times_error() -> None:
     generator = np.random.default_rng(5)
     K, M = generator.normal(size=(3, 5)), generator.normal(size=(3, 3))
     x, r = generator.normal(size=5), generator.normal(size=5)
-    assert command(K, x, r, M) == pytest.approx(M @ K @ (x - r), rel=1e-13, abs=1e-13)
-    assert command(K, x, r, None) == pytest.approx(K @ (x - r), rel=1e-13, abs=1e-13)
+    assert feedback_command(K, x, r, M) == pytest.approx(M @ K @ (x - r), rel=1e-13, abs=1e-13)
+    assert feedback_command(K, x, r, None) == pytest.approx(K @ (x - r), rel=1e-13, abs=1e-13)
 
 
 def test_limits_clip_each_value() -> None:
     """As numpy.clip does; a limit of zero shuts an actuator off."""
     values, limits = [-7.0, -1.0, 0.0, 2.5, 9.0, 3.0], [5.0, 5.0, 5.0, 2.5, 2.5, 0.0]
     clipped = np.clip(values, -np.array(limits), limits)
-    assert limited(values, limits) == clipped.tolist()
+    assert clamped_command(values, limits) == clipped.tolist()

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import (
     MAX_NS,
     DelayProfile,

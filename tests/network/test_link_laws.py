@@ -9,8 +9,7 @@ from typing import Any
 import link_model
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from test_link_exact import draw_case
 
 from cosim.network import (

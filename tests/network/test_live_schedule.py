@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from test_link_exact import draw_case, same
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import (
     IN_FLIGHT,
     DelaySignal,

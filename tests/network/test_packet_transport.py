@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import (
     DelaySignal,
     GilbertElliott,

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import (
     DELIVERED,
     IN_FLIGHT,

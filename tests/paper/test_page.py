@@ -14,9 +14,9 @@ import pytest
 from cli.shell import cosim as command
 from rich.console import Console
 
+import cosim.cli.paper as verb
 import cosim.paper
-import cosim.verbs.paper as verb
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.models import paper_example as example
 from cosim.paper import Report, Row, Verdict
 from cosim.paper.every_delay import every_delay

@@ -7,10 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.scenario.binding import Meaning, _power, bind
 from cosim.scenario.expression import Expression, ExpressionError
 from cosim.scenario.quantity import QuantityError, dimension, parse_quantity

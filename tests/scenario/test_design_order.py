@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.errors import NotAchievableError
+from cosim.core.errors import NotAchievableError
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.scenario.gain import Problem, solve
 

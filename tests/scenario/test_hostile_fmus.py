@@ -13,7 +13,7 @@ from cli.shell import cosim
 from fmu.packed import XML, files_of, pack
 from master.faulty import faulty_fmu
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.scenario.opening import open_session
 from cosim.study import run_study
 

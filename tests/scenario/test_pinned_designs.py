@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from cli.shell import cosim
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
+from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.hinf import certificate_bytes, check_certificate, design_from_json, system_by_name
 from cosim.scenario import gain as making
 from cosim.scenario.assemble import Hangar
@@ -24,7 +25,6 @@ from cosim.scenario.read import builtin_names, load, loaded_of, with_settings
 from cosim.study.read import builtin_studies, load_study
 from cosim.study.schema import Study
 from cosim.study.varied import Variations
-from fmu_src.catalogue import CATALOGUE
 
 DESIGNS = Path(str(files("cosim.scenario").joinpath("library", "designs")))
 MINE = """\

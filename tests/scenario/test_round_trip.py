@@ -13,10 +13,9 @@ import jsonschema
 import pytest
 import tomli_w
 from cli.shell import SCENARIOS, cosim
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
-from cosim.errors import CosimError
+from cosim.core.errors import CosimError
 from cosim.scenario.check import problems_of, schema_problems
 from cosim.scenario.editor import json_schema
 from cosim.scenario.execute import fly, prepare

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from cosim.fmu import describe_fmu
+from cosim.fmu.export.build import build_fmu
 from cosim.master import Component, Connection, Endpoint, Run, System, make_timetable, simulate
 from cosim.models.auv import STATE
 from cosim.scenario.limits import Saturation, saturation
-from fmu_src.build import build_fmu
 from fmu_src.signal_table.variables import table_spec
 
 S = 10**9

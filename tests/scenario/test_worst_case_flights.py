@@ -14,8 +14,7 @@ from truth.dde import solve
 
 from cosim.hinf import check_certificate, system_by_name
 from cosim.scenario.assemble import Hangar
-from cosim.scenario.execute import fly as fly_prepared
-from cosim.scenario.execute import prepare
+from cosim.scenario.execute import fly as fly_prepared, prepare
 from cosim.scenario.read import load, parse
 from cosim.trace import Trace
 

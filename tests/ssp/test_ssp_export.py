@@ -12,7 +12,7 @@ from fmpy.ssp.ssd import find_components, read_ssd
 from lxml import etree
 from ssp.archives import LINKED, export, flown, loaded, signals
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.fmu.inspect import inspect_fmu
 from cosim.scenario.read import load
 from cosim.scenario.ssp.importing import import_ssp

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from ssp.archives import component, connection, flown, loaded, signals, ssd, write
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.scenario.read import load
 from cosim.scenario.ssp.importing import import_ssp
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.master import Run
 from cosim.study.measure import measure, needs_companion
 from cosim.study.schema import Metric

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.scenario.read import load
 from cosim.study.flight import Base
 from cosim.study.plan import Plan, make_plan

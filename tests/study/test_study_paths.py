@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.scenario.dotted import put, split
 from cosim.study.dotted import look
 from cosim.study.expression import Expression

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.study.points import Points
 from cosim.study.schema import Study
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from study.deadly import FAILING, U, plan, truth
 
-from cosim.errors import InputError, LossError
+from cosim.core.errors import InputError, LossError
 from cosim.study import batch
 from cosim.study.conduct import conduct
 from cosim.study.folder import JOURNAL, RESULTS, Folder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from study.deadly import plan
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.study.batch import Row
 from cosim.study.manifest import manifest_of
 from cosim.study.summary import mean_of, share, summarise

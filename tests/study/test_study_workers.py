@@ -15,7 +15,7 @@ import dask
 import pytest
 from study.deadly import DEADLY, SLOW, U, folder, plan, truth
 
-from cosim.errors import ComponentError, InputError
+from cosim.core.errors import ComponentError, InputError
 from cosim.study.conduct import conduct
 from cosim.study.folder import RESULTS
 from cosim.study.table import read_table

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from fmpy import read_model_description
 
-from fmu_src.catalogue import CATALOGUE
-from fmu_src.native_shell.compiler import cross_compiler, host_compiler, shared_library
-from fmu_src.native_shell.package import sources
-from fmu_src.native_shell.platforms import PLATFORMS, host
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.native.compiler import cross_compiler, host_compiler, shared_library
+from cosim.fmu.export.native.package import sources
+from cosim.fmu.export.native.platforms import PLATFORMS, host
 
 HERE = Path(__file__).resolve().parent
 HEADERS = HERE.parents[1] / "fmu_src" / "native_shell" / "c" / "headers"

@@ -11,7 +11,7 @@ import pytest
 from cli.shell import cosim, trace_of
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import Trace
 from cosim.trace.live import rerun_view
 

@@ -13,10 +13,10 @@ from toolchains import ecos_program
 from toolchains.flight import TOOLS, Flight, Part, Tool, flown, label
 
 from cosim.fmu import describe_fmu
+from cosim.fmu.export.build import FMI_VERSION
+from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.inspect import inspect_fmu
 from cosim.master import Component, Connection, Endpoint, System, make_timetable, simulate
-from fmu_src.build import FMI_VERSION
-from fmu_src.catalogue import CATALOGUE
 
 TOLERANCE = 1e-9
 SINE: Mapping[str, float | int] = {

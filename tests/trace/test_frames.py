@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
 from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, TraceWriter
 from cosim.trace.hold import held, rows_in_force

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import (
+    FieldDescriptorProto as F,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mcap import records
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -23,7 +25,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 from written import side_by_side
 
-from cosim.errors import InputError, LossError
+from cosim.core.errors import InputError, LossError
 from cosim.trace import Poses, Rows, Signal, Trace, TraceWriter, content_hash
 from cosim.trace.decode import RowDecoder
 

@@ -14,7 +14,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 from written import ETA, write
 
-from cosim.errors import CosimError, InputError, LossError
+from cosim.core.errors import CosimError, InputError, LossError
 from cosim.trace import Rows, Trace, TraceWriter, content_hash, opening
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.summary import from_summary

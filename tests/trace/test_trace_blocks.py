@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import Poses, Rows, Signal, TraceWriter
 from cosim.trace.encode import RowEncoder
 from cosim.trace.foxglove import encoded, message_type

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from mcap.writer import Writer
 from written import ETA, write
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import (
     DROPPED_SIGNALS,
     Attachment,

@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash
 from cosim.trace.export import export
 

@@ -6,10 +6,9 @@ import pytest
 from google.protobuf import timestamp_pb2
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import Signal, foxglove, layout
 from cosim.trace.encode import tag
 

@@ -15,7 +15,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from written import write
 
-from cosim.errors import CosimError, InputError
+from cosim.core.errors import CosimError, InputError
 from cosim.trace import Attachment, Trace, content_hash, recover
 
 ROWS = [(10 * k, 10 * k, k, [0.5 * k, -k]) for k in range(200)]

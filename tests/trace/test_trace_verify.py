@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.records import Attachment as AttachmentRecord
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Attachment as AttachmentRecord, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from test_trace_recover import foreign
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.network import DELIVERED, IN_FLIGHT, REASONS, Jitter, PacketLink, schedule
 from cosim.trace import Attachment, Signal, TraceWriter, result_of_link, verify
 

@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from written import side_by_side
 
-from cosim.errors import InputError, LossError
+from cosim.core.errors import InputError, LossError
 from cosim.network import LOST, OVERTAKEN, REASONS, Jitter, PacketLink, schedule
 from cosim.trace import (
     DROPPED_SIGNALS,
@@ -288,7 +287,7 @@ def test_full_disk(tmp_path: Path) -> None:
 
 FULL = """
 import resource, sys
-from cosim.errors import LossError
+from cosim.core.errors import LossError
 from cosim.trace import Signal, TraceWriter
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 try:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu.inspect.finding import Finding, finding, printable, refusal
 
 MOST_BYTES = 4 << 30  # unpacked in all; the largest FMUs of practice have about 1 GiB

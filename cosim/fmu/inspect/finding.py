@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu.inspect.rules import RULES
 
 Level = Literal["error", "warning", "note"]

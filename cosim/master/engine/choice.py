@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import Literal, NamedTuple, Protocol
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.master.engine.program import Halt, Program
 from cosim.master.engine.python import PythonEngine
 

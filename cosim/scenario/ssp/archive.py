@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 
 from lxml import etree
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.ssp.names import SSD, tag
 from cosim.scenario.ssp.write_ssd import check_schema
 

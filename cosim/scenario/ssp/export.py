@@ -10,7 +10,8 @@ from typing import Literal
 
 import tomli_w
 
-from cosim.errors import InputError
+from cosim.core import InputError
+from cosim.fmu import deterministic_zip
 from cosim.master import System
 from cosim.scenario.assemble import assemble
 from cosim.scenario.execute import Prepared
@@ -22,7 +23,6 @@ from cosim.scenario.ssp.resources import Resources
 from cosim.scenario.ssp.structure import Element, Structure
 from cosim.scenario.ssp.units import units_of
 from cosim.scenario.ssp.write_ssd import ssd_bytes
-from fmu_src.archive import deterministic_zip
 
 Links = Literal["annotate", "fmu"]
 

@@ -7,8 +7,7 @@ from typing import Any
 
 from cosim.fmu import FmuDescription, Port
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.flatten import Flat
-from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.flatten import Flat, Path as Place
 from cosim.scenario.ssp.parameters import Bound
 from cosim.scenario.ssp.tree import Description
 from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu

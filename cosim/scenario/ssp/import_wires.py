@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.flatten import End, Flat, FlatWire
-from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.flatten import End, Flat, FlatWire, Path as Place
 from cosim.scenario.ssp.names import SSD
 from cosim.scenario.ssp.tree import Description
 from cosim.scenario.ssp.units import units_of_fmu

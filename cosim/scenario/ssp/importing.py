@@ -14,12 +14,11 @@ from typing import Any
 
 import tomli_w
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.scenario.read import parse
 from cosim.scenario.ssp.archive import MOST_XML, Archive
-from cosim.scenario.ssp.flatten import Flat, flatten, scenario_names
-from cosim.scenario.ssp.flatten import Path as Place
+from cosim.scenario.ssp.flatten import Flat, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_values import table_of, values_of
 from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD

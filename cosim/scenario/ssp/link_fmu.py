@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields
 
-from cosim.errors import InputError
+from cosim.core import InputError
+from cosim.fmu import ComponentSpec
 from cosim.master import Link
 from cosim.network import GilbertElliott, PacketLink
 from fmu_src.link_channel.behaviour import JITTERS, ORDERS
 from fmu_src.link_channel.variables import LONGEST_S, Lane, packet_spec, transport_spec
-from fmu_src.spec import ComponentSpec
 
 MOST_SEED = 2**31 - 1
 

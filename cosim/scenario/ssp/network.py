@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.fmu import Port
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink

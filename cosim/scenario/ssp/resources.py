@@ -6,8 +6,7 @@ import hashlib
 import tempfile
 from pathlib import Path
 
-from fmu_src.build import build_fmu
-from fmu_src.spec import ComponentSpec
+from cosim.fmu import ComponentSpec, build_fmu
 
 
 class Resources:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from cosim.fmu import UNITS
 from cosim.master import System
 from cosim.scenario.ssp.names import tag
-from fmu_src.units import UNITS
 
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 

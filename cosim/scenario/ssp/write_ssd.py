@@ -7,7 +7,7 @@ from typing import Any
 
 from lxml import etree
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.scenario.ssp.names import (
     FMU_TYPE,
     LINK_ANNOTATION,

@@ -9,8 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from cosim.errors import InputError
-from cosim.extras import optional
+from cosim.core import InputError, optional
 from cosim.trace.live.playback import LARGEST_RATE, Playback, Status
 from cosim.trace.reader import Trace
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError
-from cosim.extras import optional
+from cosim.core import InputError, optional
 from cosim.trace.live.rerun_recording import write_recording
 from cosim.trace.reader import Trace
 from cosim.trace.report.content import content_of

@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from cosim.extras import optional
+from cosim.core import optional
 from cosim.trace.report.content import Content
 
 MOST_BYTES = 6_000_000

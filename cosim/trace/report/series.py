@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import InputError, LossError
+from cosim.core import InputError, LossError
 from cosim.trace import Table, Trace
 from cosim.trace.layout import FRAME_TOPIC, LOG_TOPIC, POSE_TOPIC, Signal
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError
+from cosim.core import InputError
 from cosim.trace.report.content import content_of
 from cosim.trace.report.page import page
 from cosim.trace.report.verdict import Check

@@ -20,7 +20,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from websockets.sync.client import connect
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace.layout import message_class
 from cosim.trace.live import Player
 

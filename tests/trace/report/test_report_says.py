@@ -16,7 +16,7 @@ from cli.shell import cosim, flight, trace_of
 from report_files import TITLE, failing, foreign, small, wild
 from shared import copied
 
-from cosim.errors import InputError
+from cosim.core.errors import InputError
 from cosim.trace import Trace
 from cosim.trace.report import write_report
 from cosim.trace.report.content import content_of

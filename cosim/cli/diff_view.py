@@ -1,0 +1,125 @@
+"""A comparison of two traces, for people."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.terminal import NONE, number, plain
+from cosim.trace import Change, Diff, verdict
+
+_MOST = 25
+
+
+def diff_view(found: Diff) -> RenderableType:
+    """The verdict, a table of signals, links, and what the two runs were."""
+    colour = "green" if found.equal else "red"
+    parts: list[RenderableType] = [Text(verdict(found), style=f"bold {colour}")]
+    if found.identical:
+        parts.append(Text(f"content hash {found.hashes[0]}"))
+        return Group(*parts)
+    parts += _signals(found)
+    parts += [plain(line) for line in _facts(found)]
+    parts += _links(found)
+    parts += _context(found)
+    return Group(*parts)
+
+
+def _signals(found: Diff) -> list[RenderableType]:
+    parted = found.parted
+    alike = len(found.signals) - len(parted)
+    head = f"{len(parted)} of {len(found.signals)} signals part, {alike} agree"
+    parts: list[RenderableType] = [Text(head)]
+    if not parted:
+        return parts
+    table = Table(box=None, pad_edge=False)
+    table.add_column("signal", overflow="fold", min_width=24)
+    for column in ("parts at", "differ", "of", "largest", "relative", "at"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for signal in parted[:_MOST]:
+        table.add_row(
+            plain(signal.name),
+            number(signal.first_s, 6, "s"),
+            str(signal.differing),
+            f"{signal.compared}{'*' if signal.held else ''}",
+            "unlike" if signal.max_abs is None else number(signal.max_abs, 4, signal.unit or ""),
+            NONE if signal.max_rel is None else number(signal.max_rel, 3),
+            number(signal.max_at_s, 6, "s"),
+        )
+    parts.append(table)
+    if len(parted) > _MOST:
+        parts.append(Text(f"... and {len(parted) - _MOST} more (--json has all)"))
+    if any(signal.held for signal in parted):
+        parts.append(Text("* rows at other instants: what was in force is compared at all of them"))
+    return parts
+
+
+def _facts(found: Diff) -> list[str]:
+    lines = []
+    for number_, name in ((0, "first"), (1, "second")):
+        if found.only[number_]:
+            lines.append(f"only in the {name}: {', '.join(found.only[number_])}")
+    if found.other_bytes:
+        lines.append(f"other messages: {', '.join(found.other_bytes)}")
+    if not found.same_end:
+        lines.append(f"end: t = {found.ends_s[0]:g} s and {found.ends_s[1]:g} s")
+    if any(found.log_lines):
+        lines.append(f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of their own")
+    return lines
+
+
+def _links(found: Diff) -> list[RenderableType]:
+    if not found.links:
+        return []
+    table = Table(box=None, pad_edge=False)
+    for column in ("link", "delivered", "dropped", "own", "other times", "by up to", "from"):
+        table.add_column(column, justify="left" if column == "link" else "right")
+    for link in found.links:
+        table.add_row(
+            plain(link.link),
+            _both(link.delivered),
+            _both(link.dropped),
+            _both(link.only),
+            str(link.other_times),
+            number(link.largest_shift_s, 4, "s"),
+            number(link.first_s, 6, "s"),
+        )
+    return [table]
+
+
+def _both(pair: tuple[int, int]) -> str:
+    return f"{pair[0]} / {pair[1]}"
+
+
+def _context(found: Diff) -> list[RenderableType]:
+    parts: list[RenderableType] = []
+    for name, lines in found.context.texts.items():
+        parts.append(plain(f"{name}:"))
+        for line in lines:
+            if not line.startswith(("--- ", "+++ ")):
+                colour = {"+": "green", "-": "red"}.get(line[:1], "dim")
+                parts.append(Text("  ").append_text(plain(line)))
+                parts[-1].stylize(colour)  # type: ignore[union-attr]
+    entries = [change for change in found.context.entries if _telling(change)]
+    if entries:
+        table = Table(box=None, pad_edge=False)
+        for column in ("entry", "first", "second"):
+            table.add_column(column, overflow="fold")
+        for change in entries[:_MOST]:
+            table.add_row(
+                plain(f"{change.where} {change.key}"),
+                plain(change.a if change.a is not None else NONE),
+                plain(change.b if change.b is not None else NONE),
+            )
+        parts.append(table)
+    more = len(found.context.entries) + found.context.left_out - min(len(entries), _MOST)
+    if more:
+        parts.append(Text(f"... and {more} more entries (--json has them)"))
+    return parts
+
+
+def _telling(change: Change) -> bool:
+    """Whether an entry says something to a person: not a hash, no matrix of a proof."""
+    silent = ("variables.", "system.", "final.", "certificate.claim")
+    return not change.key.startswith(silent) and not change.key.endswith("sha256")

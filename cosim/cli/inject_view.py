@@ -1,0 +1,83 @@
+"""What an injection did, as JSON and for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.run_view import late_view
+from cosim.cli.terminal import plain
+from cosim.replay import Injected
+from cosim.trace import diff_json, verdict
+
+
+def inject_json(found: Injected) -> dict[str, Any]:
+    """Everything, for `--json`."""
+    return {
+        "output": str(found.trace),
+        "content_hash": found.content_hash,
+        "fmu": str(found.fmu.path),
+        "fmu_sha256": found.fmu.sha256,
+        "component": found.name,
+        "as_component": found.role,
+        "mapped": {name: f"{s.topic}:{s.column}" for name, s in found.sources.items()},
+        "not_mapped": list(found.unfed),
+        "not_used": list(found.unused),
+        "parameters": dict(found.parameters),
+        "parameters_not_set": list(found.not_set),
+        "points": found.points,
+        "end_s": found.end_s,
+        "shift_s": found.shift_s,
+        "status": found.status,
+        "reason": found.reason,
+        "identical": found.identical,
+        "compare": None if found.compared is None else _compared(found),
+        "log_after_end": list(found.log_after_end),
+    }
+
+
+def _compared(found: Injected) -> dict[str, Any] | None:
+    if found.compared is None:
+        return None
+    keys: tuple[str, ...] = ("equal", "first", "signals", "only")
+    whole = diff_json(found.compared)
+    return {key: whole[key] for key in keys}
+
+
+def inject_view(found: Injected) -> RenderableType:
+    """What went in, what was left, and how it ended."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("input", style="bold")
+    table.add_column("fed with")
+    for name, source in found.sources.items():
+        table.add_row(plain(name), plain(f"{source.topic} {source.column}"))
+    parts: list[RenderableType] = [
+        plain(
+            f"{found.fmu.path.name} as {found.name}: {found.status} at t = {found.end_s:g} s, "
+            f"{found.points} communication points"
+        ),
+        table,
+    ]
+    for label, names in (
+        ("inputs at their start values", found.unfed),
+        ("recorded inputs that went nowhere", found.unused),
+        ("recorded parameters it does not have", found.not_set),
+    ):
+        if names:
+            parts.append(plain(f"{label}: {', '.join(names)}"))
+    own = f"{len(found.parameters)} set" if found.parameters else "the FMU's own"
+    parts.append(plain(f"parameters: {own}"))
+    if found.reason:
+        parts.append(Text(found.reason, style="red"))
+    if found.compared is not None:
+        colour = "green" if found.compared.equal else "red"
+        words = verdict(found.compared)
+        if found.identical:
+            words = "identical: every output came out again, bit for bit"
+        parts.append(Text(f"compared with what was recorded: {words}", style=colour))
+    parts += late_view(found.log_after_end)
+    parts.append(plain(f"trace: {found.trace}"))
+    return Group(*parts)

@@ -1,0 +1,226 @@
+"""Runs, for people; `--json` prints none of this."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.terminal import NONE, facts_table, number, titles_table
+from cosim.replay import Rerun
+from cosim.scenario import Demo, Outcome
+
+_STATUS = {
+    "finished": "green",
+    "limit_cycle": "yellow",
+    "stopped": "cyan",
+    "diverged": "red",
+    "failed": "red",
+}
+
+
+def outcome_view(outcome: Outcome) -> RenderableType:
+    """A run: status, figures with how each was obtained, links, assumptions."""
+    colour = _STATUS[outcome.status]
+    head = Text.assemble(
+        (outcome.title, "bold"),
+        "\n",
+        (outcome.status.replace("_", " "), f"bold {colour}"),
+        f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
+        f"{outcome.steps} communication steps",
+    )
+    parts: list[RenderableType] = [head]
+    if outcome.reason:
+        parts.append(Text(outcome.reason, style=colour))
+    facts = facts_table()
+    for label, value, how in _figures(outcome):
+        if value != NONE:
+            facts.add_row(label, value, how)
+    parts += [
+        facts,
+        *_pace(outcome),
+        *_links(outcome.links),
+        _assumptions(outcome.metrics["assumptions"]),
+        *_assertions(outcome),
+    ]
+    if outcome.design is not None:
+        parts.append(Text(f"design: {outcome.design.words}"))
+    parts += late_view(outcome.log_after_end)
+    if outcome.trace is not None:
+        parts.append(Text(f"trace: {outcome.trace}"))
+    return Group(*parts)
+
+
+def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType]:
+    """Warnings and errors of when the trace was complete and the slaves were ended."""
+    words = "{level}, not in the trace: {name}: {message}".format_map
+    serious = (line for line in log_after_end if line["level"] not in {"debug", "info"})
+    return [Text(words(line), style="yellow") for line in serious]
+
+
+def demo_view(demo: Demo) -> RenderableType:
+    """Both flights side by side."""
+    outcomes = list(demo.outcomes.values())
+    table = Table(title="One vehicle, one sea, one acoustic link; two gains", title_justify="left")
+    table.add_column("")
+    table.add_column("", style="dim")
+    for label in demo.outcomes:
+        table.add_column(label, justify="right")
+    table.add_row("status", "judged", *(_status(outcome) for outcome in outcomes))
+    for rows in zip(*map(_figures, outcomes), strict=True):
+        label, _, how = rows[0]
+        table.add_row(label, how, *(value for _, value, _ in rows))
+    for name in outcomes[0].links:
+        links = [outcome.links[name] for outcome in outcomes]
+        table.add_section()
+        table.add_row(
+            f"{name} messages",
+            "sent, delivered, dropped",
+            *(f"{s['sent']}, {s['delivered']}, {s['dropped']}" for s in links),
+        )
+        for label, key in (("mean delay", "mean_delay_s"), ("largest age", "max_age_s")):
+            table.add_row(f"{name} {label}", "measured", *(number(s[key], 3, "s") for s in links))
+    table.add_section()
+    for name in outcomes[0].metrics["assumptions"]:
+        table.add_row(
+            name.replace("_", " "),
+            "assumption",
+            *(_tick(outcome.metrics["assumptions"].get(name)) for outcome in outcomes),
+        )
+    files = Text.assemble(
+        "picture: ",
+        (str(demo.picture), "bold"),
+        *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
+        "\nlook closer: ",
+        (f"cosim trace report {outcomes[-1].trace}", "bold"),
+        f"\n             cosim trace diff {' '.join(str(outcome.trace) for outcome in outcomes)}",
+    )
+    return Group(table, files)
+
+
+def rerun_view(result: Rerun) -> RenderableType:
+    """Whether the run again is the run."""
+    if result.identical and not result.finished:
+        return Text.assemble(
+            ("identical", "bold green"),
+            f" as far as it goes: {result.original} did not finish, and the run again begins "
+            "with every message of it, bit for bit",
+        )
+    if result.identical:
+        return Text.assemble(
+            ("identical", "bold green"),
+            f": every message of {result.original} came out again, "
+            f"bit for bit\ncontent hash {result.original_hash}",
+        )
+    lines = "\n".join(f"  {line}" for line in result.differences[:20])
+    return Text.assemble(("not identical", "bold red"), f" to {result.original}\n{lines}")
+
+
+def scenarios_view(rows: list[dict[str, str]]) -> RenderableType:
+    """Names and titles."""
+    return titles_table("scenario", "what it is", rows)
+
+
+def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
+    """(figure, value, how it was obtained)."""
+    m = outcome.metrics
+    largest = m["largest_command"] or {}
+    thrust = max((v for n, v in largest.items() if n.startswith("force.")), default=None)
+    use = m["envelope_use"]
+    return [
+        ("gamma", number(m["gamma"], 5), "certified"),
+        ("exact norm, nominal loop", number(m["exact_norm"], 5), "computed"),
+        ("gain of the flight from rest", number(m["gain"], 5), _gain_measured(m)),
+        ("final position error", number(m["position_error_m"], 3, "m"), "measured"),
+        ("largest thrust", number(thrust, 4, "N"), "measured"),
+        ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
+        ("age designed for", number(m["designed_age_s"], 4, "s"), "certified up to it"),
+        ("oldest measurement used", number(m["message_age_s"], 4, "s"), "measured"),
+        ("delay added by the coupling", number(m["coupling_delay_s"], 4, "s"), "beside the links'"),
+        ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
+    ]
+
+
+def _pace(outcome: Outcome) -> list[RenderableType]:
+    """How well the clock on the wall was kept."""
+    kept = outcome.pace
+    if kept is None:
+        return []
+    late = f"{kept.late} of {kept.points} points overran the next one"
+    worst = f"latest by {kept.largest_s:.3g} s, {kept.mean_s:.3g} s on average"
+    return [Text(f"{kept.factor:g} x real time: {late}; {worst}")]
+
+
+def _gain_measured(metrics: Mapping[str, Any]) -> str:
+    """How the gain was obtained, and for a worst case how much of the norm it reached."""
+    worst, reached = metrics["worst_case"], metrics["norm_reached"]
+    if worst is None or reached is None:
+        return "measured"
+    at = f"worst case at {worst['omega']:.4g} rad/s"
+    return f"measured: {at}, {100 * reached:.2f} % of the exact norm"
+
+
+def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
+    if not links:
+        return []
+    table = Table(box=None, pad_edge=False)
+    for column in ("link", "sent", "delivered", "dropped", "mean delay", "max delay", "max age"):
+        table.add_column(column, justify="left" if column == "link" else "right")
+    for name, s in links.items():
+        table.add_row(
+            name,
+            str(s["sent"]),
+            str(s["delivered"]),
+            str(s["dropped"]),
+            *(number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
+        )
+    return [table]
+
+
+def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
+    if not assumptions:
+        return Text("no design, nothing is guaranteed", style="dim")
+    table = Table(
+        box=None,
+        pad_edge=False,
+        title="Assumptions of the guarantee",
+        title_justify="left",
+        show_header=False,
+    )
+    for name, met in assumptions.items():
+        table.add_row(_tick(met), name.replace("_", " "))
+    return table
+
+
+def _assertions(outcome: Outcome) -> list[RenderableType]:
+    """What was to hold, and whether it did."""
+    if not outcome.assertions:
+        return []
+    table = Table(
+        box=None, pad_edge=False, title="Assertions", title_justify="left", show_header=False
+    )
+    for verdict in outcome.assertions:
+        style = "green" if verdict.as_expected else "red"
+        at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
+        table.add_row(
+            Text(f"{verdict.told}{at}", style=style),
+            Text(verdict.name or verdict.words),
+        )
+    return [table]
+
+
+def _status(outcome: Outcome) -> Text:
+    return Text(outcome.status.replace("_", " "), style=_STATUS[outcome.status])
+
+
+def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
+    if met is None:
+        return Text(NONE)
+    return Text("met", style="green") if met else Text("not met", style="red")
+
+
+def _percent(value: float | None) -> str:
+    return NONE if value is None else f"{100 * value:.1f} %"

@@ -1,0 +1,167 @@
+"""Verbs about scenarios: list, new, check, show, schema."""
+
+from __future__ import annotations
+
+import enum
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cosim.cli.arguments import write
+from cosim.cli.common import FMUS, FmusOption, JsonOption, SetOption, answer, hangar
+from cosim.cli.run_view import scenarios_view
+from cosim.cli.terminal import console
+from cosim.core import CosimError, InputError
+from cosim.scenario import (
+    NAME_PATTERN,
+    as_mermaid,
+    as_text,
+    builtin_names,
+    json_schema,
+    load,
+    open_source,
+    problems_of,
+    template,
+    with_settings,
+)
+
+scenario_app = typer.Typer(
+    no_args_is_help=True, help="Write, check and look at scenarios: TOML that says what flies."
+)
+
+
+class Diagram(enum.Enum):
+    """What --diagram takes."""
+
+    text = "text"
+    mermaid = "mermaid"
+
+
+@scenario_app.command("list")
+def list_scenarios(*, as_json: JsonOption = False) -> None:
+    """List the scenarios that come with the package, with what each is about."""
+    found = [(name, load(name).scenario) for name in builtin_names()]
+    rows: list[dict[str, Any]] = [
+        {
+            "name": name,
+            "title": scenario.title,
+            "description": scenario.description.strip(),
+            "components": list(scenario.components),
+            "links": list(scenario.links),
+            "assertions": [part.words for part in scenario.assertions],
+        }
+        for name, scenario in found
+    ]
+    answer(as_json, lambda: {"scenarios": rows}, lambda: scenarios_view(rows))
+
+
+@scenario_app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Of the scenario; it is written to NAME.toml.")],
+    base: Annotated[
+        str | None, typer.Option("--from", help="A built-in scenario to extend.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a scenario to begin with, explained line by line.
+
+    Examples: cosim scenario new mine; cosim scenario new slower --from auv-acoustic
+    """
+    stem = name.removesuffix(".toml")
+    if not re.fullmatch(NAME_PATTERN, Path(stem).name):
+        raise InputError(
+            "this is no name of a scenario",
+            where=name,
+            expected="a letter, then letters, digits, _ or -",
+        )
+    path = Path(f"{stem}.toml")
+    if path.exists():
+        raise InputError("this file is there already", where=str(path), hint="another name")
+    write(path, template(Path(stem).name, base))
+    data = {"file": str(path), "extends": base}
+    answer(
+        as_json,
+        lambda: data,
+        lambda: f"{path}\nnext: cosim scenario check {path}; cosim run {path}",
+    )
+
+
+@scenario_app.command()
+def check(
+    names: Annotated[list[str], typer.Argument(help="Files, or names of built-in scenarios.")],
+    changed: SetOption = None,
+    fmus: FmusOption = FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Say everything that is wrong with scenarios, without flying them (exit code 2 if any is).
+
+    Example: cosim scenario check mine.toml other.toml
+    """
+    found = {name: _problems(name, list(changed or ()), fmus) for name in names}
+    rows = [
+        {"scenario": name, "ok": not problems, "problems": [_as_json(p) for p in problems]}
+        for name, problems in found.items()
+    ]
+    if as_json:
+        print(json.dumps({"scenarios": rows}, indent=1, allow_nan=False))
+    else:
+        for name, problems in found.items():
+            for problem in problems:
+                print(problem.text())
+            print(f"{name}: {'ok' if not problems else f'{len(problems)} wrong'}")
+    if any(found.values()):
+        raise typer.Exit(InputError.exit_code)
+
+
+def _problems(name: str, settings: list[str], fmus: Path) -> list[CosimError]:
+    try:
+        source = with_settings(open_source(name), settings)
+        return problems_of(source, hangar(fmus, source.folder))
+    except CosimError as error:
+        return [error]
+
+
+def _as_json(error: CosimError) -> dict[str, str | None]:
+    return {key: getattr(error, key) for key in ("what", "where", "expected", "got", "hint")}
+
+
+@scenario_app.command()
+def show(
+    name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
+    changed: SetOption = None,
+    diagram: Annotated[
+        Diagram | None, typer.Option(help="Draw components, links and connections instead.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show a scenario as it will fly: what it extends put in, units resolved.
+
+    Examples: cosim scenario show auv-acoustic --set links.uplink.loss=0.2;
+    cosim scenario show auv-acoustic --diagram text
+    """
+    loaded = load(name, list(changed or ()))
+    if diagram is not None:
+        text = (as_text if diagram is Diagram.text else as_mermaid)(loaded.scenario)
+        data: dict[str, Any] = {"scenario": loaded.name, "diagram": text}
+    else:
+        text = loaded.scenario.to_toml()
+        data = {"scenario": loaded.name, "content": loaded.scenario.to_data()}
+    if as_json:
+        print(json.dumps(data, indent=1, allow_nan=False))
+    else:
+        # as it is: what looks like markup in it is none
+        console().print(text, markup=False, soft_wrap=True)
+
+
+@scenario_app.command()
+def schema(*, as_json: JsonOption = False) -> None:
+    """Print the JSON Schema of a scenario, for editors that complete and check TOML.
+
+    Example: cosim scenario schema > scenario.schema.json; then, as the first line of a
+    scenario: #:schema ./scenario.schema.json
+    """
+    del as_json  # it is JSON either way
+    print(json.dumps(json_schema(), indent=1))

@@ -1,0 +1,146 @@
+"""Studies, for people; `--json` prints none of this."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.terminal import NONE, facts_table, number, titles_table
+from cosim.study import Boundary, Finished, Group as RunGroup, Numbers, Share, Summary
+
+_GOOD = ("finished",)
+
+
+def studies_view(rows: list[dict[str, str]]) -> RenderableType:
+    """Names and titles."""
+    return titles_table("study", "what it asks", rows)
+
+
+def checked_view(data: dict[str, Any]) -> RenderableType:
+    """What a study would do."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("axis", "moves", "first run", "last run"):
+        table.add_column(column)
+    for axis, places in data["axes"].items():
+        ends = (str(data[end][axis])[:24] for end in ("first", "last"))
+        table.add_row(axis, "\n".join(places), *ends)
+    head = Text.assemble(
+        (data["title"], "bold"), f"\n{data['runs']} runs of the scenario {data['scenario']}"
+    )
+    return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
+
+
+def finished_view(done: Finished) -> RenderableType:
+    """How many runs ended how, and where the table is."""
+    facts = facts_table()
+    now = f"{done.flown} of them flown now, in {done.seconds:.3g} s"
+    facts.add_row("runs", str(done.runs), now)
+    for status, count in sorted(done.statuses.items()):
+        label = Text(status.replace("_", " "), style="" if status in _GOOD else "yellow")
+        facts.add_row(label, str(count), "")
+    parts: list[RenderableType] = [facts]
+    if done.traces:
+        kept = [run for run, why in done.traces.items() if why is None]
+        parts.append(Text(f"traces: {len(kept)} in {done.folder / 'traces'}"))
+        for run, why in done.traces.items():
+            if why is not None:
+                parts.append(Text(f"no trace of run {run}: {why}", style="yellow"))
+    parts.append(Text(f"table:  {done.results}\nnext:   cosim study show {done.folder}"))
+    return Group(*parts)
+
+
+def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) -> RenderableType:
+    """Shares and means per group."""
+    of = "" if found.runs == found.count else f" of {found.count}: the study is not finished"
+    head = Text.assemble(
+        (found.title, "bold"),
+        f"\n{found.runs} runs{of}; intervals: {100 * found.confidence:g} %, "
+        f"shares Wilson, means {found.method}",
+    )
+    parts: list[RenderableType] = [head]
+    parts += [_together(found.groups[0])] if not found.by else [_per_group(found)]
+    if edge is not None:
+        parts.append(_boundary(edge))
+    if picture is not None:
+        parts.append(Text(f"picture: {picture}"))
+    return Group(*parts)
+
+
+def _together(group: RunGroup) -> RenderableType:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("metric")
+    for column in ("mean or share", "interval", "deviation", "min", "median", "max", "runs"):
+        table.add_column(column, justify="right")
+    for name, share in group.shares.items():
+        table.add_row(name, *_share(share), "", "", "", "", f"{share.count} of {share.of}")
+    for name, found in group.numbers.items():
+        table.add_row(
+            name,
+            *_mean(found),
+            *(number(v, 4) for v in (found.deviation, found.minimum, found.median, found.maximum)),
+            str(found.count) + (f", {found.missing} without" if found.missing else ""),
+        )
+    return table
+
+
+def _per_group(found: Summary) -> RenderableType:
+    shares = list(dict.fromkeys(n for g in found.groups for n in g.shares))
+    means = list(dict.fromkeys(n for g in found.groups for n in g.numbers))
+    table = Table(box=None, pad_edge=False)
+    for axis in found.by:
+        table.add_column(axis, style="bold", justify="right")
+    table.add_column("runs", justify="right")
+    for name in (*shares, *means):
+        table.add_column(name, justify="right")
+    for group in found.groups:
+        cells = [_value(group.where[axis]) for axis in found.by]
+        for name in shares:
+            share = group.shares.get(name)
+            cells.append(NONE if share is None else " ".join(_share(share)))
+        for name in means:
+            mean = group.numbers.get(name)
+            cells.append(NONE if mean is None else " ".join(_mean(mean)))
+        table.add_row(*cells[: len(found.by)], str(group.runs), *cells[len(found.by) :])
+    return table
+
+
+def _share(found: Share) -> tuple[str, str]:
+    return f"{100 * found.share:.1f} %", f"[{100 * found.low:.1f}, {100 * found.high:.1f}]"
+
+
+def _mean(found: Numbers) -> tuple[str, str]:
+    if found.low is None or found.high is None or found.low == found.high:
+        return number(found.mean, 4), ""
+    return number(found.mean, 4), f"[{found.low:.4g}, {found.high:.4g}]"
+
+
+def _value(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _boundary(edge: Boundary) -> RenderableType:
+    table = Table(
+        box=None, pad_edge=False, title="Loss of stability as the delay grows", title_justify="left"
+    )
+    for column in ("loss", "stable up to", "not stable from", "certified up to"):
+        table.add_column(column, justify="right")
+    for each in edge.edges:
+        table.add_row(
+            number(each.loss, 3),
+            *(number(v, 5, "s") for v in (each.stable_to, each.unstable_from, each.certified_to)),
+        )
+    said = facts_table()
+    said.add_row("exact delay margin", number(edge.exact_margin, 6, "s"), "computed, without loss")
+    said.add_row("age designed for", number(edge.certified_age, 5, "s"), "certified up to it")
+    for label, holds in (
+        ("the exact margin lies between", edge.agrees),
+        ("all that is certified was stable", edge.certified_inside),
+    ):
+        if holds is not None:
+            word = Text("yes", style="green") if holds else Text("no", style="red")
+            said.add_row(label, word, "measured")
+    return Group(table, said)

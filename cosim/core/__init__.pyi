@@ -1,0 +1,14 @@
+from .errors import (
+    CheckFailedError as CheckFailedError,
+    ComponentError as ComponentError,
+    CosimError as CosimError,
+    InputError as InputError,
+    LossError as LossError,
+    NotAchievableError as NotAchievableError,
+    StoppedError as StoppedError,
+)
+from .extras import optional as optional
+from .progress import (
+    Progress as Progress,
+    silent as silent,
+)

@@ -1,0 +1,117 @@
+"""Build FMUs into a folder: fmus/<flavour>/NAME.fmu, what is up to date left alone."""
+
+from __future__ import annotations
+
+import functools
+import re
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.fmu.export.catalogue import CATALOGUE
+from cosim.fmu.export.native.package import build_native_fmu, guid as native_guid
+from cosim.fmu.export.native.platforms import Platform, host
+from cosim.fmu.export.python.package import build_python_fmu, guid as python_guid
+from cosim.fmu.export.spec import ComponentSpec
+
+FLAVOUR = "python"
+"""The flavour that is meant where none is named."""
+
+FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
+"""Every flavour, by the name of its folder, with its version of FMI."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """An FMU that is there now, and whether it had to be made."""
+
+    name: str
+    path: Path
+    new: bool
+
+
+def ensure_fmu(
+    name: str,
+    root: Path,
+    *,
+    flavour: str = FLAVOUR,
+    platforms: Sequence[Platform] = (),
+    force: bool = False,
+) -> Built:
+    """The FMU `name` of the catalogue under `root`/`flavour`, built if missing or out of date.
+
+    `platforms` are those to cross-compile a native FMU for; none means this machine, by its
+    own compiler.
+
+    Raises
+    ------
+    KeyError : no such component or flavour.
+    InputError : a native FMU has to be built and there is no compiler.
+    """
+    spec = CATALOGUE[name]
+    path = root / flavour / f"{name}.fmu"
+    if not force and path.is_file() and _up_to_date(path, name, flavour, platforms):
+        return Built(name, path, new=False)
+    return Built(name, build_fmu(spec, path.parent, flavour, platforms), new=True)
+
+
+def build_fmu(
+    spec: ComponentSpec, folder: Path, flavour: str = FLAVOUR, platforms: Sequence[Platform] = ()
+) -> Path:
+    """Write `folder`/NAME.fmu of any component, of the catalogue or not, and give its path.
+
+    Raises
+    ------
+    KeyError : no such flavour.
+    InputError : native, and there is no compiler.
+    """
+    version = FMI_VERSION[flavour]
+    if flavour == "python":
+        return build_python_fmu(spec, folder)
+    return build_native_fmu(spec, folder, version, platforms)
+
+
+def ensure_all(
+    root: Path,
+    names: Iterable[str] = (),
+    *,
+    flavour: str = FLAVOUR,
+    platforms: Sequence[Platform] = (),
+    force: bool = False,
+) -> list[Built]:
+    """`ensure_fmu` for the names given, all of the catalogue by default."""
+    return [
+        ensure_fmu(name, root, flavour=flavour, platforms=platforms, force=force)
+        for name in (names or CATALOGUE)
+    ]
+
+
+def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platform]) -> bool:
+    found = _inside(path)
+    if found is None:
+        return False  # not an FMU: it is built anew
+    identity, entries = found
+    version = FMI_VERSION[flavour]
+    machines = [] if flavour == "python" else platforms or [host()]
+    wanted = {f"binaries/{p.folder(version)}/{name}{p.suffix}" for p in machines}
+    return identity == _guid(name, flavour) and wanted <= entries
+
+
+@functools.cache
+def _guid(name: str, flavour: str) -> str:
+    """What today's code gives: the same while a process lives, and half of a short run's time."""
+    spec = CATALOGUE[name]
+    return python_guid(spec) if flavour == "python" else native_guid(spec, FMI_VERSION[flavour])
+
+
+def _inside(path: Path) -> tuple[str, set[str]] | None:
+    """GUID or instantiation token, and the names of all entries."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            text = archive.read("modelDescription.xml").decode("utf-8", "replace")
+            entries = set(archive.namelist())
+    except (OSError, KeyError, zipfile.BadZipFile):
+        return None
+    found = re.search(r'\b(?:guid|instantiationToken)="([^"]*)"', text)
+    return None if found is None else (found.group(1), entries)

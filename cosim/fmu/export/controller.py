@@ -1,0 +1,151 @@
+"""From a saved design to a controller FMU: gain, limits, certificate and page baked in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.fmu.export.fmu_file import Kind, checked_name, model_name, write_fmu
+from cosim.fmu.export.spec import ComponentSpec
+from cosim.hinf import certificate_bytes, certificate_hash, check_certificate, system_from_json
+from cosim.models import DelaySystem
+from fmu_src.hinf_controller.variables import LIMITS, feedback_spec, vehicle_spec
+
+Form = Literal["vehicle", "system"]
+"""Measured eta, nu to thrust; or measured x[j] to u[i], in the letters of Eq. (7)."""
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A controller FMU that was made.
+
+    Attributes
+    ----------
+    path : the file.
+    name : its model name.
+    kind : flavour and platforms.
+    form : which variables it has.
+    K : (m, n) its gain.
+    claim : what its certificate proves.
+    sha256 : of its certificate.
+    """
+
+    path: Path
+    name: str
+    kind: Kind
+    form: Form
+    K: list[list[float]]
+    claim: dict[str, Any]
+    sha256: str
+
+
+def pack_controller(
+    data: Any,
+    path: Path,
+    *,
+    where: str,
+    kind: Kind,
+    name: str | None = None,
+    sample_time: float | None = None,
+    limits: Sequence[float] | None = None,
+) -> Packed:
+    """Write the FMU of a proved gain.
+
+    Parameters
+    ----------
+    data : a design or certificate, as JSON values; its proof is checked first.
+    path : the FMU to be written.
+    where : where `data` is from, for messages.
+    name : of the model; by default the stem of `path`.
+    sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
+        point) for any other system.
+    limits : the vehicle: of each thrust [N] and of the moment [N m]; otherwise one per command,
+        none by default.
+
+    Raises
+    ------
+    InputError : no certificate, a proof that does not hold, nothing to feed back, numbers that
+        do not fit, no compiler, or a file that cannot be written.
+    """
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+    if "K" not in data:
+        raise InputError(
+            "there is no gain to pack", where=where, got=f"a proof of kind {data['kind']}"
+        )
+    system = system_from_json(data["system"])
+    m = system.B.shape[1]
+    if m == 0:
+        raise InputError(
+            "there is no gain to pack",
+            where=where,
+            expected="a system with a control input (B)",
+            got="the analysis of a system as it is",
+        )
+    form: Form = "vehicle" if is_vehicle(system) else "system"
+    chosen = model_name(path) if name is None else checked_name(name)
+    spec = _spec(form, chosen, data, _checked(sample_time, limits, form, m))
+    write_fmu(spec, path, kind)
+    return Packed(path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data))
+
+
+def is_vehicle(system: DelaySystem) -> bool:
+    """Whether x = (eta, nu) and u is an acceleration, as in the built-in system `auv`."""
+    if system.B.shape != (8, 4):
+        return False
+    zero, one = np.zeros((4, 4)), np.eye(4)
+    return np.array_equal(system.A, np.block([[zero, one], [zero, zero]])) and np.array_equal(
+        system.B, np.vstack([zero, one])
+    )
+
+
+@dataclass(frozen=True)
+class _Settings:
+    sample_time: float
+    limits: tuple[float, ...]
+
+
+def _checked(
+    sample_time: float | None, limits: Sequence[float] | None, form: Form, m: int
+) -> _Settings:
+    usual = (0.05, LIMITS) if form == "vehicle" else (0.0, ())
+    chosen = usual[0] if sample_time is None else sample_time
+    bounds = usual[1] if limits is None else tuple(limits)
+    if not (math.isfinite(chosen) and chosen >= 0):
+        raise InputError(
+            "not a sample time", where="--sample-time", expected="seconds >= 0", got=repr(chosen)
+        )
+    wanted = 2 if form == "vehicle" else m
+    fits = len(bounds) == wanted or (form == "system" and not bounds)
+    if not fits or not all(math.isfinite(value) and value >= 0 for value in bounds):
+        raise InputError(
+            "the limits do not fit the controller",
+            where="--limits",
+            expected="largest thrust [N] and largest moment [N m]"
+            if form == "vehicle"
+            else f"{m} numbers >= 0, one per command",
+            got=", ".join(map(repr, bounds)),
+        )
+    return _Settings(chosen, bounds)
+
+
+def _spec(form: Form, name: str, data: dict[str, Any], settings: _Settings) -> ComponentSpec:
+    certificate = certificate_bytes(data)
+    if form == "vehicle":
+        return vehicle_spec(
+            name, certificate, sample_time=settings.sample_time, limits=settings.limits
+        )
+    return feedback_spec(
+        name,
+        certificate,
+        description="Sampled state feedback with a certified gain, Eq. (8)",
+        sample_time=settings.sample_time,
+        limits=settings.limits,
+    )

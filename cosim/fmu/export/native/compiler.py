@@ -1,0 +1,121 @@
+"""From C to a shared library: the system's compiler for this machine, zig for any other.
+
+The same sources and the same compiler give the same bytes: no build identity, no path, no
+time gets into the library.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from cosim.core import InputError
+
+from .platforms import Platform
+
+STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
+
+
+def host_compiler() -> list[str]:
+    """The command of the system's C compiler: $CC, or the first of cc, gcc, clang.
+
+    Raises
+    ------
+    InputError : there is none.
+    """
+    chosen = os.environ.get("CC", "").strip()
+    for command in [chosen] if chosen else ["cc", "gcc", "clang"]:
+        words = shlex.split(command)
+        if words and shutil.which(words[0]):
+            return words
+    raise InputError(
+        "native FMUs need a C compiler",
+        expected="cc, gcc or clang on the PATH, or the one named by CC",
+        got=f"CC={chosen}" if chosen else "none of them",
+        hint="install one (Debian: apt install gcc), or the extra that brings a cross compiler, "
+        "pip install 'auv-cosim[cross]', and build with --platforms all; --flavour python "
+        "needs none",
+    )
+
+
+def cross_compiler() -> list[str]:
+    """The command of zig's C compiler, from the extra `cross`.
+
+    Raises
+    ------
+    InputError : the extra is not installed.
+    """
+    if importlib.util.find_spec("ziglang") is None:
+        raise InputError(
+            "FMUs for other platforms need a cross compiler",
+            expected="the package ziglang",
+            hint="pip install 'auv-cosim[cross]'",
+        )
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def shared_library(
+    name: str,
+    sources: Mapping[str, bytes],
+    compiled: Sequence[str],
+    target: Platform,
+    *,
+    cross: bool,
+) -> bytes:
+    """Compile and link.
+
+    Parameters
+    ----------
+    name : of the model, and of the library.
+    sources : file name -> content; headers included.
+    compiled : the files to compile.
+    target : where the library is to run.
+    cross : by zig for `target`; otherwise by the system's compiler, for this machine.
+
+    Raises
+    ------
+    InputError : no compiler, or it does not take the sources.
+    """
+    command = [*cross_compiler(), "-target", target.zig] if cross else host_compiler()
+    command += STANDARD
+    if target.suffix != ".dll":
+        command += ["-fPIC", "-DOLDEST_LIBM"]
+    command += ["-shared", *_link_options(name, target, cross=cross)]
+    with tempfile.TemporaryDirectory(prefix="cosim-native-") as folder:
+        for file, content in sources.items():
+            Path(folder, file).write_bytes(content)
+        library = f"{name}{target.suffix}"
+        command += ["-I.", *compiled, "-o", library]
+        if target.suffix != ".dll":
+            command.append("-lm")
+        done = subprocess.run(  # noqa: S603 - a compiler, on our own sources
+            command,
+            cwd=folder,
+            check=False,
+            capture_output=True,
+            text=True,
+            env={**os.environ, "LC_ALL": "C", "SOURCE_DATE_EPOCH": "315532800"},
+        )
+        built = Path(folder, library)
+        if done.returncode != 0 or not built.is_file():
+            raise InputError(
+                f"the C of the FMU cannot be compiled for {target.tuple_name}",
+                expected="a C99 compiler",
+                got=f"{shlex.join(command[:4])} ...: {done.stderr.strip()[-2000:]}",
+            )
+        return built.read_bytes()
+
+
+def _link_options(name: str, target: Platform, *, cross: bool) -> list[str]:
+    if target.suffix == ".so":
+        return ["-s", "-Wl,--build-id=none"]
+    if target.suffix == ".dylib":
+        return [f"-Wl,-install_name,@rpath/{name}.dylib", *(["-s"] if cross else [])]
+    return ["-s", *([] if cross else ["-Wl,--no-insert-timestamp"])]

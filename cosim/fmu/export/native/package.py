@@ -1,0 +1,124 @@
+"""Make the native FMU of a component: C from its equations, binaries, the archive."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from cosim.fmu.export.archive import deterministic_zip
+from cosim.fmu.export.documentation import documentation_files
+from cosim.fmu.export.model_description import as_bytes, fmi2_xml, fmi3_xml
+from cosim.fmu.export.spec import ComponentSpec
+
+from .compiler import STANDARD, shared_library
+from .kinds import COMMON, model_files
+from .platforms import Platform, host
+
+_TOOL = "auv-cosim"
+_HEADERS = {
+    "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_HEADERS_OF = (
+    ("delay_line.c", "delay_line.h"),
+    ("packet_link.c", "draws.h"),
+    ("packet_link.c", "clock.h"),
+    ("transport_link.c", "clock.h"),
+    ("table.c", "clock.h"),
+)
+"""Headers that a component's own C needs beside those of every component."""
+_OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
+
+
+@functools.cache
+def _shell(name: str) -> bytes:
+    folder = files("cosim.fmu.export.native") / "c"
+    foreign = folder / "headers" / name
+    path = foreign if foreign.is_file() else folder / name
+    return path.read_bytes().replace(b"\r\n", b"\n")
+
+
+def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str, bytes], list[str]]:
+    """Files of sources/ by name, and which of them are compiled.
+
+    Parameters
+    ----------
+    version : of FMI, "2.0" or "3.0".
+    identity : GUID or instantiation token, which the binary checks.
+    """
+    generated, own = model_files(spec, identity)
+    compiled = [*COMMON, *own, "fmi2.c" if version == "2.0" else "fmi3.c"]
+    headers = [*_OWN_HEADERS, *_HEADERS[version]]
+    for source, header in _HEADERS_OF:
+        if source in own:
+            headers.append(header)
+    found = {name: text.encode() for name, text in generated.items()}
+    found.update({name: _shell(name) for name in (*compiled, *headers)})
+    return found, sorted([*compiled, "model.c"])
+
+
+def guid(spec: ComponentSpec, version: str) -> str:
+    """The hash that tells whether a built FMU is up to date; the binary checks it too."""
+    content, _ = sources(spec, version, "")
+    options = " ".join(STANDARD).encode()
+    return spec.guid({**content, **_files(spec, version, "", content), "options": options})
+
+
+def build_native_fmu(
+    spec: ComponentSpec, destination: Path, version: str, platforms: Sequence[Platform] = ()
+) -> Path:
+    """Write `destination`/NAME.fmu and return its path; two builds give the same bytes.
+
+    Parameters
+    ----------
+    version : of FMI, "2.0" or "3.0".
+    platforms : to cross-compile for; none: this machine, by its own compiler.
+
+    Raises
+    ------
+    InputError : no compiler.
+    """
+    identity = guid(spec, version)
+    content, compiled = sources(spec, version, identity)
+    archive = _files(spec, version, identity, content)
+    archive.update({f"sources/{name}": text for name, text in content.items()})
+    for target in platforms or [host()]:
+        path = f"binaries/{target.folder(version)}/{spec.name}{target.suffix}"
+        archive[path] = shared_library(spec.name, content, compiled, target, cross=bool(platforms))
+    return deterministic_zip(archive, destination / f"{spec.name}.fmu")
+
+
+def _files(
+    spec: ComponentSpec, version: str, identity: str, content: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    """Everything of the archive but sources and binaries."""
+    compiled = sorted(name for name in content if name.endswith(".c"))
+    archive = {**documentation_files(spec), **spec.resource_files()}
+    archive["documentation/licenses/fmi-headers.txt"] = _shell("license.txt")
+    if version == "2.0":
+        archive["modelDescription.xml"] = fmi2_xml(
+            spec, identity, tool=_TOOL, needs_tool=False, derivatives=True, sources=compiled
+        )
+    else:
+        archive["modelDescription.xml"] = fmi3_xml(spec, identity, tool=_TOOL)
+        archive["sources/buildDescription.xml"] = _build_description(spec, compiled)
+        archive["terminalsAndIcons/icon.png"] = archive.pop("model.png")
+    return archive
+
+
+def _build_description(spec: ComponentSpec, compiled: Sequence[str]) -> bytes:
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=spec.name)
+    listed = ET.SubElement(
+        configuration,
+        "SourceFileSet",
+        language="C99",
+        compilerOptions=" ".join(STANDARD),
+    )
+    for name in compiled:
+        ET.SubElement(listed, "SourceFile", name=name)
+    ET.SubElement(configuration, "Library", name="m", external="true")
+    return as_bytes(root)

@@ -1,0 +1,87 @@
+"""From a system in the letters of Eq. (7) to a plant FMU."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosim.core import InputError
+from cosim.fmu.export.fmu_file import Kind, checked_name, model_name, write_fmu
+from cosim.hinf import system_by_name
+from cosim.models import DelaySystem, paper_example
+from fmu_src.delayed_plant.variables import delay_names, delayed_plant_spec, plant_delays
+
+_PAPER_F = (paper_example.F_AMPLITUDE, paper_example.F_OMEGA)
+
+
+@dataclass(frozen=True)
+class PackedPlant:
+    """A plant FMU that was made.
+
+    Attributes
+    ----------
+    path : the file.
+    name : its model name.
+    kind : flavour and platforms.
+    system : what it was made from.
+    delays : parameter -> its start value [s].
+    step : start value of `solver.step` [s].
+    """
+
+    path: Path
+    name: str
+    kind: Kind
+    system: DelaySystem
+    delays: dict[str, float]
+    step: float
+
+
+def pack_plant(
+    system: str,
+    path: Path,
+    *,
+    kind: Kind,
+    name: str | None = None,
+    initial: Sequence[float] | None = None,
+) -> PackedPlant:
+    """Write the FMU of a system.
+
+    Parameters
+    ----------
+    system : a built-in one, or a `.toml` file.
+    path : the FMU to be written.
+    name : of the model; by default the stem of `path`.
+    initial : x(t) for t <= start; zero by default, of `paper` the state of its section 5.
+
+    Raises
+    ------
+    InputError : no such system, a file that does not hold one, numbers that do not fit, no
+        compiler, or a file that cannot be written.
+    """
+    chosen = model_name(path) if name is None else checked_name(name)
+    given = system_by_name(system).system
+    paper = system == "paper"
+    usual = paper_example.INITIAL_STATE if paper else (0.0,) * given.A.shape[0]
+    start = usual if initial is None else tuple(initial)
+    if len(start) != len(usual) or not all(map(math.isfinite, start)):
+        raise InputError(
+            "the initial state does not fit the system",
+            where="--initial",
+            expected=f"{len(usual)} finite numbers, one per state",
+            got=", ".join(map(repr, start)),
+        )
+    spec = delayed_plant_spec(
+        given,
+        name=chosen,
+        initial=start,
+        F=_PAPER_F if paper else (0.0, 1.0),
+        origin=f"The start values are those of the system `{system}`."
+        if not system.endswith(".toml")
+        else "The start values are those of the system's file.",
+    )
+    write_fmu(spec, path, kind)
+    delays = plant_delays(given)
+    named = zip(delay_names(len(delays)), (delay.d for delay in delays), strict=True)
+    return PackedPlant(path, chosen, kind, given, dict(named), spec.step_size)

@@ -1,0 +1,99 @@
+"""What every delay equation in an FMU has in common: inputs held, history, outputs, state.
+
+A component derives from `DelayPlant`, names its variables and gives its equations; they are
+written over scalars, so that the C of the native FMU is made from the same lines. The
+variables are those of the state, an `initial.` parameter for each, `solver.step`, and the
+delays. Standard library only: this file also travels inside the FMU.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from cosim.models import DelayLine
+
+
+class DelayPlant:
+    """A delay equation between two communication points.
+
+    Attributes
+    ----------
+    inputs, states : names of the variables u and x; every state is an output.
+    delays : names of the parameters d_1, ..., d_m [s].
+    """
+
+    inputs: Sequence[str]
+    states: Sequence[str]
+    delays: Sequence[str] = ("delay.d",)
+
+    def conditions(self, v: Any) -> list[tuple[Any, str]]:
+        """What must be positive for the parameters to have a meaning, and how to say so."""
+        del v
+        return []
+
+    def constants(self, v: Any) -> Any:
+        """What follows from the parameters alone and is passed to `rates` and `outputs`."""
+        raise NotImplementedError
+
+    def rates(
+        self, t: Any, x: Sequence[Any], late: list[Any], u: Sequence[Any], c: Any, ns: Any
+    ) -> list[Any]:
+        """x'(t) from x(t), late = [x(t-d_1), ...], held inputs u and `constants` c."""
+        raise NotImplementedError
+
+    def outputs(self, x: Sequence[Any], u: Sequence[Any], c: Any) -> dict[str, Any]:
+        """Outputs beside the state, by name."""
+        del x, u, c
+        return {}
+
+    def initialise(self, v: dict[str, float], start: float) -> None:
+        """Take parameters and initial state from `v`; fills the outputs.
+
+        Raises
+        ------
+        ValueError : parameters without a meaning.
+        """
+        for quantity, message in self.conditions(v):
+            if not quantity > 0:
+                raise ValueError(message)
+        self._constants = self.constants(v)
+        self._held: list[float] | None = None
+        initial = [v[f"initial.{name}"] for name in self.states]
+        self._line = DelayLine(initial, [v[name] for name in self.delays], v["solver.step"], start)
+        self._publish(v)
+
+    def advance(self, v: dict[str, float], end: float) -> None:
+        """Integrate to `end` with the inputs in `v` held; fills the outputs.
+
+        Raises
+        ------
+        ArithmeticError : the state left the range of finite numbers.
+        """
+        held = [v[name] for name in self.inputs]
+        constants, rates = self._constants, self.rates
+
+        def f(t: float, x: list[float], late: list[list[float]]) -> list[float]:
+            return rates(t, x, late, held, constants, math)
+
+        self._line.advance(end, f, jump=held != self._held)
+        self._held = held
+        self._publish(v)
+
+    def refresh(self, v: dict[str, float]) -> None:
+        """Outputs that depend on inputs without delay, from the inputs as they are now."""
+        v.update(self.outputs(self._line.x, [v[name] for name in self.inputs], self._constants))
+
+    def _publish(self, v: dict[str, float]) -> None:
+        v.update(zip(self.states, self._line.x, strict=True))
+        self.refresh(v)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that determines the future, delay line included."""
+        return {"line": self._line.snapshot(), "held": self._held}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Return to a `snapshot`; parameters are in the variables already."""
+        self._line.restore(saved["line"])
+        self._held = saved["held"]

@@ -1,0 +1,152 @@
+"""Make the pythonfmu FMU of a component: its modules, the slave, the archive.
+
+All FMUs of a process share one table of imported modules, so everything an FMU imports
+lives in a package whose name carries the FMU's hash.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import importlib.util
+import io
+import json
+import pprint
+import re
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+from pythonfmu.builder import FmuBuilder
+
+from cosim.fmu.export.archive import deterministic_zip
+from cosim.fmu.export.documentation import documentation_files
+from cosim.fmu.export.model_description import fmi2_xml
+from cosim.fmu.export.spec import ComponentSpec
+
+_SLAVE = "cosim.fmu.export.python.slave"
+
+
+def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
+    """Module name -> source text of everything that runs inside the FMU."""
+    sources = {}
+    for module in (*spec.sources, _SLAVE):
+        found = importlib.util.find_spec(module)
+        if found is None or found.origin is None:
+            raise ModuleNotFoundError(f"{spec.name} names the module {module}, which is not there")
+        sources[module] = Path(found.origin).read_bytes().replace(b"\r\n", b"\n")
+    return sources
+
+
+def guid(spec: ComponentSpec) -> str:
+    """The hash that tells whether a built FMU is up to date.
+
+    It covers all that a build puts into the archive, what is generated included: PythonFMU's
+    version, the joining script, the model description and the documentation.
+    """
+    sources = component_sources(spec)
+    unnamed = {module: _flat(module) for module in sources}
+    return spec.guid(
+        {
+            **sources,
+            "pythonfmu": importlib.metadata.version("pythonfmu").encode(),
+            "script": _script(spec, "", unnamed).encode(),
+            "modelDescription.xml": _description(spec, ""),
+            **documentation_files(spec),
+            **spec.resource_files(),
+        }
+    )
+
+
+def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
+    """Write `destination`/NAME.fmu and return its path; two builds give the same bytes."""
+    sources = component_sources(spec)
+    identity = guid(spec)
+    tag = re.sub(r"[^0-9a-f]", "", identity)[:12]
+    package = f"{spec.name}_{tag}_parts"
+    renamed = {module: f"{package}.{_flat(module)}" for module in sources}
+    with tempfile.TemporaryDirectory(prefix="cosim-fmu-") as folder:
+        parts = Path(folder, package)
+        parts.mkdir()
+        (parts / "__init__.py").write_text(f'"""Modules of {spec.name}."""\n')
+        for module, text in sources.items():
+            moved = _renamed_imports(text.decode(), renamed)
+            (parts / f"{_flat(module)}.py").write_text(moved, newline="\n")
+        (parts / "table.py").write_text(_table_module(spec), newline="\n")
+        script = Path(folder, f"{spec.name}_{tag}.py")
+        script.write_text(_script(spec, package, renamed), newline="\n")
+        raw = Path(folder, "raw")
+        # the builder leaves the folder on sys.path and imports the script by its name
+        path = list(sys.path)
+        with contextlib.redirect_stdout(io.StringIO()):
+            built = FmuBuilder.build_FMU(script, dest=raw, project_files={parts})
+        sys.path[:] = path
+        for name in [m for m in sys.modules if m.startswith(f"{spec.name}_{tag}")]:
+            del sys.modules[name]
+        with zipfile.ZipFile(built) as archive:
+            files = {
+                name: archive.read(name)
+                for name in archive.namelist()
+                if not name.endswith("/") and "__pycache__" not in name
+            }
+    files["modelDescription.xml"] = _description(spec, identity)
+    files.update(documentation_files(spec))
+    files.update(spec.resource_files())
+    return deterministic_zip(files, destination / f"{spec.name}.fmu")
+
+
+def _description(spec: ComponentSpec, identity: str) -> bytes:
+    tool = f"auv-cosim with PythonFMU {importlib.metadata.version('pythonfmu')}"
+    return fmi2_xml(spec, identity, tool=tool, needs_tool=True)
+
+
+def _flat(module: str) -> str:
+    return module.replace(".", "_")
+
+
+def _renamed_imports(text: str, renamed: dict[str, str]) -> str:
+    for module, new in renamed.items():
+        text = re.sub(
+            rf"^from {re.escape(module)} import", f"from {new} import", text, flags=re.MULTILINE
+        )
+    left = re.search(r"^\s*(?:from|import) (?:cosim|fmu_src|numpy)\b.*", text, flags=re.MULTILINE)
+    # what only a designer calls imports inside its function and never runs in the FMU
+    if left is not None and not left.group().startswith(" "):
+        raise ValueError(f"a module of the FMU imports what is not in it: {left.group().strip()}")
+    return text
+
+
+def _table_module(spec: ComponentSpec) -> str:
+    table = pprint.pformat(tuple(spec.table()), width=100, sort_dicts=False)
+    constants = pprint.pformat(json.loads(json.dumps(dict(spec.constants))), width=100)
+    return (
+        f'"""Variables and constants of {spec.name}; value reference = position."""\n\n'
+        f"TABLE = {table}\n\nCONSTANTS = {constants}\n"
+    )
+
+
+def _script(spec: ComponentSpec, package: str, renamed: dict[str, str]) -> str:
+    module, cls = spec.behaviour.split(":")
+    behaviour = f"Behaviour{cls}"
+    return (
+        f'"""{spec.name}: {spec.description}.\n\n'
+        f'Edit the parts in {package}; this module only joins them.\n"""\n\n'
+        "import ctypes\n\n"
+        f"from {renamed[module]} import {cls} as {behaviour}\n"
+        f"from {renamed[_SLAVE]} import BehaviourSlave\n"
+        f"from {package}.table import CONSTANTS as _CONSTANTS\n"
+        f"from {package}.table import TABLE as _TABLE\n\n"
+        "# PythonFMU's loader runs this text for every instance and gives back a reference to\n"
+        "# the module's dictionary that it never took: without one more, the second instance\n"
+        "# of a process would run on a freed dictionary.\n"
+        "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n\n\n"
+        f"class {spec.name}(BehaviourSlave):\n"
+        f'    """{spec.description}."""\n\n'
+        f"    TABLE = _TABLE\n"
+        f"    CONSTANTS = _CONSTANTS\n"
+        f"    BEHAVIOUR = {behaviour}\n\n\n"
+        "# Nor does the loader give back the class that it finds here: one for all instances, or\n"
+        "# a process that makes thousands of them would grow by a class each time.\n"
+        f'{spec.name} = globals().setdefault("_first", {spec.name})\n'
+    )

@@ -1,0 +1,98 @@
+from .analysis import (
+    Analysis as Analysis,
+    analyse as analyse,
+)
+from .auv import (
+    DEFAULT_ENVELOPE as DEFAULT_ENVELOPE,
+    DEFAULT_K1 as DEFAULT_K1,
+    DEFAULT_K2 as DEFAULT_K2,
+    AuvDesign as AuvDesign,
+    auv_system as auv_system,
+)
+from .by_order import greatest_delay as greatest_delay
+from .canonical import (
+    certificate_bytes as certificate_bytes,
+    certificate_hash as certificate_hash,
+)
+from .certificate import (
+    Certificate as Certificate,
+    certificate_from_bytes as certificate_from_bytes,
+    check_certificate as check_certificate,
+    read_certificate as read_certificate,
+)
+from .certified_delay import (
+    CertifiedDelay as CertifiedDelay,
+    certified_delay as certified_delay,
+)
+from .closed_loop import (
+    ClosedLoop as ClosedLoop,
+    close as close,
+)
+from .delay_margin import delay_margin as delay_margin
+from .demands import (
+    Demands as Demands,
+    demands_of as demands_of,
+)
+from .designing import design as design
+from .envelope import Envelope as Envelope
+from .exact_lmi import (
+    ExactVariables as ExactVariables,
+    minus_omega as minus_omega,
+)
+from .files import parse_toml as parse_toml
+from .from_control import (
+    frequency_response as frequency_response,
+    to_control as to_control,
+)
+from .greatest_delay import (
+    DELAY_LIMIT as DELAY_LIMIT,
+    GreatestDelay as GreatestDelay,
+    with_delays as with_delays,
+)
+from .guarantees import Guarantees as Guarantees
+from .lmi import (
+    CvxpyLmi as CvxpyLmi,
+    as_cvxpy as as_cvxpy,
+)
+from .named import (
+    BUILT_IN as BUILT_IN,
+    NamedSystem as NamedSystem,
+    system_by_name as system_by_name,
+)
+from .norm import (
+    NormResult as NormResult,
+    gain_at as gain_at,
+    hinf_norm as hinf_norm,
+)
+from .norm_proof import norm_proved as norm_proved
+from .rational import first_bad_pivot as first_bad_pivot
+from .roots import (
+    characteristic_roots as characteristic_roots,
+    spectral_abscissa as spectral_abscissa,
+)
+from .saved import (
+    design_from_json as design_from_json,
+    design_to_json as design_to_json,
+)
+from .synthesis import Design as Design
+from .system_json import (
+    first_difference as first_difference,
+    matrix as matrix,
+    system_from_json as system_from_json,
+)
+from .threads import one_thread as one_thread
+from .uncertainty_price import (
+    nominal_gamma as nominal_gamma,
+    without_uncertainty as without_uncertainty,
+)
+from .weights import weighted as weighted
+from .worst_case import (
+    WorstCase as WorstCase,
+    worst_case as worst_case,
+    worst_case_at as worst_case_at,
+    worst_case_from_json as worst_case_from_json,
+)
+from .yardsticks import (
+    Yardsticks as Yardsticks,
+    measured as measured,
+)

@@ -1,0 +1,33 @@
+from .checks import LINK_STATE as LINK_STATE
+from .columns import element_names as element_names
+from .engine import (
+    EngineChoice as EngineChoice,
+    EngineName as EngineName,
+)
+from .journal import Observer as Observer
+from .pacing import Pace as Pace
+from .recorder import (
+    TraceRecorder as TraceRecorder,
+    identifier as identifier,
+)
+from .routes import Route as Route
+from .run import Run as Run
+from .session import Session as Session
+from .simulate import simulate as simulate
+from .snapshot import Snapshot as Snapshot
+from .stations import Station as Station
+from .system import (
+    Algorithm as Algorithm,
+    Component as Component,
+    Connection as Connection,
+    DelaySource as DelaySource,
+    Endpoint as Endpoint,
+    LogLevel as LogLevel,
+    Policy as Policy,
+    System as System,
+)
+from .timetable import (
+    Link as Link,
+    Timetable as Timetable,
+    make_timetable as make_timetable,
+)

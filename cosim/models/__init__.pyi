@@ -1,0 +1,41 @@
+from . import (
+    paper_example as paper_example,
+    waves as waves,
+)
+from .auv import (
+    STATE as STATE,
+    TABLE_1 as TABLE_1,
+    inertia as inertia,
+    kinematics as kinematics,
+    thrust_map as thrust_map,
+    vehicle_conditions as vehicle_conditions,
+    vehicle_derivatives as vehicle_derivatives,
+    velocity_coefficients as velocity_coefficients,
+)
+from .delay_line import DelayLine as DelayLine
+from .delay_system import (
+    Delay as Delay,
+    DelaySystem as DelaySystem,
+    Matrix as Matrix,
+)
+from .delayed_linear import (
+    linear_derivatives as linear_derivatives,
+    linear_output as linear_output,
+)
+from .feedback import (
+    clamped_command as clamped_command,
+    feedback_command as feedback_command,
+)
+from .products import (
+    product as product,
+    total as total,
+)
+from .waves import (
+    GRAVITY as GRAVITY,
+    Component as Component,
+    Gains as Gains,
+    accelerations as accelerations,
+    at_depth as at_depth,
+    gains as gains,
+    sea as sea,
+)

@@ -1,0 +1,33 @@
+from .alignment import (
+    Alignment as Alignment,
+    align as align,
+)
+from .checks import MAX_NS as MAX_NS
+from .delay_signal import DelaySignal as DelaySignal
+from .impairment import (
+    GilbertElliott as GilbertElliott,
+    Jitter as Jitter,
+    LossWindow as LossWindow,
+)
+from .live import LiveSchedule as LiveSchedule
+from .messages import sending_instants as sending_instants
+from .packet import PacketLink as PacketLink
+from .profile import DelayProfile as DelayProfile
+from .resolve import schedule as schedule
+from .schedule import (
+    DELIVERED as DELIVERED,
+    DUPLICATE as DUPLICATE,
+    IN_FLIGHT as IN_FLIGHT,
+    LOST as LOST,
+    OVERTAKEN as OVERTAKEN,
+    QUEUE_FULL as QUEUE_FULL,
+    REASONS as REASONS,
+    Arrivals as Arrivals,
+    PacketSchedule as PacketSchedule,
+)
+from .state import (
+    NONE_YET as NONE_YET,
+    SUBSTITUTE as SUBSTITUTE,
+    LinkState as LinkState,
+)
+from .transport import TransportLink as TransportLink

@@ -1,1 +1,0 @@
-"""What travels: systems and designs as FMUs, and the certificate that a file carries."""

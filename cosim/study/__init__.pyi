@@ -1,0 +1,38 @@
+from .boundary import (
+    Boundary as Boundary,
+    boundary as boundary,
+    loop_delay_margin as loop_delay_margin,
+)
+from .conduct import (
+    Finished as Finished,
+    conduct as conduct,
+)
+from .folder import read_rows as read_rows
+from .pictures import draw as draw
+from .plan import Plan as Plan
+from .read import (
+    LoadedStudy as LoadedStudy,
+    builtin_studies as builtin_studies,
+    load_study as load_study,
+)
+from .running import (
+    crew_of as crew_of,
+    plan_of as plan_of,
+    run_study as run_study,
+)
+from .schema import (
+    GridAxis as GridAxis,
+    Metric as Metric,
+    ReplicatesAxis as ReplicatesAxis,
+    SampledAxis as SampledAxis,
+    Study as Study,
+)
+from .stability_picture import draw_stability as draw_stability
+from .summary import (
+    Group as Group,
+    Numbers as Numbers,
+    Share as Share,
+    Summary as Summary,
+    summarise as summarise,
+)
+from .table import read_table as read_table

@@ -1,0 +1,85 @@
+from .assertions import (
+    AssertionResult as AssertionResult,
+    Result as Result,
+)
+from .content import (
+    begins_with as begins_with,
+    content_hash as content_hash,
+)
+from .diff import (
+    Diff as Diff,
+    diff as diff,
+)
+from .diff_context import Change as Change
+from .diff_json import (
+    diff_json as diff_json,
+    differences as differences,
+    verdict as verdict,
+)
+from .diff_picture import draw_diff as draw_diff
+from .export import (
+    Written as Written,
+    export as export,
+)
+from .hold import rows_in_force as rows_in_force
+from .info import describe as describe
+from .info_view import render as render
+from .layout import (
+    CERTIFICATE_ATTACHMENT as CERTIFICATE_ATTACHMENT,
+    CERTIFICATE_HASH as CERTIFICATE_HASH,
+    DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
+    DROPPED_SIGNALS as DROPPED_SIGNALS,
+    SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
+    Signal as Signal,
+    certificate_entries as certificate_entries,
+    component_of as component_of,
+    dropped_topic as dropped_topic,
+    input_topic as input_topic,
+    link_topic as link_topic,
+    output_topic as output_topic,
+    result_of_link as result_of_link,
+)
+from .live import (
+    Player as Player,
+    view_in_rerun as view_in_rerun,
+)
+from .picture import (
+    Labelled as Labelled,
+    compare_flights as compare_flights,
+    pyplot as pyplot,
+)
+from .reader import (
+    TopicInfo as TopicInfo,
+    Trace as Trace,
+)
+from .recover import (
+    Recovery as Recovery,
+    recover as recover,
+)
+from .report import (
+    Report as Report,
+    write_report as write_report,
+)
+from .rows import (
+    Poses as Poses,
+    Rows as Rows,
+)
+from .table import (
+    Series as Series,
+    Table as Table,
+    series_of as series_of,
+)
+from .tolerance import (
+    Tolerance as Tolerance,
+    Tolerances as Tolerances,
+)
+from .traffic import link_names as link_names
+from .verdicts import Check as Check
+from .verify import (
+    Verification as Verification,
+    verify as verify,
+)
+from .writer import (
+    Attachment as Attachment,
+    TraceWriter as TraceWriter,
+)

@@ -1,1 +1,0 @@
-"""The components that become FMUs: variables, behaviour, and the shells around them."""
