@@ -10,6 +10,6 @@ def main() -> None:
     try:
         from cosim.cli.main import main as run  # noqa: PLC0415 - loading is what may be interrupted
     except KeyboardInterrupt:
-        print("interrupted before anything had begun", file=sys.stderr)  # noqa: T201
+        print("interrupted before anything had begun", file=sys.stderr)
         sys.exit(130)
     run()

@@ -27,11 +27,7 @@ def paper(
     it is: exit code 0.
     """
     # what this verb alone needs takes half a second to load
-    from cosim.paper import (
-        page,  # noqa: PLC0415
-        paper_view,  # noqa: PLC0415
-        reproduce,  # noqa: PLC0415
-    )
+    from cosim.paper import page, paper_view, reproduce  # noqa: PLC0415
 
     if html is not None:
         _check(html)

@@ -11,6 +11,7 @@ from .export.build import (
     ensure_fmu as ensure_fmu,
 )
 from .export.catalogue import CATALOGUE as CATALOGUE
+from .export.components import component_module as component_module
 from .export.controller import (
     Packed as Packed,
     pack_controller as pack_controller,

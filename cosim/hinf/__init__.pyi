@@ -56,6 +56,8 @@ from .lmi import (
 )
 from .named import (
     BUILT_IN as BUILT_IN,
+    Delay as Delay,
+    DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
     system_by_name as system_by_name,
 )

@@ -1,4 +1,4 @@
-"""Scripted scenarios: read, assemble, fly, judge; from Python: `run_scenario`, `open_session`."""
+"""Scripted scenarios: read, assemble, fly, judge; from Python: `run`, `open_session`."""
 
 import lazy_loader as _lazy
 

@@ -42,7 +42,7 @@ from .hangar import Hangar as Hangar
 from .locate import line_of as line_of
 from .opening import (
     open_session as open_session,
-    run_scenario as run_scenario,
+    run as run,
 )
 from .outcome import Outcome as Outcome
 from .pinned import (

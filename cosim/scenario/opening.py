@@ -18,9 +18,9 @@ from cosim.scenario.schema import Scenario
 FMUS = Path("fmus")
 
 
-def run_scenario(
+def run(
     scenario: str | Path | Scenario,
-    trace: Path | None = None,
+    trace: Path | str | None = None,
     *,
     settings: Sequence[str] = (),
     fmus: Path = FMUS,
@@ -43,7 +43,7 @@ def run_scenario(
     InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `fly`.
     """
     prepared = _prepared(scenario, settings, fmus, flavour)
-    return fly(prepared, trace, engine=engine, pace=pace)
+    return fly(prepared, None if trace is None else Path(trace), engine=engine, pace=pace)
 
 
 @contextmanager
@@ -58,11 +58,11 @@ def open_session(
 ) -> Iterator[Session]:
     """A scenario at its start, designed and initialised, for you to drive.
 
-    Parameters as for `run_scenario`; `observers` look on.
+    Parameters as for `run`; `observers` look on.
 
     Raises
     ------
-    InputError : as `run_scenario`, or a scenario with events, which would not happen.
+    InputError : as `run`, or a scenario with events, which would not happen.
     """
     prepared = _prepared(scenario, settings, fmus, flavour)
     system, _, events = flown_system(prepared)

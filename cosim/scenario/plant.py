@@ -7,10 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cosim.fmu import component_module
 from cosim.hinf import AuvDesign
 from cosim.models import TABLE_1, DelaySystem
-from fmu_src.delayed_plant.variables import delay_names, plant_delays, plant_matrices
 
+_PLANT = component_module("delayed_plant.variables")
 _ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")
 
 
@@ -30,15 +31,15 @@ def is_plant_of(system: DelaySystem, parameters: Mapping[str, float | None]) -> 
     """
     wanted = {
         f"{letter}[{i + 1},{j + 1}]": float(value)
-        for letter, matrix in plant_matrices(system).items()
+        for letter, matrix in _PLANT.plant_matrices(system).items()
         for (i, j), value in np.ndenumerate(matrix)
     }
     # an entry that the system has and the plant does not is no number, and not equal either
     found = {
         name: parameters.get(name) for name in (*wanted, *filter(_ENTRY.fullmatch, parameters))
     }
-    delays = plant_delays(system)
-    named = zip(delay_names(len(delays)), (delay.d for delay in delays), strict=True)
+    delays = _PLANT.plant_delays(system)
+    named = zip(_PLANT.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
     return all(value == wanted.get(name, 0.0) for name, value in found.items()) and _no_longer(
         parameters, dict(named)
     )

@@ -131,12 +131,12 @@ SPEC = ComponentSpec(
         "Eqs. (1)-(4) and (6)"
     ),
     variables=tuple(_variables()),
-    behaviour="fmu_src.auv_plant.behaviour:AuvPlant",
+    behaviour="cosim.components.auv_plant.behaviour:AuvPlant",
     sources=(
         "cosim.models.auv",
         "cosim.models.delay_line",
         "cosim.fmu.export.python.delay_plant",
-        "fmu_src.auv_plant.behaviour",
+        "cosim.components.auv_plant.behaviour",
     ),
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,

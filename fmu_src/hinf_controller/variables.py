@@ -20,9 +20,9 @@ LIMITS = (2500.0, 2500.0)
 _SOURCES = (
     "cosim.models.products",
     "cosim.models.feedback",
-    "fmu_src.hinf_controller.behaviour",
+    "cosim.components.hinf_controller.behaviour",
 )
-_BEHAVIOUR = "fmu_src.hinf_controller.behaviour:StateFeedback"
+_BEHAVIOUR = "cosim.components.hinf_controller.behaviour:StateFeedback"
 _README = Path(__file__).with_name("readme.md")
 _FORCE = (("force.x", "N"), ("force.y", "N"), ("force.z", "N"), ("moment.z", "N.m"))
 _STEP = 0.01  # [s], of the default experiment

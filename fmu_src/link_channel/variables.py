@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.fmu import UNITS, ComponentSpec, Variable
-from fmu_src.link_channel.behaviour import JITTERS, ORDERS
+
+from .behaviour import JITTERS, ORDERS
 
 LONGEST_S = 1e8
 """Longest time of a link and of a run [s]."""
@@ -160,8 +161,8 @@ def _spec(
         name=name,
         description=f"The {kind} link {link} as a component",
         variables=tuple(table),
-        behaviour="fmu_src.link_channel.behaviour:LinkChannel",
-        sources=("fmu_src.link_channel.behaviour",),
+        behaviour="cosim.components.link_channel.behaviour:LinkChannel",
+        sources=("cosim.components.link_channel.behaviour",),
         readme=Path(__file__).with_name(f"{kind}.md"),
         stop_time=200 * step,
         step_size=step,

@@ -40,8 +40,8 @@ def table_spec(
             Variable(n, "output", f"signal {n}", unit if unit in UNITS else None, float(first))
             for (n, unit), first in zip(outputs, rows[0], strict=True)
         ),
-        behaviour="fmu_src.signal_table.behaviour:SignalTable",
-        sources=("fmu_src.signal_table.behaviour",),
+        behaviour="cosim.components.signal_table.behaviour:SignalTable",
+        sources=("cosim.components.signal_table.behaviour",),
         readme=Path(__file__).with_name("readme.md"),
         stop_time=max(instants_ns[-1] / 1e9, step),
         step_size=step,

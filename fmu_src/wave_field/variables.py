@@ -106,8 +106,12 @@ SPEC = ComponentSpec(
         f"(deep water, g = {GRAVITY} m/s2)"
     ),
     variables=tuple(_variables()),
-    behaviour="fmu_src.wave_field.behaviour:WaveField",
-    sources=("cosim.models.products", "cosim.models.waves", "fmu_src.wave_field.behaviour"),
+    behaviour="cosim.components.wave_field.behaviour:WaveField",
+    sources=(
+        "cosim.models.products",
+        "cosim.models.waves",
+        "cosim.components.wave_field.behaviour",
+    ),
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,
     step_size=0.05,

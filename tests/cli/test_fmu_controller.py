@@ -14,10 +14,12 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from shared import fmu_store
 
+from cosim.fmu import component_module
 from cosim.hinf import certificate_bytes, design, design_to_json
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.trace import Trace
-from fmu_src.hinf_controller.variables import SPEC
+
+SPEC = component_module("hinf_controller.variables").SPEC
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,14 @@ import pytest
 from fmu.packed import FMI3, compiled, described, files_of, pack
 from macholib.ptypes import Structure, p_uint32
 
+from cosim.fmu import component_module
 from cosim.fmu.export.model_description import fmi2_xml
 from cosim.fmu.inspect import inspect_fmu, macho
 from cosim.fmu.inspect.functions import functions
 from cosim.fmu.inspect.library import Binary, read_binary
 from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
-from fmu_src.wave_field.variables import SPEC
+
+SPEC = component_module("wave_field.variables").SPEC
 
 SHIPPED = Path(fmpy.__file__).parent
 FOREIGN = [

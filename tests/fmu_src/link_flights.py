@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from raw_fmu import RawFmu
 
+from cosim.fmu import component_module
 from cosim.fmu.export.build import build_fmu
 from cosim.network import LinkState, PacketLink, TransportLink, align, schedule
 from cosim.scenario.ssp.link_fmu import link_spec
-from fmu_src.link_channel.variables import Lane
+
+Lane = component_module("link_channel.variables").Lane
 
 INITIAL = (7.0, -3.0)
 

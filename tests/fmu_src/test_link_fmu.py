@@ -10,6 +10,7 @@ import pytest
 from link_flights import INITIAL, Channel, build, expected, signal
 
 from cosim.core.errors import InputError
+from cosim.fmu import component_module
 from cosim.network import (
     DelayProfile,
     GilbertElliott,
@@ -18,7 +19,8 @@ from cosim.network import (
     TransportLink,
 )
 from cosim.scenario.ssp.link_fmu import link_spec, packet_parameters
-from fmu_src.link_channel.variables import Lane
+
+Lane = component_module("link_channel.variables").Lane
 
 MS = 1_000_000
 STEP = 50 * MS

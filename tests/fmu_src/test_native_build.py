@@ -208,7 +208,7 @@ def test_binary_shows_fmi_and_needs_libc_alone(
     assert b"cosim-native" not in content
     versions = [int(v) for v in re.findall(rb"\0GLIBC_2\.(\d+)", content)]
     assert max(versions) <= 17
-    headers = ROOT / "fmu_src" / "native_shell" / "c" / "headers"
+    headers = ROOT / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
     declared = (headers / f"{prefix}Functions.h").read_text()
     if version == "2.0":
         exchange = declared.rfind("Functions for FMI2 for Model Exchange")
@@ -245,7 +245,7 @@ def test_no_multiplication_is_fused_with_an_addition(tmp_path: Path) -> None:
     """Even where the machine could, and whatever options a foreign build has."""
     if host().tuple_name != "x86_64-linux":
         pytest.skip("looks at instructions of x86_64")
-    c = ROOT / "fmu_src" / "native_shell" / "c"
+    c = ROOT / "cosim" / "fmu" / "export" / "native" / "c"
     source = tmp_path / "fused.c"
     source.write_text(
         '#include "arithmetic.h"\ndouble f(double a, double b, double c) { return a * b + c; }\n'

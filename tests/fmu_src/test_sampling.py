@@ -8,11 +8,14 @@ from typing import Any
 
 import pytest
 
-from fmu_src.hinf_controller.behaviour import StateFeedback
-from fmu_src.hinf_controller.variables import PAPER_SPEC, SPEC as VEHICLE_SPEC
+from cosim.fmu import component_module
+
+StateFeedback = component_module("hinf_controller.behaviour").StateFeedback
+PAPER_SPEC = component_module("hinf_controller.variables").PAPER_SPEC
+VEHICLE_SPEC = component_module("hinf_controller.variables").SPEC
 
 
-def controller(sample_time: float, start: float = 0.0) -> tuple[StateFeedback, dict[str, Any]]:
+def controller(sample_time: float, start: float = 0.0) -> tuple[Any, dict[str, Any]]:
     """Give u = x[1], sampled."""
     values = {v.name: v.start for v in PAPER_SPEC.variables}
     values |= {"K[1,1]": 1.0, "K[1,2]": 0.0, "sample_time": sample_time}

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from raw_fmu import RawFmu
 
+from cosim.fmu import component_module
 from cosim.fmu.export.build import build_fmu
-from fmu_src.signal_table.variables import MOST_NUMBERS, table_spec
+
+MOST_NUMBERS = component_module("signal_table.variables").MOST_NUMBERS
+table_spec = component_module("signal_table.variables").table_spec
 
 INSTANTS = [0, 100_000_000, 130_000_001, 400_000_000]
 ROWS = [[1.0, 0.1], [2.0, -0.1], [1 / 3, 1e300], [-4.0, 1e-300]]

@@ -10,7 +10,7 @@ from pathlib import Path
 import fmpy
 import pytest
 
-_HEADERS = Path(__file__).parents[2] / "fmu_src" / "native_shell" / "c" / "headers"
+_HEADERS = Path(__file__).parents[2] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
 TYPES = (
     *("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64"),
     *("UInt64", "Boolean", "String"),

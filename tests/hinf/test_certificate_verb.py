@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from solved import solved
 
-from cosim import cli
+from cosim.cli import main as cli
 from cosim.hinf import certificate_hash
 from cosim.hinf.certificate import certificate_to_json
 from cosim.models import paper_example

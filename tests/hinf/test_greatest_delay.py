@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from solved import benchmark
 
-from cosim import cli
+from cosim.cli import main as cli
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay, with_delays
 from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from solved import benchmark, random_system
 
-from cosim import cli
+from cosim.cli import main as cli
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.fmu.export.controller import pack_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays

@@ -13,12 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.fmu import describe_fmu
+from cosim.fmu import component_module, describe_fmu
 from cosim.fmu.export.build import build_fmu
 from cosim.master import Component, Connection, Endpoint, Run, System, make_timetable, simulate
 from cosim.models.auv import STATE
 from cosim.scenario.limits import Saturation, saturation
-from fmu_src.signal_table.variables import table_spec
 
 S = 10**9
 FORCE, MOMENT = 10.0, 4.0
@@ -121,7 +120,9 @@ class Commander:
         # what it samples at a point it commands at the next one
         ahead = [*values[1:].tolist(), values[-1].tolist()]
         outputs = [(name, None) for name in self._names.values()]
-        spec = table_spec("Table", outputs, points_ns, ahead, 1.0)
+        spec = component_module("signal_table.variables").table_spec(
+            "Table", outputs, points_ns, ahead, 1.0
+        )
         self._table = describe_fmu(build_fmu(spec, folder, "native"))
         self._controller = describe_fmu(fmus / "HinfController.fmu")
 

@@ -19,7 +19,7 @@ from cosim.fmu.export.native.package import sources
 from cosim.fmu.export.native.platforms import PLATFORMS, host
 
 HERE = Path(__file__).resolve().parent
-HEADERS = HERE.parents[1] / "fmu_src" / "native_shell" / "c" / "headers"
+HEADERS = HERE.parents[1] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
 NAMES = sorted(CATALOGUE)
 SANITIZERS = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.core import InputError
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.native.package import build_native_fmu, guid as native_guid
 from cosim.fmu.export.native.platforms import Platform, host
@@ -57,15 +58,29 @@ def ensure_fmu(
 
 
 def build_fmu(
-    spec: ComponentSpec, folder: Path, flavour: str = FLAVOUR, platforms: Sequence[Platform] = ()
+    component: str | ComponentSpec,
+    folder: Path | str = "fmus",
+    flavour: str = "native",
+    platforms: Sequence[Platform] = (),
 ) -> Path:
-    """Write `folder`/NAME.fmu of any component, of the catalogue or not, and give its path.
+    """Write `folder`/NAME.fmu of a component and return its path.
+
+    Parameters
+    ----------
+    component : the name of a built-in component, such as "AuvPlant", or a specification.
+    flavour : "native" (C, FMI 2.0), "native-fmi3" (C, FMI 3.0) or "python" (pythonfmu).
+    platforms : to cross-compile a native FMU for; none: this machine, by its own compiler.
 
     Raises
     ------
-    KeyError : no such flavour.
-    InputError : native, and there is no compiler.
+    InputError : no such component or flavour, or no compiler for a native FMU.
     """
+    if isinstance(component, str) and component not in CATALOGUE:
+        raise InputError.unknown("component", component, CATALOGUE, where="build_fmu")
+    if flavour not in FMI_VERSION:
+        raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
+    spec = CATALOGUE[component] if isinstance(component, str) else component
+    folder = Path(folder)
     version = FMI_VERSION[flavour]
     if flavour == "python":
         return build_python_fmu(spec, folder)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from fmu_src.auv_plant.variables import SPEC as AUV_PLANT
-from fmu_src.delayed_plant.variables import SPEC as DELAYED_PLANT
-from fmu_src.hinf_controller.variables import PAPER_SPEC, SPEC as HINF_CONTROLLER
-from fmu_src.wave_field.variables import SPEC as WAVE_FIELD
+from cosim.fmu.export.components import component_module
+from cosim.fmu.export.spec import ComponentSpec
 
-CATALOGUE = MappingProxyType(
-    {
-        spec.name: spec
-        for spec in (AUV_PLANT, HINF_CONTROLLER, DELAYED_PLANT, PAPER_SPEC, WAVE_FIELD)
-    }
+_CONTROLLERS = component_module("hinf_controller.variables")
+_SPECS: tuple[ComponentSpec, ...] = (
+    component_module("auv_plant.variables").SPEC,
+    _CONTROLLERS.SPEC,
+    component_module("delayed_plant.variables").SPEC,
+    _CONTROLLERS.PAPER_SPEC,
+    component_module("wave_field.variables").SPEC,
 )
+
+CATALOGUE = MappingProxyType({spec.name: spec for spec in _SPECS})
 """NAME -> component, for NAME.fmu."""

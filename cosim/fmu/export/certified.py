@@ -9,7 +9,7 @@ from decimal import ROUND_CEILING, Context, Decimal
 from fractions import Fraction
 from typing import Any
 
-from .spec import CERTIFICATE
+from cosim.fmu.export.spec import CERTIFICATE
 
 _UP = Context(prec=10, rounding=ROUND_CEILING)
 

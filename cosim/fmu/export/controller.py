@@ -11,11 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from cosim.core import InputError
+from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import Kind, checked_name, model_name, write_fmu
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.hinf import certificate_bytes, certificate_hash, check_certificate, system_from_json
 from cosim.models import DelaySystem
-from fmu_src.hinf_controller.variables import LIMITS, feedback_spec, vehicle_spec
+
+_VARIABLES = component_module("hinf_controller.variables")
 
 Form = Literal["vehicle", "system"]
 """Measured eta, nu to thrust; or measured x[j] to u[i], in the letters of Eq. (7)."""
@@ -115,7 +117,7 @@ class _Settings:
 def _checked(
     sample_time: float | None, limits: Sequence[float] | None, form: Form, m: int
 ) -> _Settings:
-    usual = (0.05, LIMITS) if form == "vehicle" else (0.0, ())
+    usual = (0.05, tuple(_VARIABLES.LIMITS)) if form == "vehicle" else (0.0, ())
     chosen = usual[0] if sample_time is None else sample_time
     bounds = usual[1] if limits is None else tuple(limits)
     if not (math.isfinite(chosen) and chosen >= 0):
@@ -138,14 +140,17 @@ def _checked(
 
 def _spec(form: Form, name: str, data: dict[str, Any], settings: _Settings) -> ComponentSpec:
     certificate = certificate_bytes(data)
+    spec: ComponentSpec
     if form == "vehicle":
-        return vehicle_spec(
+        spec = _VARIABLES.vehicle_spec(
             name, certificate, sample_time=settings.sample_time, limits=settings.limits
         )
-    return feedback_spec(
+        return spec
+    spec = _VARIABLES.feedback_spec(
         name,
         certificate,
         description="Sampled state feedback with a certified gain, Eq. (8)",
         sample_time=settings.sample_time,
         limits=settings.limits,
     )
+    return spec

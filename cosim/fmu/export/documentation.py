@@ -6,16 +6,17 @@ import base64
 import html
 from importlib.resources import files
 
-from .certified import certified_section
-from .page.connect import connect_section
-from .page.text import to_html
-from .page.variables import variable_tables
-from .spec import CERTIFICATE, ComponentSpec
+from cosim.fmu.export.certified import certified_section
+from cosim.fmu.export.components import components_folder
+from cosim.fmu.export.page.connect import connect_section
+from cosim.fmu.export.page.text import to_html
+from cosim.fmu.export.page.variables import variable_tables
+from cosim.fmu.export.spec import CERTIFICATE, ComponentSpec
 
 
 def documentation_files(spec: ComponentSpec) -> dict[str, bytes]:
     """Archive path -> content: documentation/index.html, the licence, and model.png."""
-    licence = files("fmu_src").joinpath("LICENSE").read_bytes()
+    licence = components_folder().joinpath("LICENSE").read_bytes()
     picture = spec.readme.with_name("model.png").read_bytes()
     return {
         "documentation/index.html": _page(spec, picture).encode(),

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from .spec import ComponentSpec, Variable
-from .units import UNITS
+from cosim.fmu.export.spec import ComponentSpec, Variable
+from cosim.fmu.export.units import UNITS
 
 LOG_CATEGORIES = {
     "logStatusWarning": "Something was unusual, the result stands.",

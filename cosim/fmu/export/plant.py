@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.core import InputError
+from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import Kind, checked_name, model_name, write_fmu
 from cosim.hinf import system_by_name
 from cosim.models import DelaySystem, paper_example
-from fmu_src.delayed_plant.variables import delay_names, delayed_plant_spec, plant_delays
 
+_VARIABLES = component_module("delayed_plant.variables")
 _PAPER_F = (paper_example.F_AMPLITUDE, paper_example.F_OMEGA)
 
 
@@ -72,7 +73,7 @@ def pack_plant(
             expected=f"{len(usual)} finite numbers, one per state",
             got=", ".join(map(repr, start)),
         )
-    spec = delayed_plant_spec(
+    spec = _VARIABLES.delayed_plant_spec(
         given,
         name=chosen,
         initial=start,
@@ -82,6 +83,6 @@ def pack_plant(
         else "The start values are those of the system's file.",
     )
     write_fmu(spec, path, kind)
-    delays = plant_delays(given)
-    named = zip(delay_names(len(delays)), (delay.d for delay in delays), strict=True)
+    delays = _VARIABLES.plant_delays(given)
+    named = zip(_VARIABLES.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
     return PackedPlant(path, chosen, kind, given, dict(named), spec.step_size)

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import Any
 
 from cosim.core import InputError
-from cosim.fmu import ComponentSpec
+from cosim.fmu import ComponentSpec, component_module
 from cosim.master import Link
 from cosim.network import GilbertElliott, PacketLink
-from fmu_src.link_channel.behaviour import JITTERS, ORDERS
-from fmu_src.link_channel.variables import LONGEST_S, Lane, packet_spec, transport_spec
 
 MOST_SEED = 2**31 - 1
+_BEHAVIOUR = component_module("link_channel.behaviour")
+_VARIABLES = component_module("link_channel.variables")
 
 
 def link_spec(
-    name: str, link: Link, lanes: Sequence[Lane], step_ns: int
+    name: str, link: Link, lanes: Sequence[Any], step_ns: int
 ) -> tuple[ComponentSpec, list[str]]:
     """The link FMU `name` of a link, and what is to be known about it.
 
@@ -29,14 +30,16 @@ def link_spec(
     step = step_ns / 1e9
     if isinstance(link, PacketLink):
         warnings = [*_late(link), *_unknown(link)]
-        return packet_spec(name, link.name, lanes, packet_parameters(link), step), warnings
+        return _VARIABLES.packet_spec(
+            name, link.name, lanes, packet_parameters(link), step
+        ), warnings
     warnings = []
     if link.delay_ns < step_ns:
         warnings.append(
             f"link {link.name!r}: its delay of {link.delay_ns / 1e9:g} s is shorter than the "
             f"step of {step:g} s; in other tools it is the step"
         )
-    return transport_spec(name, link.name, lanes, link.delay_ns / 1e9, step), warnings
+    return _VARIABLES.transport_spec(name, link.name, lanes, link.delay_ns / 1e9, step), warnings
 
 
 def packet_parameters(link: PacketLink) -> dict[str, float]:
@@ -46,13 +49,13 @@ def packet_parameters(link: PacketLink) -> dict[str, float]:
         "sample_time": link.sample_time_ns / 1e9,
         "offset": link.offset_ns / 1e9,
         "delay": link.delay_ns / 1e9,
-        "jitter.kind": JITTERS.index(jitter.kind),
+        "jitter.kind": _BEHAVIOUR.JITTERS.index(jitter.kind),
         "jitter.width": jitter.width_ns / 1e9,
         "jitter.mean": jitter.mean_ns / 1e9,
         "jitter.sigma": jitter.sigma_ns / 1e9,
         "jitter.max": 0.0 if jitter.max_ns is None else jitter.max_ns / 1e9,
         "duplicate": link.duplicate,
-        "order": ORDERS.index(link.order),
+        "order": _BEHAVIOUR.ORDERS.index(link.order),
         "on_loss.hold": int(link.on_loss == "hold"),
         "on_loss.value": link.substitute or 0.0,
         "quantization": link.quantization,
@@ -92,11 +95,11 @@ def _refuse(link: Link) -> None:
             )
         if "\0" in link.name:
             raise InputError("a name in C has no zero in it", where=where, got=repr(link.name))
-    if max(times) > math.floor(LONGEST_S * 1e9):
+    if max(times) > math.floor(_VARIABLES.LONGEST_S * 1e9):
         raise InputError(
             "a time of this link is too long for a link FMU",
             where=where,
-            expected=f"at most {LONGEST_S:g} s",
+            expected=f"at most {_VARIABLES.LONGEST_S:g} s",
             got=f"{max(times) / 1e9:g} s",
         )
 

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import Port
+from cosim.fmu import Port, component_module
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.ssp.link_fmu import link_spec
 from cosim.scenario.ssp.resources import Resources
 from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire
-from fmu_src.link_channel.variables import Lane
-from fmu_src.signal_table.variables import MOST_NUMBERS, table_spec
 
+_TABLE = component_module("signal_table.variables")
+_LINK = component_module("link_channel.variables")
 _STATE = {"age": "Real", "sequence": "Integer", "dropped": "Integer"}
 
 
@@ -115,18 +115,18 @@ def _drive(
             moving.append((end, values, port.unit))
     if not moving:
         return
-    if points.size * len(moving) > MOST_NUMBERS:
+    if points.size * len(moving) > _TABLE.MOST_NUMBERS:
         raise InputError(
             "the given signals are too long for a table in an FMU",
             where=", ".join(str(end) for end, _, _ in moving),
-            expected=f"at most {MOST_NUMBERS} values",
+            expected=f"at most {_TABLE.MOST_NUMBERS} values",
             got=f"{points.size} points of {len(moving)} signals",
             hint="a shorter run, or a longer step",
         )
     name = free_name("signals", system.components, system.links)
     outputs = [(str(end), unit) for end, _, unit in moving]
     rows = np.column_stack([values for _, values, _ in moving])
-    spec = table_spec(
+    spec = _TABLE.table_spec(
         "Signals", outputs, points.tolist(), rows.tolist(), system.timetable.step_ns / 1e9
     )
     connectors = [Connector(n, "output", "Real", u) for n, u in outputs]
@@ -253,7 +253,7 @@ def _link_fmu(
             )
         start = component.parameters.get(target.variable, receiver.start)
         first = firsts.get(source, 0.0 if start is None else float(start))
-        lanes.append(Lane(sender.unit, first, f"{source} to {target}"))
+        lanes.append(_LINK.Lane(sender.unit, first, f"{source} to {target}"))
         built.wires.append(Wire(source, (element, f"u[{i}]")))
         built.wires.append(Wire((element, f"y[{i}]"), target))
         connectors.append(Connector(f"u[{i}]", "input", "Real", sender.unit))

@@ -17,8 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cosim.core import InputError
-
-from .platforms import Platform
+from cosim.fmu.export.native.platforms import Platform
 
 STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
-from .recorder import FIXED, VARYING, Scalar, Tape
+from cosim.fmu.export.native.recorder import FIXED, VARYING, Scalar, Tape
 
 _CALLS = {"pow": "power", "min": "lesser", "max": "greater"}  # of c/arithmetic.h
 _SUM, _PRODUCT, _SIGN, _ATOM = 1, 2, 3, 4

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from cosim.fmu.export.components import component_module
+from cosim.fmu.export.native.emit import reachable
+from cosim.fmu.export.native.link_kind import record_link, record_table
+from cosim.fmu.export.native.model import Draft, behaviour_of, distinct_enumerators
+from cosim.fmu.export.native.recorder import Scalar
+from cosim.fmu.export.native.tangent import tangents
+from cosim.fmu.export.native.waves_kind import record_waves
 from cosim.fmu.export.python.delay_plant import DelayPlant
 from cosim.fmu.export.spec import ComponentSpec
-from fmu_src.hinf_controller.behaviour import StateFeedback
-from fmu_src.link_channel.behaviour import LinkChannel
-from fmu_src.signal_table.behaviour import SignalTable
-from fmu_src.wave_field.behaviour import WaveField
 
-from .emit import reachable
-from .link_kind import record_link, record_table
-from .model import Draft, behaviour_of, distinct_enumerators
-from .recorder import Scalar
-from .tangent import tangents
-from .waves_kind import record_waves
+StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
+LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
+SignalTable: Any = component_module("signal_table.behaviour").SignalTable
+WaveField: Any = component_module("wave_field.behaviour").WaveField
 
 COMMON = ("message.c", "instance.c", "saved.c")
 
@@ -112,7 +115,7 @@ def _used(draft: Draft, late: list[list[Scalar]], rates: list[Scalar]) -> list[i
     return sorted({i for row in late for i, value in enumerate(row) if value.place in reached})
 
 
-def record_sampled(draft: Draft, behaviour: StateFeedback) -> None:
+def record_sampled(draft: Draft, behaviour: Any) -> None:
     """The law of a sampled controller; see c/sampled.c."""
     outputs = behaviour.law(draft.v, behaviour.constants(draft.v), draft.ns)
     draft.references("model_outputs", list(outputs), "MODEL_OUTPUTS")

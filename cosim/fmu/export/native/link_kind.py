@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import textwrap
+from typing import Any
 
-from fmu_src.link_channel.behaviour import ORDERS, LinkChannel
-from fmu_src.signal_table.behaviour import SignalTable
-
-from .model import Draft, c_string
+from cosim.fmu.export.components import component_module
+from cosim.fmu.export.native.model import Draft, c_string
 
 
-def record_link(draft: Draft, behaviour: LinkChannel) -> tuple[str, ...]:
+def record_link(draft: Draft, behaviour: Any) -> tuple[str, ...]:
     """A link; the names of its C files."""
     numbers = range(1, behaviour.lanes + 1)
     for array, name, size in (
@@ -21,14 +20,14 @@ def record_link(draft: Draft, behaviour: LinkChannel) -> tuple[str, ...]:
         draft.references(array, [f"{name}[{i}]" for i in numbers], size)
     if behaviour.kind == "transport":
         return ("transport_link.c",)
-    for number, order in enumerate(ORDERS):
+    for number, order in enumerate(component_module("link_channel.behaviour").ORDERS):
         draft.define(f"ORDER_{order.upper().replace('-', '_')}", number)
     draft.header.append("extern const char model_link_name[];")
     draft.body.append(f"const char model_link_name[] = {c_string(behaviour.name)};")
     return ("draws.c", "packet_link.c")
 
 
-def record_table(draft: Draft, behaviour: SignalTable) -> tuple[str, ...]:
+def record_table(draft: Draft, behaviour: Any) -> tuple[str, ...]:
     """A table of signals; the names of its C files."""
     count, width = len(behaviour.rows), len(behaviour.outputs)
     draft.references("model_outputs", behaviour.outputs, "MODEL_OUTPUTS")

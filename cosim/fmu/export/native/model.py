@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from cosim.fmu.export.native.emit import run_constants, statements
+from cosim.fmu.export.native.recorder import FIXED, VARYING, Functions, Scalar, Tape
 from cosim.fmu.export.spec import ComponentSpec, Variable
-
-from .emit import run_constants, statements
-from .recorder import FIXED, VARYING, Functions, Scalar, Tape
 
 
 @dataclass

@@ -11,11 +11,10 @@ from xml.etree import ElementTree as ET
 from cosim.fmu.export.archive import deterministic_zip
 from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import as_bytes, fmi2_xml, fmi3_xml
+from cosim.fmu.export.native.compiler import STANDARD, shared_library
+from cosim.fmu.export.native.kinds import COMMON, model_files
+from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.export.spec import ComponentSpec
-
-from .compiler import STANDARD, shared_library
-from .kinds import COMMON, model_files
-from .platforms import Platform, host
 
 _TOOL = "auv-cosim"
 _HEADERS = {

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from .emit import reachable
-from .recorder import Scalar, Tape
+from cosim.fmu.export.native.emit import reachable
+from cosim.fmu.export.native.recorder import Scalar, Tape
 
 
 def tangents(

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import textwrap
+from typing import Any
 
+from cosim.fmu.export.components import component_module
+from cosim.fmu.export.native.model import Draft
 from cosim.models import waves
-from fmu_src.wave_field.behaviour import OUTPUTS, SPECTRA, WaveField
 
-from .model import Draft
+_WAVE_FIELD = component_module("wave_field.behaviour")
 
 
-def record_waves(draft: Draft, behaviour: WaveField) -> None:
+def record_waves(draft: Draft, behaviour: Any) -> None:
     """Bins, harmonics, gains and accelerations of the sea."""
     v, ns, symbol = draft.v, draft.ns, draft.tape.symbol
     most = max(int(x.maximum or 0) for x in draft.spec.variables if x.name == "components")
-    draft.references("model_outputs", OUTPUTS, "MODEL_OUTPUTS")
+    draft.references("model_outputs", _WAVE_FIELD.OUTPUTS, "MODEL_OUTPUTS")
     draft.define("MODEL_CONSTANTS", 0)
     draft.define("MODEL_MOST_HARMONICS", max(most, behaviour.slots))
     draft.define("MODEL_SLOTS", behaviour.slots)
-    for number, name in SPECTRA.items():
+    for number, name in _WAVE_FIELD.SPECTRA.items():
         draft.define(f"SPECTRUM_{name.upper().replace('-', '_')}", number)
     draft.define("PIERSON_MOSKOWITZ_PEAK", repr(waves.PEAK_FACTOR["pierson-moskowitz"]))
     for field in ("omega", "amplitude", "phase"):

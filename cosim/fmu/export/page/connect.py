@@ -5,9 +5,8 @@ from __future__ import annotations
 import html
 import textwrap
 
+from cosim.fmu.export.page.text import block
 from cosim.fmu.export.spec import ComponentSpec
-
-from .text import block
 
 _SHOWN = 3  # names that an example lists
 

@@ -6,6 +6,7 @@ lives in a package whose name carries the FMU's hash.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib.metadata
 import importlib.util
@@ -16,6 +17,7 @@ import re
 import sys
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from pythonfmu.builder import FmuBuilder
@@ -25,6 +27,9 @@ from cosim.fmu.export.documentation import documentation_files
 from cosim.fmu.export.model_description import fmi2_xml
 from cosim.fmu.export.spec import ComponentSpec
 
+_IMPORT = re.compile(
+    r"^from (?P<package>cosim[\w.]*) import (?P<names>\([^)]*\)|[^\n(]+)$", flags=re.MULTILINE
+)
 _SLAVE = "cosim.fmu.export.python.slave"
 
 
@@ -70,8 +75,9 @@ def build_python_fmu(spec: ComponentSpec, destination: Path) -> Path:
         parts = Path(folder, package)
         parts.mkdir()
         (parts / "__init__.py").write_text(f'"""Modules of {spec.name}."""\n')
+        homes = _homes(sources)
         for module, text in sources.items():
-            moved = _renamed_imports(text.decode(), renamed)
+            moved = _renamed_imports(text.decode(), renamed, homes)
             (parts / f"{_flat(module)}.py").write_text(moved, newline="\n")
         (parts / "table.py").write_text(_table_module(spec), newline="\n")
         script = Path(folder, f"{spec.name}_{tag}.py")
@@ -105,16 +111,35 @@ def _flat(module: str) -> str:
     return module.replace(".", "_")
 
 
-def _renamed_imports(text: str, renamed: dict[str, str]) -> str:
-    for module, new in renamed.items():
-        text = re.sub(
-            rf"^from {re.escape(module)} import", f"from {new} import", text, flags=re.MULTILINE
-        )
-    left = re.search(r"^\s*(?:from|import) (?:cosim|fmu_src|numpy)\b.*", text, flags=re.MULTILINE)
+def _renamed_imports(text: str, renamed: dict[str, str], home: Mapping[str, str]) -> str:
+    """The text with its imports led to the modules beside it; `home`: name -> its module."""
+
+    def moved(found: re.Match[str]) -> str:
+        modules: dict[str, list[str]] = {}
+        for name in re.findall(r"\w+", found["names"]):
+            module = found["package"] if found["package"] in renamed else home.get(name, "")
+            modules.setdefault(renamed.get(module, found["package"]), []).append(name)
+        return "\n".join(f"from {m} import {', '.join(names)}" for m, names in modules.items())
+
+    text = _IMPORT.sub(moved, text)
+    left = re.search(r"^\s*(?:from|import) (?:cosim|numpy)\b.*", text, flags=re.MULTILINE)
     # what only a designer calls imports inside its function and never runs in the FMU
     if left is not None and not left.group().startswith(" "):
         raise ValueError(f"a module of the FMU imports what is not in it: {left.group().strip()}")
     return text
+
+
+def _homes(sources: Mapping[str, bytes]) -> dict[str, str]:
+    """The module that defines each public name of the sources, for imports through a face."""
+    homes = {}
+    for module, text in sources.items():
+        for node in ast.parse(text).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                homes[node.name] = module
+            elif isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                homes.update({t.id: module for t in targets if isinstance(t, ast.Name)})
+    return homes
 
 
 def _table_module(spec: ComponentSpec) -> str:

@@ -1,0 +1,17 @@
+from .core import CosimError as CosimError
+from .core.version import __version__ as __version__
+from .fmu import build_fmu as build_fmu
+from .hinf import (
+    Delay as Delay,
+    DelaySystem as DelaySystem,
+    analyse as analyse,
+    check_certificate as check_certificate,
+    design as design,
+)
+from .scenario import (
+    Scenario as Scenario,
+    open_session as open_session,
+    run as run,
+)
+from .study import run_study as run_study
+from .trace import Trace as Trace

@@ -1,0 +1,5 @@
+"""The version of this distribution."""
+
+import importlib.metadata
+
+__version__ = importlib.metadata.version("auv-cosim")

@@ -1,0 +1,159 @@
+"""The faces of the packages: what they offer, what goes past them, and which way imports point."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cosim
+
+ROOT = Path(cosim.__file__).parents[1]
+FRONT_DOOR = {
+    *("run", "open_session", "Scenario", "design", "analyse", "check_certificate", "DelaySystem"),
+    *("Delay", "Trace", "run_study", "build_fmu", "CosimError", "__version__"),
+}
+LOWER = {
+    "core": set(),
+    "models": {"core"},
+    "network": {"core"},
+    "trace": {"core"},
+    "hinf": {"core", "models"},
+    "fmu": {"core", "models", "hinf"},
+    "master": {"core", "fmu", "network", "trace"},
+    "scenario": {"core", "models", "network", "trace", "hinf", "fmu", "master"},
+    "replay": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
+    "study": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
+    "paper": {"core", "models", "trace", "hinf"},
+}
+LOWER["cli"] = {*LOWER}
+"""Package -> the packages that it may import from."""
+
+
+def files() -> list[tuple[str, Path]]:
+    """Package ("components" for what lies in fmu_src) and path of every product module."""
+    found = [(path.relative_to(ROOT).parts[1], path) for path in ROOT.glob("cosim/*/**/*.py")]
+    found += [("components", path) for path in ROOT.glob("fmu_src/**/*.py")]
+    assert len(found) > 300
+    return found
+
+
+def imported(path: Path) -> list[tuple[int, str]]:
+    """Line and full name of everything of ours that a module imports, wherever it does."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            found += [(node.lineno, f"{node.module}.{alias.name}") for alias in node.names]
+        elif isinstance(node, ast.Import):
+            found += [(node.lineno, alias.name) for alias in node.names]
+    return [item for item in found if item[1].split(".")[0] in ("cosim", "fmu_src")]
+
+
+def packages() -> list[str]:
+    """Every package with a face, the front door first."""
+    return ["cosim", *(f"cosim.{name}" for name in LOWER)]
+
+
+def test_every_package_is_known_here() -> None:
+    """A new package is given its place among the others."""
+    assert {m.name for m in pkgutil.iter_modules(cosim.__path__) if m.ispkg} == set(LOWER)
+
+
+def test_nothing_is_imported_past_a_face() -> None:
+    """Across packages: `from cosim.network import ...`, never from a module inside."""
+    past = [
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for package, path in files()
+        for line, name in imported(path)
+        if name.split(".")[1] != package and len(name.split(".")) > 3
+    ]
+    assert past == []
+
+
+def test_imports_point_one_way() -> None:
+    """No package imports from one above it, and nothing imports the command line."""
+    allowed = {**LOWER, "components": {"core", "models", "fmu"}}
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for package, path in files()
+        for line, name in imported(path)
+        if name.split(".")[1] != package and name.split(".")[1] not in allowed[package]
+    ]
+    assert wrong == []
+
+
+def test_the_components_are_no_package_of_their_own() -> None:
+    """They are loaded by folder: no module, test or script imports `fmu_src`."""
+    scripts = [*ROOT.glob("tests/**/*.py"), ROOT / "build_fmu.py", *(path for _, path in files())]
+    named = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in scripts
+        for line, name in imported(path)
+        if name.split(".")[0] == "fmu_src"
+    ]
+    assert named == []
+    assert not (ROOT / "fmu_src" / "__init__.py").exists()
+
+
+def test_the_front_door_offers_what_it_promises() -> None:
+    """These names, and `dir` and `__all__` say so."""
+    assert set(cosim.__all__) == FRONT_DOOR
+    assert set(dir(cosim)) >= FRONT_DOOR
+
+
+def test_the_front_door_opens_at_once() -> None:
+    """`import cosim` alone loads no numeric library, no validator, no other module of ours."""
+    script = "import cosim, json, sys; print(json.dumps(sorted(sys.modules)))"
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)  # noqa: S603
+    loaded = set(json.loads(done.stdout))
+    assert loaded.isdisjoint({"numpy", "scipy", "pydantic", "typer", "fmpy", "cvxpy", "mcap"})
+    assert {name for name in loaded if name.startswith("cosim.")} == set()
+
+
+@pytest.fixture(scope="module")
+def after_all_imports() -> dict[str, list[str]]:
+    """By package, the names of its face that are modules once every module was imported."""
+    script = f"""
+import importlib, json, pkgutil, sys, types
+import cosim
+for module in pkgutil.walk_packages(cosim.__path__, "cosim."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+faces = {{name: importlib.import_module(name) for name in {packages()!r}}}
+print(json.dumps({{
+    name: [n for n in face.__all__ if isinstance(getattr(face, n), types.ModuleType)]
+    for name, face in faces.items()
+}}))
+"""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)  # noqa: S603
+    assert done.returncode == 0, done.stderr
+    found: dict[str, list[str]] = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.parametrize("package", packages())
+def test_each_name_is_what_it_says_after_every_module_was_imported(
+    package: str, after_all_imports: dict[str, list[str]]
+) -> None:
+    """No module hides a function of its name; a module is offered only where the face says so."""
+    face = importlib.import_module(package)
+    stub = Path(str(face.__file__)).with_suffix(".pyi")
+    offered = {
+        alias.name: node.module
+        for node in ast.parse(stub.read_text("utf-8")).body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert set(offered) == set(face.__all__)
+    as_modules = {name for name, module in offered.items() if module is None}
+    assert set(after_all_imports[package]) == as_modules
+    modules = {module.name for module in pkgutil.iter_modules(face.__path__)}
+    assert {name for name in offered if name in modules} == as_modules
