@@ -59,7 +59,7 @@ class DelayPlant:
             if not quantity > 0:
                 raise ValueError(message)
         self._constants = self.constants(v)
-        self._held: list[float] | None = None
+        self._last_inputs: list[float] | None = None
         initial = [v[f"initial.{name}"] for name in self.states]
         self._line = DelayLine(initial, [v[name] for name in self.delays], v["solver.step"], start)
         self._publish(v)
@@ -71,14 +71,14 @@ class DelayPlant:
         ------
         ArithmeticError : the state left the range of finite numbers.
         """
-        held = [v[name] for name in self.inputs]
+        inputs = [v[name] for name in self.inputs]
         constants, rates = self._constants, self.rates
 
         def f(t: float, x: list[float], late: list[list[float]]) -> list[float]:
-            return rates(t, x, late, held, constants, math)
+            return rates(t, x, late, inputs, constants, math)
 
-        self._line.advance(end, f, jump=held != self._held)
-        self._held = held
+        self._line.advance(end, f, jump=inputs != self._last_inputs)
+        self._last_inputs = inputs
         self._publish(v)
 
     def refresh(self, v: dict[str, float]) -> None:
@@ -91,9 +91,9 @@ class DelayPlant:
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that determines the future, delay line included."""
-        return {"line": self._line.snapshot(), "held": self._held}
+        return {"line": self._line.snapshot(), "inputs": self._last_inputs}
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Return to a `snapshot`; parameters are in the variables already."""
         self._line.restore(saved["line"])
-        self._held = saved["held"]
+        self._last_inputs = saved["inputs"]
