@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import InputError
-from cosim.hinf import NamedSystem, matrix, system_by_name, weighted
+from cosim.hinf import NamedSystem, matrix_from_rows, system_by_name, weighted
 from cosim.scenario import builtin_names, load, named_design, problem_of
 
 
@@ -24,7 +24,9 @@ def named_problem(name: str) -> tuple[NamedSystem, Any]:
         problem, found, _ = named_design(part, loaded.folder)
         return NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
     problem = problem_of(part, loaded.folder)
-    named = NamedSystem(problem.system, problem.k1, problem.k2, demands=problem.demands)
+    named = NamedSystem(
+        problem.system, problem.k1, problem.k2, design_constraints=problem.design_constraints
+    )
     return named, part.gain
 
 
@@ -53,7 +55,7 @@ def gain_from(text: str) -> Any:
         raise InputError(
             "not a matrix", where="--gain", expected='rows as in "[[0.6, -0.5]]"', got=text
         ) from error
-    return matrix(value, "--gain")
+    return matrix_from_rows(value, "--gain")
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:

@@ -35,21 +35,21 @@ def check(
 
     Exit code 0 if the claim is proved, 1 if it is not, 2 if there is no certificate.
     """
-    carried = certificate_in(file)
-    checked = check_certificate(carried.data)
-    if checked.valid and carried.mismatch is not None:
-        checked = replace(checked, valid=False, reason=carried.mismatch)
+    found = certificate_in(file)
+    checked = check_certificate(found.data)
+    if checked.valid and found.mismatch is not None:
+        checked = replace(checked, valid=False, reason=found.mismatch)
     answer(
         as_json,
         lambda: {
             "file": str(file),
-            "carrier": carried.carrier,
-            "sha256": carried.sha256,
+            "container": found.container,
+            "sha256": found.sha256,
             "valid": checked.valid,
             "reason": checked.reason,
             "claim": checked.claim,
         },
-        lambda: certificate_view(str(file), checked, carried),
+        lambda: certificate_view(str(file), checked, found),
     )
     if not checked.valid:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -12,8 +12,8 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
-from cosim.fmu import FLAVOUR
-from cosim.scenario import Hangar
+from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.scenario import FmuCache
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -58,16 +58,18 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         task = bar.add_task("", total=1.0)
         doing = ""
 
-        def tell(what: str, share: float) -> None:
+        def report_progress(what: str, share: float) -> None:
             nonlocal doing
             if what != doing:  # the time that remains is estimated anew for each part
                 doing = what
                 bar.reset(task, total=1.0)
             bar.update(task, description=what, completed=share)
 
-        yield tell
+        yield report_progress
 
 
-def hangar(fmus: Path, folder: Path | None = None, flavour: str = FLAVOUR) -> Hangar:
+def make_fmu_cache(
+    fmus: Path, folder: Path | None = None, flavour: str = DEFAULT_FLAVOUR
+) -> FmuCache:
     """Where a run finds its FMUs."""
-    return Hangar(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
+    return FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)

@@ -11,9 +11,9 @@ from typing import Annotated
 
 import typer
 
-from cosim.cli.answers import analysis_json, design_json
 from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write
 from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.design_answers import analysis_json, design_json
 from cosim.cli.design_view import analysis_view, design_view
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
@@ -137,35 +137,37 @@ def design(
         "offset": None if offset is None else numbers("--offset", offset),
         "energy": energy,
     }
-    demands = asdict(named.demands) | {k: v for k, v in asked.items() if v is not None}
+    design_constraints = asdict(named.design_constraints) | {
+        k: v for k, v in asked.items() if v is not None
+    }
     goal = named.gamma if gamma is None else gamma
-    reach: GreatestDelay | None = None
-    with progress() as tell, _proof_kept(save_refutation):
-        tell(f"design of {name}", 0.0)
+    greatest: GreatestDelay | None = None
+    with progress() as report_progress, _refutation_saved(save_refutation):
+        report_progress(f"design of {name}", 0.0)
         if max_delay:
             if gain is not None:
                 raise InputError(
                     "this scenario gives its gain, and a greatest delay is designed for",
                     where="--max-delay",
                 )
-            if any(value is not None for value in demands.values()):
+            if any(value is not None for value in design_constraints.values()):
                 raise InputError(
                     "a greatest delay is found for gamma alone",
                     where="--max-delay",
                     expected="no decay, gain limit or peak of the control beside it",
                     hint="--delays, to try them at a delay",
                 )
-            which = _in_question(system)
-            reach = greatest_delay(
+            delay_index = _in_question(system)
+            greatest = greatest_delay(
                 system,
                 goal,
                 *scalars,
-                which=which,
+                delay_index=delay_index,
                 limit=delay_limit,
                 search=search or None,
                 order=order,
             )
-            found = reach.design
+            found = greatest.design
         else:
             found = make_design(
                 system,
@@ -174,34 +176,34 @@ def design(
                 gain=gain,
                 search=search or None,
                 order=order,
-                **demands,
+                **design_constraints,
             )
         nominal = nominal_gamma(found) if price else None
     if save is not None:
         write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
-    refutation = None if reach is None else reach.refutation
+    refutation = None if greatest is None else greatest.refutation
     kept = None if refutation is None else save_refutation
     if kept is not None:
         write(kept, json.dumps(refutation, indent=1, allow_nan=False) + "\n")
     answer(
         as_json,
-        lambda: design_json(name, found, reach, save, kept, nominal, named.weights),
-        lambda: design_view(name, found, reach, nominal),
+        lambda: design_json(name, found, greatest, save, kept, nominal, named.weights),
+        lambda: design_view(name, found, greatest, nominal),
     )
 
 
 @contextmanager
-def _proof_kept(path: Path | None) -> Iterator[None]:
+def _refutation_saved(path: Path | None) -> Iterator[None]:
     """Where something cannot be had, and that is proved: keep the proof, and say so."""
     try:
         yield
     except NotAchievableError as error:
         if error.certificate is not None:
-            told = "--save-refutation FILE keeps the proof"
+            next_step = "--save-refutation FILE keeps the proof"
             if path is not None:
                 write(path, json.dumps(error.certificate, indent=1, allow_nan=False) + "\n")
-                told = f"cosim certificate check {path}, the proof"
-            error.hint = told if error.hint is None else f"{error.hint}; {told}"
+                next_step = f"cosim certificate check {path}, the proof"
+            error.hint = next_step if error.hint is None else f"{error.hint}; {next_step}"
         raise
 
 
@@ -252,13 +254,15 @@ def analyse(
     if delays is not None:
         system = with_delays(system, numbers("--delays", delays))
     K = own_gain if gain is None else gain_from(gain)
-    reach: CertifiedDelay | None = None
-    with progress() as tell:
-        tell(f"analysis of {name}", 0.0)
+    greatest: CertifiedDelay | None = None
+    with progress() as report_progress:
+        report_progress(f"analysis of {name}", 0.0)
         if max_delay:
-            which = _in_question(system)
-            reach = certified_delay(system, K, gamma, which=which, order=order, limit=delay_limit)
-            found = reach.analysis
+            delay_index = _in_question(system)
+            greatest = certified_delay(
+                system, K, gamma, delay_index=delay_index, order=order, limit=delay_limit
+            )
+            found = greatest.analysis
         else:
             found = make_analysis(system, K, gamma, order=order)
     saved = save if found.certified else None
@@ -266,6 +270,6 @@ def analyse(
         write(saved, json.dumps(found.certificate, indent=1, allow_nan=False) + "\n")
     answer(
         as_json,
-        lambda: analysis_json(name, found, reach, saved),
-        lambda: analysis_view(name, found, reach),
+        lambda: analysis_json(name, found, greatest, saved),
+        lambda: analysis_view(name, found, greatest),
     )

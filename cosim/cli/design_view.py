@@ -9,10 +9,10 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import facts_table, number
-from cosim.fmu import Packed, PackedPlant
-from cosim.hinf import Analysis, Certificate, CertifiedDelay, Design, GreatestDelay, Guarantees
+from cosim.fmu import ControllerFmu, PlantFmu
+from cosim.hinf import Analysis, CertificateCheck, CertifiedDelay, Design, GreatestDelay, Guarantees
 from cosim.models import Delay
-from cosim.replay import Carried
+from cosim.replay import EmbeddedCertificate
 
 _WHOSE = {
     "file": "",
@@ -24,7 +24,7 @@ _WHOSE = {
 def design_view(
     name: str,
     design: Design,
-    reach: GreatestDelay | None = None,
+    greatest: GreatestDelay | None = None,
     nominal: float | None = None,
 ) -> RenderableType:
     """A design: what is proved, what is computed, and the gain."""
@@ -37,16 +37,20 @@ def design_view(
             f"{nominal:.6g}",
             f"certified, same gain, k1, k2: {design.gamma - nominal:.3g} are paid for E, H",
         )
-    _yardsticks(facts, design)
+    _nominal_rows(facts, design)
     if design.order is not None:
         facts.add_row("condition", _condition(design.order), "")
     for row in _guarantees(design.guarantees):
         facts.add_row(*row)
     for i, delay in enumerate(design.system.delays):
         scalars = f"; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}" if design.k2 else ""
-        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", _age(delay, up_to=design.up_to) + scalars)
-    if reach is not None:
-        facts.add_row("greatest delay", f"{reach.delay:.6g} s", _end(reach))
+        facts.add_row(
+            f"delay {i + 1}",
+            f"{delay.d:g} s",
+            _age(delay, covers_smaller_delays=design.covers_smaller_delays) + scalars,
+        )
+    if greatest is not None:
+        facts.add_row("greatest delay", f"{greatest.delay:.6g} s", _end(greatest))
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
@@ -57,25 +61,25 @@ def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
     """What is proved beside gamma: (figure, value, what it says)."""
     rows = []
     if more.decay is not None:
-        said = "certified: with w = 0 every solution falls at least as exp(-rate t)"
-        rows.append(("rate of decay", f"{float(more.decay.rate):.6g} 1/s", said))
+        text = "certified: with w = 0 every solution falls at least as exp(-rate t)"
+        rows.append(("rate of decay", f"{float(more.decay.rate):.6g} 1/s", text))
     if more.gain_limit is not None:
         rows.append(("|K|", f"{float(more.gain_limit.bound):.6g}", "certified: at most this"))
     if more.peak_control is not None:
         peak = more.peak_control
         start = ", ".join(f"{float(x):g}" for x in peak.offset)
-        said = f"certified: |u_{{}}(t)| at most this, from |x| <= ({start})"
+        text = f"certified: |u_{{}}(t)| at most this, from |x| <= ({start})"
         if peak.energy != 0:
-            said += f", with (int w'w)^(1/2) <= {float(peak.energy):g}"
+            text += f", with (int w'w)^(1/2) <= {float(peak.energy):g}"
         rows += [
-            (f"peak of u_{i}", f"{float(bound):.6g}", said.format(i))
+            (f"peak of u_{i}", f"{float(bound):.6g}", text.format(i))
             for i, bound in enumerate(peak.bounds, 1)
         ]
     return rows
 
 
 def analysis_view(
-    name: str, analysis: Analysis, reach: CertifiedDelay | None = None
+    name: str, analysis: Analysis, greatest: CertifiedDelay | None = None
 ) -> RenderableType:
     """What a given gain guarantees: what is proved, or why nothing is, and what is computed."""
     what = f"{name}, u = 0" if analysis.K is None else f"{name}, u = K x"
@@ -88,27 +92,31 @@ def analysis_view(
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
         facts.add_row("gamma", gamma, "certified: exact rational proof, for this gain")
-    _yardsticks(facts, analysis)
+    _nominal_rows(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
-        facts.add_row(f"delay {i + 1}", f"{delay.d:g} s", _age(delay, up_to=analysis.up_to))
-    if reach is not None and reach.d is not None:
+        facts.add_row(
+            f"delay {i + 1}",
+            f"{delay.d:g} s",
+            _age(delay, covers_smaller_delays=analysis.covers_smaller_delays),
+        )
+    if greatest is not None and greatest.d is not None:
         end = (
             "certified; the search ended here, the loop may bear more"
-            if reach.limit_reached
-            else f"certified; not certified at {reach.not_beyond:.7g} s"
+            if greatest.limit_reached
+            else f"certified; not certified at {greatest.not_certified_at:.7g} s"
         )
-        facts.add_row("greatest delay", f"{reach.d:.7g} s", end)
+        facts.add_row("greatest delay", f"{greatest.d:.7g} s", end)
     return Group(head, facts)
 
 
-def _age(delay: Delay, *, up_to: bool) -> str:
+def _age(delay: Delay, *, covers_smaller_delays: bool) -> str:
     kind = "any age up to it" if delay.any_age else "constant, "
     if not delay.any_age:
-        kind += "up to it" if up_to else "exactly it"
+        kind += "up to it" if covers_smaller_delays else "exactly it"
     return kind + (", the control acts through it" if delay.feedback else "")
 
 
-def _yardsticks(facts: Table, found: Design | Analysis) -> None:
+def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
     """Rows: what is true of the nominal loop, all of its delays taken as constants."""
     norm, upper = found.exact_norm, found.exact_norm_upper
     if norm is not None:
@@ -143,16 +151,18 @@ def _condition(order: int) -> str:
     return "Theorem 1" if order == 0 else f"Bessel-Legendre, order {order}"
 
 
-def _end(reach: GreatestDelay) -> str:
+def _end(greatest: GreatestDelay) -> str:
     """What is known beyond a greatest delay."""
-    if reach.limit_reached:
+    if greatest.limit_reached:
         return "certified; the search ended here, the loop may bear more"
-    if reach.refuted_at is not None:
-        return f"certified; from {reach.refuted_at:.6g} s on proved to be none at these k1, k2"
+    if greatest.refuted_at is not None:
+        return f"certified; from {greatest.refuted_at:.6g} s on proved to be none at these k1, k2"
     return "certified; nothing is certified beyond"
 
 
-def certificate_view(file: str, certificate: Certificate, carried: Carried) -> RenderableType:
+def certificate_view(
+    file: str, certificate: CertificateCheck, found: EmbeddedCertificate
+) -> RenderableType:
     """A check of a certificate: proved or not, what is claimed, and of which gain."""
     claim = certificate.claim
     verdict = (
@@ -174,15 +184,15 @@ def certificate_view(file: str, certificate: Certificate, carried: Carried) -> R
     for name, more in claim.get("guarantees", {}).items():
         exact = more.get("rate", more.get("bound", more.get("bounds")))
         values = exact if isinstance(exact, list) else [exact]
-        shown = ", ".join(f"{float(Fraction(value)):.7g}" for value in values)
-        facts.add_row(name.replace("_", " "), shown, more["property"])
-    if "K" in carried.data:  # what refutes speaks of every gain
-        facts.add_row("gain", "K in the certificate", _WHOSE[carried.carrier])
-    facts.add_row("SHA-256", f"{carried.sha256}"[:16], "of the certificate without notes")
+        formatted = ", ".join(f"{float(Fraction(value)):.7g}" for value in values)
+        facts.add_row(name.replace("_", " "), formatted, more["property"])
+    if "K" in found.data:  # what refutes speaks of every gain
+        facts.add_row("gain", "K in the certificate", _WHOSE[found.container])
+    facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without notes")
     return Group(verdict, facts)
 
 
-def packed_view(packed: Packed) -> RenderableType:
+def packed_view(packed: ControllerFmu) -> RenderableType:
     """A controller FMU that was made, and what its certificate proves."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     facts = facts_table()
@@ -196,7 +206,7 @@ def packed_view(packed: Packed) -> RenderableType:
     return Group(head, facts)
 
 
-def plant_view(packed: PackedPlant) -> RenderableType:
+def plant_view(packed: PlantFmu) -> RenderableType:
     """A plant FMU that was made: its sizes, and where the delays of its system are."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     n, m = packed.system.B.shape

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, number, plain
-from cosim.trace import Change, Diff, verdict
+from cosim.trace import Change, Diff, diff_verdict
 
 _MOST = 25
 
@@ -15,7 +15,7 @@ _MOST = 25
 def diff_view(found: Diff) -> RenderableType:
     """The verdict, a table of signals, links, and what the two runs were."""
     colour = "green" if found.equal else "red"
-    parts: list[RenderableType] = [Text(verdict(found), style=f"bold {colour}")]
+    parts: list[RenderableType] = [Text(diff_verdict(found), style=f"bold {colour}")]
     if found.identical:
         parts.append(Text(f"content hash {found.hashes[0]}"))
         return Group(*parts)
@@ -42,7 +42,7 @@ def _signals(found: Diff) -> list[RenderableType]:
             plain(signal.name),
             number(signal.first_s, 6, "s"),
             str(signal.differing),
-            f"{signal.compared}{'*' if signal.held else ''}",
+            f"{signal.compared}{'*' if signal.sample_and_hold else ''}",
             "unlike" if signal.max_abs is None else number(signal.max_abs, 4, signal.unit or ""),
             NONE if signal.max_rel is None else number(signal.max_rel, 3),
             number(signal.max_at_s, 6, "s"),
@@ -50,7 +50,7 @@ def _signals(found: Diff) -> list[RenderableType]:
     parts.append(table)
     if len(parted) > _MOST:
         parts.append(Text(f"... and {len(parted) - _MOST} more (--json has all)"))
-    if any(signal.held for signal in parted):
+    if any(signal.sample_and_hold for signal in parted):
         parts.append(Text("* rows at other instants: what was in force is compared at all of them"))
     return parts
 
@@ -101,7 +101,7 @@ def _context(found: Diff) -> list[RenderableType]:
                 colour = {"+": "green", "-": "red"}.get(line[:1], "dim")
                 parts.append(Text("  ").append_text(plain(line)))
                 parts[-1].stylize(colour)  # type: ignore[union-attr]
-    entries = [change for change in found.context.entries if _telling(change)]
+    entries = [change for change in found.context.entries if _informative(change)]
     if entries:
         table = Table(box=None, pad_edge=False)
         for column in ("entry", "first", "second"):
@@ -119,7 +119,7 @@ def _context(found: Diff) -> list[RenderableType]:
     return parts
 
 
-def _telling(change: Change) -> bool:
+def _informative(change: Change) -> bool:
     """Whether an entry says something to a person: not a hash, no matrix of a proof."""
     silent = ("variables.", "system.", "final.", "certificate.claim")
     return not change.key.startswith(silent) and not change.key.endswith("sha256")

@@ -8,7 +8,7 @@ import sys
 def main() -> None:
     """Load the command line and run it."""
     try:
-        from cosim.cli.main import main as run  # noqa: PLC0415 - loading is what may be interrupted
+        from cosim.cli.application import main as run  # noqa: PLC0415 - loading is what may be interrupted
     except KeyboardInterrupt:
         print("interrupted before anything had begun", file=sys.stderr)
         sys.exit(130)

@@ -10,7 +10,7 @@ import typer
 from cosim.cli.common import JsonOption, answer
 from cosim.cli.fmu_view import check_view, info_view
 from cosim.core import CheckFailedError, InputError
-from cosim.fmu import facts, inspect_fmu, run_findings
+from cosim.fmu import fmu_facts, inspect_fmu, run_findings
 
 fmu_app = typer.Typer(
     no_args_is_help=True,
@@ -35,7 +35,7 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
             got=f"{first.where}: {first.what}",
             hint=f"cosim fmu check {file}",
         )
-    answer(as_json, lambda: facts(found), lambda: info_view(facts(found)))
+    answer(as_json, lambda: fmu_facts(found), lambda: info_view(fmu_facts(found)))
 
 
 @fmu_app.command()
@@ -63,7 +63,7 @@ def check(
     """
     found = inspect_fmu(file)
     if run:
-        found = found.extended(run_findings(found, time))
+        found = found.with_findings(run_findings(found, time))
     answer(
         as_json,
         lambda: {

@@ -18,7 +18,7 @@ from cosim.cli.fmu_options import (
     kind_of,
     not_onto,
 )
-from cosim.fmu import pack_plant
+from cosim.fmu import export_plant
 
 
 def build(
@@ -50,7 +50,7 @@ def build(
     target = file.with_suffix(".fmu") if out is None else out
     not_onto(file, target)
     start = None if initial is None else numbers("--initial", initial)
-    packed = pack_plant(system, target, kind=kind, name=name, initial=start)
+    packed = export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
     answer(

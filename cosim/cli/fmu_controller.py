@@ -19,7 +19,7 @@ from cosim.cli.fmu_options import (
     not_onto,
 )
 from cosim.core import InputError
-from cosim.fmu import pack_controller
+from cosim.fmu import export_controller
 from cosim.replay import certificate_in
 
 
@@ -52,16 +52,16 @@ def controller(
     about the gain as packed.
     """
     kind = kind_of(flavour, platforms)
-    carried = certificate_in(file)
-    if carried.mismatch is not None:
+    found = certificate_in(file)
+    if found.mismatch is not None:
         raise InputError(
-            "the certificate is not about what carries it", where=str(file), got=carried.mismatch
+            "the certificate is not about what carries it", where=str(file), got=found.mismatch
         )
     bounds = None if limits is None else numbers("--limits", limits)
     target = file.with_suffix(".fmu") if out is None else out
     not_onto(file, target)
-    packed = pack_controller(
-        carried.data,
+    packed = export_controller(
+        found.data,
         target,
         where=str(file),
         kind=kind,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cosim.core import InputError
-from cosim.fmu import Flavour, Kind, platforms_named
+from cosim.fmu import Flavour, FmuTarget, platforms_named
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", "-o", help="The FMU (default: FILE with .fmu).")
@@ -32,14 +32,14 @@ PlatformsOption = Annotated[
 ]
 
 
-def kind_of(flavour: Flavour, platforms: str) -> Kind:
+def kind_of(flavour: Flavour, platforms: str) -> FmuTarget:
     """What the options ask for.
 
     Raises
     ------
     InputError : no such platform, or platforms for an FMU in Python.
     """
-    return Kind(flavour, platforms_named(platforms))
+    return FmuTarget(flavour, platforms_named(platforms))
 
 
 def not_onto(source: Path, target: Path) -> None:

@@ -10,11 +10,11 @@ from rich.text import Text
 
 from cosim.cli.run_view import late_view
 from cosim.cli.terminal import plain
-from cosim.replay import Injected
-from cosim.trace import diff_json, verdict
+from cosim.replay import InjectionResult
+from cosim.trace import diff_json, diff_verdict
 
 
-def inject_json(found: Injected) -> dict[str, Any]:
+def inject_json(found: InjectionResult) -> dict[str, Any]:
     """Everything, for `--json`."""
     return {
         "output": str(found.trace),
@@ -24,7 +24,7 @@ def inject_json(found: Injected) -> dict[str, Any]:
         "component": found.name,
         "as_component": found.role,
         "mapped": {name: f"{s.topic}:{s.column}" for name, s in found.sources.items()},
-        "not_mapped": list(found.unfed),
+        "not_mapped": list(found.unmapped_inputs),
         "not_used": list(found.unused),
         "parameters": dict(found.parameters),
         "parameters_not_set": list(found.not_set),
@@ -39,7 +39,7 @@ def inject_json(found: Injected) -> dict[str, Any]:
     }
 
 
-def _compared(found: Injected) -> dict[str, Any] | None:
+def _compared(found: InjectionResult) -> dict[str, Any] | None:
     if found.compared is None:
         return None
     keys: tuple[str, ...] = ("equal", "first", "signals", "only")
@@ -47,7 +47,7 @@ def _compared(found: Injected) -> dict[str, Any] | None:
     return {key: whole[key] for key in keys}
 
 
-def inject_view(found: Injected) -> RenderableType:
+def inject_view(found: InjectionResult) -> RenderableType:
     """What went in, what was left, and how it ended."""
     table = Table(box=None, pad_edge=False)
     table.add_column("input", style="bold")
@@ -62,7 +62,7 @@ def inject_view(found: Injected) -> RenderableType:
         table,
     ]
     for label, names in (
-        ("inputs at their start values", found.unfed),
+        ("inputs at their start values", found.unmapped_inputs),
         ("recorded inputs that went nowhere", found.unused),
         ("recorded parameters it does not have", found.not_set),
     ):
@@ -74,7 +74,7 @@ def inject_view(found: Injected) -> RenderableType:
         parts.append(Text(found.reason, style="red"))
     if found.compared is not None:
         colour = "green" if found.compared.equal else "red"
-        words = verdict(found.compared)
+        words = diff_verdict(found.compared)
         if found.identical:
             words = "identical: every output came out again, bit for bit"
         parts.append(Text(f"compared with what was recorded: {words}", style=colour))

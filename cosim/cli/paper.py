@@ -31,8 +31,8 @@ def paper(
 
     if html is not None:
         _check(html)
-    with progress() as tell:
-        report = reproduce(tell)
+    with progress() as report_progress:
+        report = reproduce(report_progress)
     if html is not None:
         write(html, page(report))
     answer(as_json, report.to_json, lambda: paper_view(report))

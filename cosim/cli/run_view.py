@@ -156,11 +156,11 @@ def _pace(outcome: Outcome) -> list[RenderableType]:
 
 def _gain_measured(metrics: Mapping[str, Any]) -> str:
     """How the gain was obtained, and for a worst case how much of the norm it reached."""
-    worst, reached = metrics["worst_case"], metrics["norm_reached"]
-    if worst is None or reached is None:
+    worst, norm_share = metrics["worst_case"], metrics["norm_reached"]
+    if worst is None or norm_share is None:
         return "measured"
     at = f"worst case at {worst['omega']:.4g} rad/s"
-    return f"measured: {at}, {100 * reached:.2f} % of the exact norm"
+    return f"measured: {at}, {100 * norm_share:.2f} % of the exact norm"
 
 
 def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
@@ -206,7 +206,7 @@ def _assertions(outcome: Outcome) -> list[RenderableType]:
         style = "green" if verdict.as_expected else "red"
         at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
         table.add_row(
-            Text(f"{verdict.told}{at}", style=style),
+            Text(f"{verdict.summary}{at}", style=style),
             Text(verdict.name or verdict.words),
         )
     return [table]

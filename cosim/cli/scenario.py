@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.arguments import write
-from cosim.cli.common import FMUS, FmusOption, JsonOption, SetOption, answer, hangar
+from cosim.cli.common import FMUS, FmusOption, JsonOption, SetOption, answer, make_fmu_cache
 from cosim.cli.run_view import scenarios_view
 from cosim.cli.terminal import console
 from cosim.core import CosimError, InputError
@@ -119,7 +119,7 @@ def check(
 def _problems(name: str, settings: list[str], fmus: Path) -> list[CosimError]:
     try:
         source = with_settings(open_source(name), settings)
-        return problems_of(source, hangar(fmus, source.folder))
+        return problems_of(source, make_fmu_cache(fmus, source.folder))
     except CosimError as error:
         return [error]
 

@@ -11,11 +11,11 @@ import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, hangar, progress
-from cosim.cli.fly import Flavour
+from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
+from cosim.cli.run import Flavour
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
-from cosim.scenario import Exported, Imported, export_ssp, import_ssp, load, prepare
+from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
 
 ssp_app = typer.Typer(
     no_args_is_help=True,
@@ -62,8 +62,10 @@ def export_verb(
     loaded = load(name)
     path = out or Path(f"{loaded.name}.ssp")
     _not_onto(path, Path(name))
-    with progress() as tell:
-        prepared = prepare(loaded, hangar(fmus, loaded.folder, flavour.value), progress=tell)
+    with progress() as report_progress:
+        prepared = prepare(
+            loaded, make_fmu_cache(fmus, loaded.folder, flavour.value), progress=report_progress
+        )
         exported = export_ssp(prepared, path, links.value)
     _warn(exported.warnings)
     answer(as_json, exported.to_json, lambda: _exported_view(exported))
@@ -119,7 +121,7 @@ def _warn(sentences: Sequence[str]) -> None:
         terminal.print(Text.assemble(("warning", "bold yellow"), f": {sentence}"))
 
 
-def _exported_view(exported: Exported) -> RenderableType:
+def _exported_view(exported: SspExport) -> RenderableType:
     facts = facts_table()
     facts.add_row("components", str(len(exported.components)), ", ".join(exported.components))
     facts.add_row("connections", str(exported.connections), "")
@@ -129,7 +131,7 @@ def _exported_view(exported: Exported) -> RenderableType:
     return Group(Text.assemble(("written", "bold green"), f": {exported.path}"), facts)
 
 
-def _imported_view(imported: Imported) -> RenderableType:
+def _imported_view(imported: SspImport) -> RenderableType:
     facts = facts_table()
     facts.add_row("components", str(len(imported.names)), ", ".join(imported.names.values()))
     facts.add_row("connections", str(imported.connections), "")

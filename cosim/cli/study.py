@@ -10,7 +10,7 @@ import typer
 
 from cosim.cli.arguments import names
 from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
-from cosim.cli.fly import Flavour
+from cosim.cli.run import Flavour
 from cosim.cli.study_view import checked_view, finished_view, studies_view, summary_view
 from cosim.core import InputError, StoppedError
 from cosim.study import (
@@ -19,12 +19,12 @@ from cosim.study import (
     Study,
     boundary,
     builtin_studies,
-    conduct,
-    crew_of,
     draw,
     draw_stability,
+    execute_study,
     load_study,
     plan_of,
+    pool_for,
     read_rows,
     read_table,
     summarise,
@@ -118,12 +118,12 @@ def run(
     loaded = load_study(name)
     if traces is not None:
         loaded = replace(loaded, study=_with_traces(loaded.study, traces))
-    crew = crew_of(workers, scheduler)
+    pool = pool_for(workers, scheduler)
     folder = out or STUDIES / loaded.name
     plan = _plan(loaded, fmus, flavour)
     try:
-        with progress() as tell:
-            done = conduct(plan, folder, crew, fresh=fresh, progress=tell)
+        with progress() as report_progress:
+            done = execute_study(plan, folder, pool, fresh=fresh, progress=report_progress)
     except KeyboardInterrupt:
         there = len(read_rows(folder)) if folder.is_dir() else 0
         raise StoppedError(
@@ -194,7 +194,7 @@ def _plan(loaded: LoadedStudy, fmus: Path, flavour: Flavour) -> Plan:
 
 def _values(plan: Plan, number: int) -> dict[str, Any]:
     axes = plan.job.study.vary
-    return {a.column: v for a, v in zip(axes, plan.flyer.points[number], strict=True)}
+    return {a.column: v for a, v in zip(axes, plan.runner.points[number], strict=True)}
 
 
 def _with_traces(study: Study, traces: str) -> Study:

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, titles_table
-from cosim.study import Boundary, Finished, Group as RunGroup, Numbers, Share, Summary
+from cosim.study import Boundary, Group as RunGroup, Numbers, Share, StudyResult, Summary
 
 _GOOD = ("finished",)
 
@@ -34,10 +34,10 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
     return Group(head, table, Text(f"metrics: {', '.join(data['metrics'])}"))
 
 
-def finished_view(done: Finished) -> RenderableType:
+def finished_view(done: StudyResult) -> RenderableType:
     """How many runs ended how, and where the table is."""
     facts = facts_table()
-    now = f"{done.flown} of them flown now, in {done.seconds:.3g} s"
+    now = f"{done.executed} of them flown now, in {done.seconds:.3g} s"
     facts.add_row("runs", str(done.runs), now)
     for status, count in sorted(done.statuses.items()):
         label = Text(status.replace("_", " "), style="" if status in _GOOD else "yellow")
@@ -133,14 +133,14 @@ def _boundary(edge: Boundary) -> RenderableType:
             number(each.loss, 3),
             *(number(v, 5, "s") for v in (each.stable_to, each.unstable_from, each.certified_to)),
         )
-    said = facts_table()
-    said.add_row("exact delay margin", number(edge.exact_margin, 6, "s"), "computed, without loss")
-    said.add_row("age designed for", number(edge.certified_age, 5, "s"), "certified up to it")
+    facts = facts_table()
+    facts.add_row("exact delay margin", number(edge.exact_margin, 6, "s"), "computed, without loss")
+    facts.add_row("age designed for", number(edge.certified_age, 5, "s"), "certified up to it")
     for label, holds in (
         ("the exact margin lies between", edge.agrees),
         ("all that is certified was stable", edge.certified_inside),
     ):
         if holds is not None:
             word = Text("yes", style="green") if holds else Text("no", style="red")
-            said.add_row(label, word, "measured")
-    return Group(table, said)
+            facts.add_row(label, word, "measured")
+    return Group(table, facts)

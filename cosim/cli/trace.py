@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, hangar, progress
+from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
 from cosim.cli.run_view import rerun_view
 from cosim.core import CheckFailedError
 from cosim.replay import rerun as run_again
@@ -35,8 +35,8 @@ def rerun(
     as_json: JsonOption = False,
 ) -> None:
     """Rebuild the run from the trace alone, fly it again, and compare (exit 1 if it differs)."""
-    with progress() as tell:
-        result = run_again(file, hangar(fmus), output=out, progress=tell)
+    with progress() as report_progress:
+        result = run_again(file, make_fmu_cache(fmus), output=out, progress=report_progress)
     answer(as_json, result.to_json, lambda: rerun_view(result))
     if not result.identical:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -54,8 +54,8 @@ def diff(
     tolerances = Tolerances(
         Tolerance(absolute, relative), dict(_special(text) for text in signal or ())
     )
-    with progress() as tell:
-        tell("comparing", 0.0)
+    with progress() as report_progress:
+        report_progress("comparing", 0.0)
         found = compare(a, b, tolerances)
     drawn = None if picture is None else draw_diff(found, picture)
     answer(

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from cosim.cli.common import JsonOption, answer, progress
-from cosim.trace import Written, export as write_tables
+from cosim.trace import WrittenTable, export as write_tables
 
 
 class Format(enum.Enum):
@@ -60,7 +60,7 @@ def export(
       cosim trace export traces/auv-acoustic.mcap --signal plant.eta --signal plant.force --wide
       -o flight.csv
     """
-    with progress() as tell:
+    with progress() as report_progress:
         written = write_tables(
             file,
             out,
@@ -70,12 +70,12 @@ def export(
             start=start,
             end=end,
             wide=wide,
-            tell=tell,
+            report_progress=report_progress,
         )
     answer(as_json, lambda: _json(file, to, written), lambda: _view(written))
 
 
-def _json(file: Path, to: Format, written: list[Written]) -> dict[str, Any]:
+def _json(file: Path, to: Format, written: list[WrittenTable]) -> dict[str, Any]:
     return {
         "trace": str(file),
         "format": to.value,
@@ -91,7 +91,7 @@ def _json(file: Path, to: Format, written: list[Written]) -> dict[str, Any]:
     }
 
 
-def _view(written: list[Written]) -> Table:
+def _view(written: list[WrittenTable]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("file", overflow="fold")
     table.add_column("rows", justify="right")

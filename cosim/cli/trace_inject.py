@@ -9,18 +9,18 @@ from typing import Annotated, Any
 
 import typer
 
-from cosim.cli.common import FMUS, TRACES, FmusOption, JsonOption, answer, hangar, progress
-from cosim.cli.fly import Flavour
+from cosim.cli.common import FMUS, TRACES, FmusOption, JsonOption, answer, make_fmu_cache, progress
 from cosim.cli.inject_view import inject_json, inject_view
+from cosim.cli.run import Flavour
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
-from cosim.replay import Order, Wanted, inject as feed_into
-from cosim.scenario import check_room, link_of, load, nanoseconds
+from cosim.replay import InjectionRequest, SignalMapping, inject as run_injection
+from cosim.scenario import check_writable, link_of, load, nanoseconds
 from cosim.trace import Tolerance, Tolerances
 
 
-class Way(enum.Enum):
+class SignalSide(enum.Enum):
     """What --as takes."""
 
     delivered = "delivered"
@@ -40,10 +40,10 @@ def inject(
             "--map-group", metavar="GROUP=GROUP", help="All members: plant.eta=eta; repeatable."
         ),
     ] = None,
-    way: Annotated[
-        Way,
+    side: Annotated[
+        SignalSide,
         typer.Option("--as", help="What receivers had, when they had it; or what senders sent."),
-    ] = Way.delivered,
+    ] = SignalSide.delivered,
     link: Annotated[
         str | None,
         typer.Option(
@@ -102,26 +102,28 @@ def inject(
       cosim trace inject traces/auv-acoustic.mcap --into mine.fmu --map-group plant.eta=eta
       --as sent --sample-time 0.15 --delay 0.4 --loss 0.1
     """
-    place = hangar(fmus, Path.cwd(), flavour.value)
-    order = Order(
-        wanted=Wanted(_pairs("--map", signals), _pairs("--map-group", groups), as_component),
-        way=way.value,
+    place = make_fmu_cache(fmus, Path.cwd(), flavour.value)
+    request = InjectionRequest(
+        signal_mapping=SignalMapping(
+            _pairs("--map", signals), _pairs("--map-group", groups), as_component
+        ),
+        side=side.value,
         link=_link(link, sample_time, delay, jitter, loss, seed),
         step_ns=None if step is None else _step(step),
         compare=compare,
         tolerances=Tolerances(Tolerance(absolute, relative)),
     )
-    if order.link is not None and way is Way.delivered:
+    if request.link is not None and side is SignalSide.delivered:
         raise InputError("a new link is for what was sent", where="--link", hint="--as sent")
     target = out or TRACES / f"{file.name.partition('.')[0]}-into-{Path(into).stem}.mcap"
     if target.resolve() == file.resolve():
         raise InputError("the new trace would replace the old one", where=str(target))
-    check_room(target)
-    with progress() as tell:
+    check_writable(target)
+    with progress() as report_progress:
         fmu = place.find(into)
-        order = replace(order, parameters=_values(fmu, parameters))
+        request = replace(request, parameters=_values(fmu, parameters))
         target.parent.mkdir(parents=True, exist_ok=True)
-        found = feed_into(file, fmu, target, order, progress=tell)
+        found = run_injection(file, fmu, target, request, progress=report_progress)
     answer(as_json, lambda: inject_json(found), lambda: inject_view(found))
     if found.status == "failed":
         raise typer.Exit(ComponentError.exit_code)

@@ -50,7 +50,7 @@ def play(
             suppress(KeyboardInterrupt),
             Player(file, rate=rate, port=port, start_s=start, loop=loop) as player,
         ):
-            _say_where(player, file, as_json=as_json)
+            _print_address(player, file, as_json=as_json)
             player.wait()
     finally:
         for number, handler in before.items():
@@ -77,10 +77,10 @@ def view(
     answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
 
 
-def _say_where(player: Player, file: Path, *, as_json: bool) -> None:
+def _print_address(player: Player, file: Path, *, as_json: bool) -> None:
     if as_json:
-        said = {"trace": str(file), "url": player.url, "port": player.port, "topics": player.topics}
-        print(json.dumps(said), flush=True)
+        data = {"trace": str(file), "url": player.url, "port": player.port, "topics": player.topics}
+        print(json.dumps(data), flush=True)
         return
     console().print(
         Text.assemble(

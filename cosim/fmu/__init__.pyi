@@ -4,7 +4,7 @@ from .description import (
 )
 from .export.archive import deterministic_zip as deterministic_zip
 from .export.build import (
-    FLAVOUR as FLAVOUR,
+    DEFAULT_FLAVOUR as DEFAULT_FLAVOUR,
     FMI_VERSION as FMI_VERSION,
     build_fmu as build_fmu,
     ensure_all as ensure_all,
@@ -13,13 +13,13 @@ from .export.build import (
 from .export.catalogue import CATALOGUE as CATALOGUE
 from .export.components import component_module as component_module
 from .export.controller import (
-    Packed as Packed,
-    pack_controller as pack_controller,
+    ControllerFmu as ControllerFmu,
+    export_controller as export_controller,
 )
 from .export.decimals import round_below as round_below
 from .export.fmu_file import (
     Flavour as Flavour,
-    Kind as Kind,
+    FmuTarget as FmuTarget,
 )
 from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
@@ -27,8 +27,8 @@ from .export.native.platforms import (
 )
 from .export.page.loop import loop_scenario as loop_scenario
 from .export.plant import (
-    PackedPlant as PackedPlant,
-    pack_plant as pack_plant,
+    PlantFmu as PlantFmu,
+    export_plant as export_plant,
 )
 from .export.python.delay_plant import DelayPlant as DelayPlant
 from .export.spec import (
@@ -41,16 +41,16 @@ from .inspect import (
     Inspection as Inspection,
     inspect_fmu as inspect_fmu,
 )
-from .inspect.facts import facts as facts
-from .inspect.finding import (
+from .inspect.findings import (
     LEVELS as LEVELS,
     printable as printable,
 )
+from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.run import run_findings as run_findings
 from .messages import LogSink as LogSink
 from .phase import (
+    describe_settable as describe_settable,
     may_be_set as may_be_set,
-    settable as settable,
 )
 from .port import (
     Port as Port,
@@ -60,5 +60,5 @@ from .slave import (
     FmuSlave as FmuSlave,
     StepResults as StepResults,
 )
-from .state import State as State
-from .values import elements as elements
+from .state import FmuState as FmuState
+from .values import checked_scalars as checked_scalars

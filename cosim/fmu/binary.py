@@ -79,7 +79,7 @@ _ALTERED_SEARCH_PATH = 0x8
 """Windows looks for the libraries that a library needs beside it."""
 
 
-class Binary:
+class LoadedLibrary:
     """The functions of a loaded library; what it lacks is said when it is asked for.
 
     A foreign FMU may leave out functions that nobody calls, though the standard wants them all.
@@ -117,7 +117,7 @@ class Binary:
         fmpy.freeLibrary(self._dll._handle)  # noqa: SLF001 - ctypes has no other name for it
 
 
-def loaded(description: FmuDescription, folder: Path, component: str) -> Binary:
+def load_binary(description: FmuDescription, folder: Path, component: str) -> LoadedLibrary:
     """The functions of an FMU that is unpacked in `folder`.
 
     Raises
@@ -125,7 +125,7 @@ def loaded(description: FmuDescription, folder: Path, component: str) -> Binary:
     ComponentError : no library for this machine, one of another name, or one that does not load.
     """
     try:
-        return Binary(_library_of(description, folder), description.version)
+        return LoadedLibrary(_library_of(description, folder), description.version)
     except OSError as error:
         here = this_machine()
         sources = (folder / "sources").is_dir()

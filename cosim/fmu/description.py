@@ -16,11 +16,11 @@ from fmpy import read_model_description
 from fmpy.model_description import ValidationError
 
 from cosim.core import InputError
-from cosim.fmu.declared_ports import declared_ports
 from cosim.fmu.inspect.archive import Archive
-from cosim.fmu.inspect.finding import refusal
+from cosim.fmu.inspect.findings import refusal
 from cosim.fmu.inspect.variables import identifier_findings
 from cosim.fmu.port import FmiVersion, Port
+from cosim.fmu.port_declarations import declared_ports
 
 _INTERFACES = {
     "coSimulation": "co-simulation",

@@ -10,19 +10,19 @@ from typing import Any, Final, Literal
 from weakref import WeakSet
 
 from cosim.core import ComponentError, InputError
-from cosim.fmu.binary import PREFIX, loaded
+from cosim.fmu.binary import PREFIX, load_binary
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.messages import (
     LEVELS,
     LogSink,
     fmi2_callbacks,
     fmi3_logger,
-    forget,
-    listen,
+    register_sink,
+    unregister_sink,
     with_names,
 )
 from cosim.fmu.phase import Phase
-from cosim.fmu.unpacked import unpacked
+from cosim.fmu.unpacking import unpack_fmu
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 """fmi2Status and fmi3Status; 0 is OK."""
@@ -36,7 +36,7 @@ _PYTHONFMU: Final = "slavemodule.txt"
 per cent sign in one would be followed by what happens to lie in memory, or by a crash. And every
 step that it could not make it calls the end that the slave wants."""
 _CO_SIMULATION = 1
-_living: WeakSet[Instance] = WeakSet()
+_open_instances: WeakSet[Instance] = WeakSet()
 
 
 class Instance:
@@ -50,7 +50,8 @@ class Instance:
     component : address of the instance.
     phase : where it stands.
     last_error : the last message with a status beyond Warning since the last call from here.
-    _complaint : the last message that claims an error, until the call that it belongs to is over.
+    _logged_error : the last message that claims an error, until the call that it belongs to is
+    over.
     """
 
     def __init__(
@@ -67,24 +68,24 @@ class Instance:
         self.phase: Phase = "instantiated"
         self.last_error: str | None = None
         self.component = 0
-        self._complaint: str | None = None
+        self._logged_error: str | None = None
         self._log = log
         self._categories = categories
         self._fatal = False
         self._where = f"component {name!r} ({description.path.name})"
         self._check_categories()
         self._check_alone()
-        folder = unpacked(description)
+        folder = unpack_fmu(description)
         self._resources = folder / "resources"
         self._of_pythonfmu = (self._resources / _PYTHONFMU).is_file()
-        self._binary = loaded(description, folder, name)
-        self._environment = listen(name, self._heard)
+        self._binary = load_binary(description, folder, name)
+        self._environment = register_sink(name, self._on_message)
         try:
             self._instantiate()
         except BaseException:
             self.end(terminate=False)
             raise
-        _living.add(self)
+        _open_instances.add(self)
         for departure in description.departures:
             self._log("warning", f"modelDescription.xml: {departure}", "")
 
@@ -97,7 +98,7 @@ class Instance:
     def _check_alone(self) -> None:
         if not self.description.can_be_instantiated_only_once:
             return
-        for other in _living:
+        for other in _open_instances:
             if other.description.sha256 == self.description.sha256 and other.phase != "closed":
                 raise InputError(
                     "this FMU can be instantiated only once in a process",
@@ -123,7 +124,7 @@ class Instance:
                 if tool
                 else None,
             )
-        self.last_error = self._complaint = None
+        self.last_error = self._logged_error = None
         if self._categories is not None:
             names = [category.encode() for category in self._categories]
             array = (ctypes.c_char_p * len(names))(*names)
@@ -160,13 +161,13 @@ class Instance:
         )
         return found
 
-    def _heard(self, status: int, category: str, message: str) -> None:
+    def _on_message(self, status: int, category: str, message: str) -> None:
         if self.version == "2.0" and "#" in message:
             message = with_names(message, self._name_of)
         if status >= DISCARD:
             self.last_error = message
         if status >= ERROR and category.startswith(_CLAIM):
-            self._complaint = message
+            self._logged_error = message
         wanted = self._categories is None or category in self._categories
         if wanted or status > WARNING:
             self._log(LEVELS.get(status, "error"), message, category)
@@ -223,7 +224,7 @@ class Instance:
         """
         self.phase = "failed"
         if status == FATAL:
-            for other in _living:
+            for other in _open_instances:
                 if other.description.sha256 == self.description.sha256:
                     other.abandon()
         word = _STATUS.get(status)
@@ -258,8 +259,8 @@ class Instance:
         except (AttributeError, OSError) as error:
             self._log("warning", f"freeing the slave: {error}", "")
         finally:
-            forget(self._environment)
-            _living.discard(self)
+            unregister_sink(self._environment)
+            _open_instances.discard(self)
 
     def _lacks(self, error: AttributeError) -> ComponentError:
         return ComponentError(

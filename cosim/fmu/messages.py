@@ -21,36 +21,38 @@ import fmpy
 import fmpy.logging
 from fmpy import fmi2, fmi3
 
-from cosim.fmu.unpacked import own_folder
+from cosim.fmu.unpacking import own_folder
 
 LogSink = Callable[[str, str, str], None]
 """Takes (level, message, category): level is debug, info, warning, error or fatal; the category
 is the FMU's own, "" for none."""
-Heard = Callable[[int, str, str], None]
+MessageSink = Callable[[int, str, str], None]
 """Takes (status, category, message)."""
 
 LEVELS: Final = MappingProxyType({0: "info", 1: "warning", 2: "warning", 3: "error", 4: "fatal"})
-_listeners: dict[int, tuple[str, Heard]] = {}
+_sinks: dict[int, tuple[str, MessageSink]] = {}
 _numbers = count(1)
 
 
-def listen(name: str, heard: Heard) -> int:
+def register_sink(name: str, sink: MessageSink) -> int:
     """Hear what the instance of that name says; its environment is the number given back."""
     number = next(_numbers)
-    _listeners[number] = (name, heard)
+    _sinks[number] = (name, sink)
     return number
 
 
-def forget(number: int) -> None:
+def unregister_sink(number: int) -> None:
     """Hear nothing more."""
-    _listeners.pop(number, None)
+    _sinks.pop(number, None)
 
 
-def _tell(environment: int | None, name: bytes, status: int, category: bytes, text: bytes) -> None:
-    found = _listeners.get(environment or 0)
+def _dispatch(
+    environment: int | None, name: bytes, status: int, category: bytes, text: bytes
+) -> None:
+    found = _sinks.get(environment or 0)
     if found is None:  # some FMUs pass on anything but their environment
         called = _text(name)
-        found = next((one for one in _listeners.values() if one[0] == called), None)
+        found = next((one for one in _sinks.values() if one[0] == called), None)
     if found is not None:
         found[1](status, _text(category), _text(text))
 
@@ -63,13 +65,13 @@ def _text(raw: bytes | None) -> str:
 def _fmi2_logger(
     environment: int, name: bytes, status: int, category: bytes, message: bytes
 ) -> None:
-    _tell(environment, name, status, category, message)
+    _dispatch(environment, name, status, category, message)
 
 
 @fmi3.fmi3LogMessageCallback  # type: ignore[untyped-decorator]
 def fmi3_logger(environment: int, status: int, category: bytes, message: bytes) -> None:
     """fmi3LogMessageCallback, for all instances."""
-    _tell(environment, b"", status, category, message)
+    _dispatch(environment, b"", status, category, message)
 
 
 @cache

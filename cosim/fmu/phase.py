@@ -8,7 +8,7 @@ from cosim.fmu.port import Port
 
 Phase = Literal["instantiated", "initialising", "stepping", "failed", "closed"]
 
-WHEN = {
+PHASE_TEXT = {
     "instantiated": "before the initialisation",
     "initialising": "during the initialisation",
     "stepping": "after the initialisation",
@@ -32,9 +32,9 @@ def may_be_set(port: Port, phase: Phase) -> bool:
     return phase == "stepping" and (tunable or port.causality == "input")
 
 
-def settable(port: Port) -> str:
+def describe_settable(port: Port) -> str:
     """When a variable may be set, in words."""
     phases: tuple[Phase, ...] = ("instantiated", "initialising", "stepping")
-    when = [WHEN[phase] for phase in phases if may_be_set(port, phase)]
+    when = [PHASE_TEXT[phase] for phase in phases if may_be_set(port, phase)]
     kind = f"{port.variability} {port.causality}"
     return f"{kind}: {' and '.join(when) if when else 'never'}"

@@ -12,7 +12,7 @@ FmiVersion = Literal["2.0", "3.0"]
 SignalKind = Literal["float", "int", "bool", "string"]
 
 
-class Carrier(NamedTuple):
+class TypeMapping(NamedTuple):
     """How an FMI type is moved: its meaning, the function's name, the C type of an element."""
 
     kind: SignalKind | None
@@ -21,28 +21,28 @@ class Carrier(NamedTuple):
 
 
 _SIZED = {
-    f"{sign}Int{bits}": Carrier("int", f"{sign}Int{bits}", f"{'u' if sign else 'i'}{bits // 8}")
+    f"{sign}Int{bits}": TypeMapping("int", f"{sign}Int{bits}", f"{'u' if sign else 'i'}{bits // 8}")
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
-CARRIERS: Mapping[FmiVersion, Mapping[str, Carrier]] = MappingProxyType(
+TYPE_MAPPINGS: Mapping[FmiVersion, Mapping[str, TypeMapping]] = MappingProxyType(
     {
         "2.0": {
-            "Real": Carrier("float", "Real", "f8"),
-            "Integer": Carrier("int", "Integer", "i4"),
-            "Enumeration": Carrier("int", "Integer", "i4"),
-            "Boolean": Carrier("bool", "Boolean", "i4"),
-            "String": Carrier("string", "String", "S"),
+            "Real": TypeMapping("float", "Real", "f8"),
+            "Integer": TypeMapping("int", "Integer", "i4"),
+            "Enumeration": TypeMapping("int", "Integer", "i4"),
+            "Boolean": TypeMapping("bool", "Boolean", "i4"),
+            "String": TypeMapping("string", "String", "S"),
         },
         "3.0": {
-            "Float64": Carrier("float", "Float64", "f8"),
-            "Float32": Carrier("float", "Float32", "f4"),
+            "Float64": TypeMapping("float", "Float64", "f8"),
+            "Float32": TypeMapping("float", "Float32", "f4"),
             **_SIZED,
-            "Enumeration": Carrier("int", "Int64", "i8"),
-            "Boolean": Carrier("bool", "Boolean", "u1"),
-            "String": Carrier("string", "String", "S"),
-            "Binary": Carrier(None, "Binary", ""),
-            "Clock": Carrier(None, "Clock", ""),
+            "Enumeration": TypeMapping("int", "Int64", "i8"),
+            "Boolean": TypeMapping("bool", "Boolean", "u1"),
+            "String": TypeMapping("string", "String", "S"),
+            "Binary": TypeMapping(None, "Binary", ""),
+            "Clock": TypeMapping(None, "Clock", ""),
         },
     }
 )
@@ -107,17 +107,17 @@ class Port:
         return replace(self, shape=shape, start=start)
 
 
-def parsed_start(kind: SignalKind | None, texts: Sequence[str], shape: tuple[int, ...]) -> Any:
+def parse_start(kind: SignalKind | None, texts: Sequence[str], shape: tuple[int, ...]) -> Any:
     """A start value from its words in the XML; one word is every element of an array."""
     if not texts or kind is None:
         return None
-    values = tuple(parsed(kind, text) for text in texts)
+    values = tuple(parse_value(kind, text) for text in texts)
     if not shape:
         return values[0]
     return values * prod(shape) if len(values) == 1 else values
 
 
-def parsed(kind: SignalKind, text: str) -> Any:
+def parse_value(kind: SignalKind, text: str) -> Any:
     """A value as XML schema writes it.
 
     Raises

@@ -24,7 +24,7 @@ from cosim.core import ComponentError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD, WARNING
 from cosim.fmu.messages import LogSink
-from cosim.fmu.state import WithStates
+from cosim.fmu.state import StateAccess
 
 _TERMINATED = 3
 """fmi2StatusKind."""
@@ -41,7 +41,7 @@ class StepResults(ctypes.Structure):
     )
 
 
-class FmuSlave(WithStates):
+class FmuSlave(StateAccess):
     """A slave between instantiation and the end; see the module for its life cycle.
 
     Parameters
@@ -113,10 +113,10 @@ class FmuSlave(WithStates):
             have no other way to tell it.
         """
         self.call("the initialisation", "ExitInitializationMode")
-        if self._complaint is not None:
+        if self._logged_error is not None:
             self.phase = "failed"
             raise ComponentError(
-                "the initialisation failed", where=self._where, got=self._complaint
+                "the initialisation failed", where=self._where, got=self._logged_error
             )
         self.phase = "stepping"
         self._check_taken()
@@ -129,7 +129,7 @@ class FmuSlave(WithStates):
         ComponentError : the slave cannot compute the step.
         """
         what = f"step from t = {time:g} s"
-        self._complaint = None
+        self._logged_error = None
         no_way_back = not self._states
         if self.version == "3.0":
             at = self.step_results
@@ -161,16 +161,16 @@ class FmuSlave(WithStates):
         """
         if self.version == "3.0":
             return bool(self._results.terminate_simulation)
-        if self._discarded is False or self._complaint is not None or self._of_pythonfmu:
+        if self._discarded is False or self._logged_error is not None or self._of_pythonfmu:
             return False
         value = ctypes.c_int(0)
-        said = self.last_error
+        error = self.last_error
         try:
             status = self.status_of("GetBooleanStatus", _TERMINATED, ctypes.byref(value))
         except ComponentError:  # it has no such function, or is at its end already
             return False
         finally:
-            self.last_error = said  # it belongs to the step
+            self.last_error = error  # it belongs to the step
         return status <= WARNING and bool(value.value)
 
     def close(self) -> None:

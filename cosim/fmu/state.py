@@ -8,11 +8,11 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.fmu.phase import Phase
-from cosim.fmu.variables import WithVariables
+from cosim.fmu.variables import VariableAccess
 
 
 @dataclass(eq=False, slots=True)
-class State:
+class FmuState:
     """A state that an instance keeps; only that instance can do something with it.
 
     Attributes
@@ -30,14 +30,14 @@ class State:
         return not self.pointer
 
 
-class WithStates(WithVariables):
+class StateAccess(VariableAccess):
     """An instance that can go back, if its FMU can."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._states: list[State] = []
+        self._states: list[FmuState] = []
 
-    def snapshot(self) -> State:
+    def snapshot(self) -> FmuState:
         """Save the whole state of the slave; to be freed when it is of no more use.
 
         Raises
@@ -50,15 +50,15 @@ class WithStates(WithVariables):
         )
         pointer = ctypes.c_void_p()
         self.call("saving the state", self._stateful("Get{}"), ctypes.byref(pointer))
-        return self._kept(State(pointer, self.phase))
+        return self._kept(FmuState(pointer, self.phase))
 
-    def restore(self, state: State) -> None:
+    def restore(self, state: FmuState) -> None:
         """Go back to a saved state, which remains."""
         self._check_own(state)
         self.call("restoring a state", self._stateful("Set{}"), state.pointer)
         self.phase = state.phase
 
-    def free(self, state: State) -> None:
+    def free(self, state: FmuState) -> None:
         """Give up a saved state; a second time is no matter."""
         if not state.freed:
             self._check_own(state)
@@ -66,7 +66,7 @@ class WithStates(WithVariables):
             state.pointer = ctypes.c_void_p()
             self._states.remove(state)
 
-    def serialised(self, state: State) -> bytes:
+    def serialise(self, state: FmuState) -> bytes:
         """A saved state as bytes."""
         self._check_serialises()
         self._check_own(state)
@@ -77,22 +77,22 @@ class WithStates(WithVariables):
         self.call(what, self._stateful("Serialize{}"), state.pointer, buffer, size.value)
         return buffer.raw
 
-    def deserialise(self, content: bytes) -> State:
+    def deserialise(self, content: bytes) -> FmuState:
         """A saved state from bytes that an instance of the same FMU made in the same phase."""
         self._check_serialises()
         pointer = ctypes.c_void_p()
         name = "DeSerializeFMUstate" if self.version == "2.0" else "DeserializeFMUState"
         self.call("reading a state", name, content, len(content), ctypes.byref(pointer))
-        return self._kept(State(pointer, self.phase))
+        return self._kept(FmuState(pointer, self.phase))
 
     def _stateful(self, name: str) -> str:
         return name.format("FMUstate" if self.version == "2.0" else "FMUState")
 
-    def _kept(self, state: State) -> State:
+    def _kept(self, state: FmuState) -> FmuState:
         self._states.append(state)
         return state
 
-    def _check_own(self, state: State) -> None:
+    def _check_own(self, state: FmuState) -> None:
         if state not in self._states:
             raise InputError(
                 "this state is not one of the slave's",

@@ -17,7 +17,7 @@ _GREATEST_FLOAT32 = float(np.finfo("f4").max)
 _EXPECTED = {"float": "a number", "int": "an integer", "bool": "true or false", "string": "a text"}
 
 
-def elements(port: Port, value: Any, where: str) -> list[Any]:
+def checked_scalars(port: Port, value: Any, where: str) -> list[Any]:
     """The scalars of a value in C's order, each of the port's type and in its range.
 
     Parameters
@@ -105,14 +105,14 @@ def _check_range(port: Port, value: float, where: str) -> None:
         bounds = [f">= {low:g}"] if low is not None else []
         bounds += [f"<= {high:g}"] if high is not None else []
         expected = " and ".join(bounds)
-    elif not _held(port, value):
+    elif not _fits_c_type(port, value):
         expected = f"a value that {port.getter_type} holds"
     else:
         return
     raise InputError(f"{port.name} is out of range", where=where, expected=expected, got=f"{value}")
 
 
-def _held(port: Port, value: float) -> bool:
+def _fits_c_type(port: Port, value: float) -> bool:
     """Whether the C type holds a value; what is not finite it does."""
     if port.kind == "int":
         limits = np.iinfo(port.c_type)
@@ -127,7 +127,7 @@ def to_c(port_type: str, values: Sequence[Any]) -> Any:
     return np.array(values, dtype=port_type)
 
 
-def room(c_type: str, size: int) -> Any:
+def empty_array(c_type: str, size: int) -> Any:
     """A C array to be filled."""
     return (ctypes.c_char_p * size)() if c_type == "S" else np.zeros(size, c_type)
 

@@ -10,20 +10,20 @@ import numpy as np
 from cosim.core import ComponentError, InputError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD, WARNING, Instance
-from cosim.fmu.phase import WHEN, may_be_set, settable
+from cosim.fmu.phase import PHASE_TEXT, describe_settable, may_be_set
 from cosim.fmu.port import Port
-from cosim.fmu.values import address_of, elements, from_c, room, to_c
+from cosim.fmu.values import address_of, checked_scalars, empty_array, from_c, to_c
 
-Prepared = tuple[Port, list[Any]]
+CheckedValue = tuple[Port, list[Any]]
 """A variable and the scalars that it is to have."""
 
 
-class WithVariables(Instance):
+class VariableAccess(Instance):
     """An instance whose variables have names."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._given: list[Prepared] = []
+        self._given: list[CheckedValue] = []
 
     @property
     def _input(self) -> str:
@@ -47,10 +47,10 @@ class WithVariables(Instance):
             )
         for port in ports:
             if port.kind is None:
-                elements(port, None, self._input)
+                checked_scalars(port, None, self._input)
         found = {}
         for members in _by_type(ports):
-            array = room(members[0].c_type, sum(p.size for p in members))
+            array = empty_array(members[0].c_type, sum(p.size for p in members))
             self._move("Get", members, array)
             first = 0
             for port in members:
@@ -120,20 +120,22 @@ class WithVariables(Instance):
         else:
             self._set(self._prepared(values, self.description))
 
-    def _prepared(self, values: Mapping[str, Any], description: FmuDescription) -> list[Prepared]:
+    def _prepared(
+        self, values: Mapping[str, Any], description: FmuDescription
+    ) -> list[CheckedValue]:
         prepared = []
         for name, value in values.items():
             port = description.port(name, where=self._input)
-            if self.phase in WHEN and not may_be_set(port, self.phase):
+            if self.phase in PHASE_TEXT and not may_be_set(port, self.phase):
                 raise InputError(
-                    f"{name} cannot be set {WHEN[self.phase]}",
+                    f"{name} cannot be set {PHASE_TEXT[self.phase]}",
                     where=self._input,
-                    got=settable(port),
+                    got=describe_settable(port),
                 )
-            prepared.append((port, elements(port, value, self._input)))
+            prepared.append((port, checked_scalars(port, value, self._input)))
         return prepared
 
-    def _set(self, prepared: Sequence[Prepared]) -> None:
+    def _set(self, prepared: Sequence[CheckedValue]) -> None:
         flat = {port.name: items for port, items in prepared}
         for members in _by_type([port for port, _ in prepared]):
             array = to_c(members[0].c_type, [x for port in members for x in flat[port.name]])
@@ -147,10 +149,10 @@ class WithVariables(Instance):
         references = np.array([port.reference for port in ports], np.uint32)
         sizes = (len(array),) if self.version == "3.0" else ()
         at = (address_of(references), references.size, address_of(array), *sizes)
-        before, self._complaint = self._complaint, None
+        before, self._logged_error = self._logged_error, None
         status = self.status_of(f"{way}{ports[0].getter_type}", *at)
-        if status <= WARNING and self._complaint is None:
-            self._complaint = before
+        if status <= WARNING and self._logged_error is None:
+            self._logged_error = before
             return
         names = [port.name for port in ports]
         what = f"{'reading' if way == 'Get' else 'setting'} {', '.join(names[:3])}"

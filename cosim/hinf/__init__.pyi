@@ -6,21 +6,20 @@ from .auv import (
     DEFAULT_ENVELOPE as DEFAULT_ENVELOPE,
     DEFAULT_K1 as DEFAULT_K1,
     DEFAULT_K2 as DEFAULT_K2,
-    AuvDesign as AuvDesign,
+    AuvDesignSettings as AuvDesignSettings,
     auv_system as auv_system,
 )
-from .by_order import greatest_delay as greatest_delay
 from .canonical import (
     certificate_bytes as certificate_bytes,
     certificate_hash as certificate_hash,
 )
 from .certificate import (
-    Certificate as Certificate,
+    CertificateCheck as CertificateCheck,
     certificate_from_bytes as certificate_from_bytes,
     check_certificate as check_certificate,
     read_certificate as read_certificate,
 )
-from .certified_delay import (
+from .certified_delays import (
     CertifiedDelay as CertifiedDelay,
     certified_delay as certified_delay,
 )
@@ -28,23 +27,27 @@ from .closed_loop import (
     ClosedLoop as ClosedLoop,
     close as close,
 )
-from .delay_margin import delay_margin as delay_margin
-from .demands import (
-    Demands as Demands,
-    demands_of as demands_of,
+from .delay_margins import delay_margin as delay_margin
+from .design_constraints import (
+    DesignConstraints as DesignConstraints,
+    design_constraints_of as design_constraints_of,
 )
-from .designing import design as design
+from .design_file import (
+    design_from_json as design_from_json,
+    design_to_json as design_to_json,
+)
 from .envelope import Envelope as Envelope
 from .exact_lmi import (
     ExactVariables as ExactVariables,
     minus_omega as minus_omega,
 )
-from .files import parse_toml as parse_toml
 from .from_control import (
     frequency_response as frequency_response,
     to_control as to_control,
 )
-from .greatest_delay import (
+from .gain_design import design as design
+from .greatest_delay_by_order import greatest_delay as greatest_delay
+from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,
     with_delays as with_delays,
@@ -54,12 +57,20 @@ from .lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
 )
-from .named import (
-    BUILT_IN as BUILT_IN,
+from .named_systems import (
+    BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
     Delay as Delay,
     DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
     system_by_name as system_by_name,
+)
+from .nominal_figures import (
+    NominalFigures as NominalFigures,
+    nominal_figures_of as nominal_figures_of,
+)
+from .nominal_system import (
+    nominal_gamma as nominal_gamma,
+    without_uncertainty as without_uncertainty,
 )
 from .norm import (
     NormResult as NormResult,
@@ -72,29 +83,18 @@ from .roots import (
     characteristic_roots as characteristic_roots,
     spectral_abscissa as spectral_abscissa,
 )
-from .saved import (
-    design_from_json as design_from_json,
-    design_to_json as design_to_json,
-)
 from .synthesis import Design as Design
 from .system_json import (
     first_difference as first_difference,
-    matrix as matrix,
+    matrix_from_rows as matrix_from_rows,
     system_from_json as system_from_json,
 )
+from .system_toml import parse_toml as parse_toml
 from .threads import one_thread as one_thread
-from .uncertainty_price import (
-    nominal_gamma as nominal_gamma,
-    without_uncertainty as without_uncertainty,
-)
 from .weights import weighted as weighted
-from .worst_case import (
+from .worst_case_disturbance import (
     WorstCase as WorstCase,
     worst_case as worst_case,
     worst_case_at as worst_case_at,
     worst_case_from_json as worst_case_from_json,
-)
-from .yardsticks import (
-    Yardsticks as Yardsticks,
-    measured as measured,
 )

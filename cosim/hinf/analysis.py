@@ -22,8 +22,8 @@ from cosim.hinf.analysis_certificate import analysis_to_json, exact_analysis
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.analysis_proof import MAX_BOX, MAX_ORDER, analysis_proved, covers_smaller
 from cosim.hinf.from_control import checked_system
+from cosim.hinf.nominal_figures import nominal_figures_of
 from cosim.hinf.solver_status import not_found, solver_words
-from cosim.hinf.yardsticks import measured
 from cosim.models import DelaySystem
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -44,7 +44,7 @@ class Analysis:
         stability is certified, or nothing.
     least_gamma : the solver's least gamma: not a proof; None where it finds none.
     abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
-        (`cosim.hinf.yardsticks`).
+        (`cosim.hinf.nominal_figures`).
     certificate : the proof as JSON values, for `check_certificate`; None if not certified.
     """
 
@@ -63,7 +63,7 @@ class Analysis:
     certificate: dict[str, Any] | None
 
     @property
-    def up_to(self) -> bool:
+    def covers_smaller_delays(self) -> bool:
         """Whether the proof covers every delay up to the system's, not exactly these alone."""
         return self.certificate is not None and covers_smaller(self.certificate["claim"])
 
@@ -84,7 +84,7 @@ def analyse(
     gamma : a bound to prove instead of the least one.
     order : 0 for Theorem 1, which holds for every constant delay up to the system's; N > 0
         for the sharper condition, which holds for exactly these delays, or where that is proved
-        at the same gamma, for every one up to them (`Analysis.up_to`).
+        at the same gamma, for every one up to them (`Analysis.covers_smaller_delays`).
 
     Raises
     ------
@@ -95,18 +95,20 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    yardsticks = measured(system, K)
+    nominal_figures = nominal_figures_of(system, K)
     least, proof, reason = None, None, None
     delays = [delay.d for delay in system.delays]
     levels: list[float | None] = [gamma]
-    if yardsticks.abscissa >= 0:
-        levels, reason = [], _unstable(yardsticks.abscissa)
+    if nominal_figures.abscissa >= 0:
+        levels, reason = [], _unstable(nominal_figures.abscissa)
     else:
         lmi = AnalysisLmi(system, K, order, performance=system.has_performance)
         if system.has_performance:
             floor = float(np.linalg.norm(system.D1, 2))
             with solver_words() as words:
-                least = lmi.least_gamma(delays, max(floor, yardsticks.exact_norm or 0.0) or 1.0)
+                least = lmi.least_gamma(
+                    delays, max(floor, nominal_figures.exact_norm or 0.0) or 1.0
+                )
             if gamma is None and least is None:
                 levels, reason = [], f"no gamma was found: {not_found(words)}"
             elif gamma is None and least is not None:
@@ -126,7 +128,7 @@ def analyse(
         gamma=None if proof is None else level,
         least_gamma=least,
         certificate=proof,
-        **yardsticks._asdict(),
+        **nominal_figures._asdict(),
     )
 
 

@@ -21,7 +21,7 @@ from cosim.hinf.analysis_proof import (
     analysis_proved,
     orders_of,
 )
-from cosim.hinf.proof import Certificate
+from cosim.hinf.proof import CertificateCheck
 from cosim.hinf.rational import (
     exact,
     exact_matrix,
@@ -31,8 +31,8 @@ from cosim.hinf.rational import (
     matrix_to_text,
     to_text,
 )
-from cosim.hinf.shown import shown
-from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
+from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
+from cosim.hinf.value_text import format_value
 
 if TYPE_CHECKING:
     from cosim.hinf.analysis_lmi import AnalysisVariables
@@ -82,7 +82,7 @@ def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dic
     }
 
 
-def check_analysis(data: dict[str, Any]) -> Certificate:
+def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     """Check an analysis from its JSON alone, with rational arithmetic and no solver.
 
     Raises
@@ -97,7 +97,7 @@ def check_analysis(data: dict[str, Any]) -> Certificate:
     v = _variables(system, data["variables"])
     claim = analysis_claim(system, v)
     if data["claim"] != claim:
-        return Certificate(
+        return CertificateCheck(
             valid=False,
             reason="the claim is not the one that system and variables make",
             claim=claim,
@@ -105,7 +105,7 @@ def check_analysis(data: dict[str, Any]) -> Certificate:
     named = [("P", v.P), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q) if Q is not None)]
     for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
         if not is_symmetric(value):
-            return Certificate(valid=False, reason=f"{name} is not symmetric", claim=claim)
+            return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
     return analysis_proved(system, gain, v)
 
 
@@ -113,7 +113,7 @@ def _gain(rows: Any, system: DelaySystem) -> Matrix:
     n, m = system.B.shape
     if rows == [] and m == 0:
         return np.zeros((0, n))
-    gain = matrix(rows, "K")
+    gain = matrix_from_rows(rows, "K")
     if gain.shape != (m, n):
         raise InputError("wrong shape", where="K", expected=str((m, n)), got=str(gain.shape))
     return gain
@@ -127,7 +127,7 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
             "not an order",
             where="variables.order",
             expected=f"an integer from 0 to {MAX_ORDER}",
-            got=shown(order),
+            got=format_value(order),
         )
     n, orders = system.A.shape[0], orders_of(system, order)
     late = [delay for delay in system.delays if delay.d > 0]
@@ -137,7 +137,7 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
                 "one per positive delay",
                 where=f"variables.{name}",
                 expected=f"a list of {len(late)}",
-                got=shown(data[name]),
+                got=format_value(data[name]),
             )
     missing = [data["Q"][j] is None for j in range(len(late))]
     checks = [(f"Q[{j}]", missing[j], delay.any_age) for j, delay in enumerate(late)]
@@ -175,7 +175,7 @@ def _lower(late: list[Delay], order: int, texts: Any) -> tuple[Any, ...]:
             "does not fit the system",
             where="variables.lower",
             expected=f"from order 1 on: {len(late)} numbers, null where any age is allowed",
-            got=shown(texts),
+            got=format_value(texts),
         )
     lower = []
     for j, (text, delay) in enumerate(zip(texts, late, strict=True)):
@@ -185,7 +185,7 @@ def _lower(late: list[Delay], order: int, texts: Any) -> tuple[Any, ...]:
                 "not below the delay",
                 where=f"variables.lower[{j}]",
                 expected=f"0 to {delay.d}",
-                got=shown(text),
+                got=format_value(text),
             )
         lower.append(low)
     return tuple(lower)

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.proof import MAX_ROWS, Certificate, claim_of
+from cosim.hinf.proof import MAX_ROWS, CertificateCheck, claim_of
 from cosim.hinf.rational import (
     exact,
     exact_matrix,
@@ -91,12 +91,12 @@ def analysis_claim(system: DelaySystem, v: ExactAnalysis) -> dict[str, Any]:
     """What a valid certificate says; as `claim_of`, with the order and what it covers."""
     claim = claim_of(system, v.gamma)
     late = 0
-    for said, delay in zip(claim["delays"], system.delays, strict=True):
+    for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         lower = None if v.lower is None else v.lower[late] if delay.d > 0 else 0
         if v.order > 0 and not delay.any_age:
-            said["age"] = EXACTLY if lower is None else "constant, up to d"
+            delay_claim["age"] = EXACTLY if lower is None else "constant, up to d"
             if lower is not None and lower != 0:
-                said["age"] = f"constant, from {to_text(lower)} to d"
+                delay_claim["age"] = f"constant, from {to_text(lower)} to d"
         late += delay.d > 0
     return claim | {"order": v.order}
 
@@ -106,7 +106,7 @@ def covers_smaller(claim: dict[str, Any]) -> bool:
     return all(delay["age"] != EXACTLY and "from" not in delay["age"] for delay in claim["delays"])
 
 
-def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Certificate:
+def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> CertificateCheck:
     """Prove, or fail to prove, what `analysis_claim` says, for u = K x(t-d_f).
 
     Parameters
@@ -122,7 +122,7 @@ def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Cert
     """
     reason = _failure(system, gain, v)
     claim = analysis_claim(system, v)
-    return Certificate(valid=reason is None, reason=reason, claim=claim)
+    return CertificateCheck(valid=reason is None, reason=reason, claim=claim)
 
 
 def _failure(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> str | None:

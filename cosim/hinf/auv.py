@@ -32,7 +32,7 @@ DEFAULT_K1, DEFAULT_K2 = (-0.3, -1.0), (0.3, 1.0)
 
 
 @dataclass(frozen=True)
-class AuvDesign:
+class AuvDesignSettings:
     """What a gain for the vehicle is designed for.
 
     Attributes
@@ -81,9 +81,9 @@ class AuvDesign:
             )
 
 
-def auv_system(settings: AuvDesign | None = None) -> DelaySystem:
+def auv_system(settings: AuvDesignSettings | None = None) -> DelaySystem:
     """Eq. (7) of the vehicle: n = 8, m = 4, q = 4, p = 8, one delay or two."""
-    settings = settings or AuvDesign()
+    settings = settings or AuvDesignSettings()
     zero, one = np.zeros((4, 4)), np.eye(4)
     uncertainty = auv_uncertainty(settings.envelope, settings.parameters)
     damping = np.block([[zero, zero], [zero, -np.diag(settings.damping)]])

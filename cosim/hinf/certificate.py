@@ -25,7 +25,7 @@ from cosim.core import InputError
 from cosim.hinf.analysis_certificate import KIND, check_analysis
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.guarantees import Guarantees, guarantees_from_json
-from cosim.hinf.proof import Certificate, Variables, claim_of, exact_variables, proved
+from cosim.hinf.proof import CertificateCheck, Variables, claim_of, exact_variables, proved
 from cosim.hinf.rational import exact_matrix, matrix_from_text, matrix_to_text
 from cosim.hinf.refutation_certificate import (
     FLOOR,
@@ -33,8 +33,8 @@ from cosim.hinf.refutation_certificate import (
     check_gamma_floor,
     check_refutation,
 )
-from cosim.hinf.shown import shown
-from cosim.hinf.system_json import known_keys, matrix, system_from_json, system_to_json
+from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
+from cosim.hinf.value_text import format_value
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
 
 __all__ = [
-    "Certificate",
+    "CertificateCheck",
     "Variables",
     "certificate_from_bytes",
     "certificate_to_json",
@@ -52,7 +52,7 @@ __all__ = [
     "read_certificate",
 ]
 
-_OTHERS: dict[str, Callable[[dict[str, Any]], Certificate]] = {
+_OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     KIND: check_analysis,
     REFUTATION: check_refutation,
     FLOOR: check_gamma_floor,
@@ -63,7 +63,7 @@ _KEYS = ("claim", "system", "variables", "K")
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
-def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> Certificate:
+def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> CertificateCheck:
     """Prove, or fail to prove, the LMI for u = K x(t-d_f) with the doubles of K.
 
     The matrices of `variables` are symmetrised first, exactly.
@@ -109,7 +109,7 @@ def certificate_to_json(
     }
 
 
-def check_certificate(data: Any) -> Certificate:
+def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "refutation" or "gamma
@@ -134,31 +134,31 @@ def check_certificate(data: Any) -> Certificate:
                 "not a kind of certificate",
                 where="certificate.kind",
                 expected=f"{known}, or no kind at all (Theorem 2)",
-                got=shown(kind),
+                got=format_value(kind),
             )
         return check(data)
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
     n, m = system.B.shape
-    rows = matrix(data["K"], "K")
+    rows = matrix_from_rows(data["K"], "K")
     gain = _gain(rows if m or rows.size else np.zeros((0, n)), system)
     v, Y = _variables_from_json(system, data["variables"])
     more = guarantees_from_json(data, system)
     claim = claim_of(system, v.gamma) | more.claim()
     if data["claim"] != claim:
-        return Certificate(
+        return CertificateCheck(
             valid=False,
             reason="the claim is not the one that system and variables make",
             claim=claim,
         )
     name = asymmetric(v)
     if name is not None:
-        return Certificate(valid=False, reason=f"{name} is not symmetric", claim=claim)
+        return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
     if exact_matrix(gain) * v.X != Y:
-        return Certificate(valid=False, reason="Y is not K X", claim=claim)
+        return CertificateCheck(valid=False, reason="Y is not K X", claim=claim)
     reason = proved(system, gain, v).reason or more.failure(system, gain)
-    return Certificate(valid=reason is None, reason=reason, claim=claim)
+    return CertificateCheck(valid=reason is None, reason=reason, claim=claim)
 
 
 def read_certificate(path: str | Path) -> Any:

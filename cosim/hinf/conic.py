@@ -65,14 +65,14 @@ class Solution:
     y : the unknowns; the last iterate unless solved.
     value : q'y.
     Z : one multiplier per constraint; where `infeasible`, -sum <M0, Z> = 1, <M_i, Z> about 0.
-    said : the solver's own word.
+    solver_message : the solver's own word.
     """
 
     status: Status
     y: Array
     value: float
     Z: tuple[Array, ...]
-    said: str
+    solver_message: str
 
     @property
     def usable(self) -> bool:

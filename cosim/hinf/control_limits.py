@@ -141,7 +141,7 @@ class PeakControl:
         name = asymmetric(v)
         if name is not None:
             return f"{name} is not symmetric"
-        reason = failure(reached_system(system, energy=self.energy != 0), gain, v)
+        reason = failure(peak_system(system, energy=self.energy != 0), gain, v)
         if reason is not None:
             return reason
         squares = squared_peaks(system, gain, v, self.offset, self.energy)
@@ -178,7 +178,7 @@ def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakCo
     return PeakControl(numbers("bounds", m), offset, energy, variables)
 
 
-def reached_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
+def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
     """The system with z = 0; without w, too, where no energy comes in."""
     s = system
     C = s.C if energy else s.C[:, :0]
@@ -200,7 +200,7 @@ def squared_peaks(
     corners = offset_corners(offset)
     n = len(offset)
     starts = flint.fmpq_mat(n, len(corners), [corner[i] for i in range(n) for corner in corners])
-    reach = K * v.X * K.transpose()
+    KXK = K * v.X * K.transpose()
     for bits in _PRECISIONS:
         with flint.ctx.workprec(bits):
             level = flint.arb(0)
@@ -214,7 +214,7 @@ def squared_peaks(
                     level = level.max(levels[k, k])
             if energy != 0:
                 level += flint.arb(v.gamma * energy * energy)
-            squares = tuple(level * flint.arb(reach[i, i]) for i in range(K.nrows()))
+            squares = tuple(level * flint.arb(KXK[i, i]) for i in range(K.nrows()))
             if all(square == 0 or square.rel_accuracy_bits() > _DIGITS for square in squares):
                 return squares
     return None

@@ -13,10 +13,10 @@ import numpy as np
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.conic import Constraint
 from cosim.hinf.decay import Decay, acting_delays, corners, growth_of
+from cosim.hinf.not_achievable import without_performance
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.proof import exact_point
 from cosim.hinf.rational import exact
-from cosim.hinf.refusals import stability_alone
 from cosim.hinf.scaling import Scaling
 from cosim.hinf.search import starts
 from cosim.hinf.solver_status import not_found, solver_words
@@ -41,7 +41,7 @@ def _shifted(system: DelaySystem, rate: float, growth: tuple[float, ...]) -> Del
     n = system.A.shape[0]
     late = [s for s, delay in zip(growth, system.delays, strict=True) if delay.feedback]
     return replace(
-        stability_alone(system),
+        without_performance(system),
         A=system.A + rate * np.eye(n),
         B=system.B * (late[0] if late else 1.0),
         delays=tuple(

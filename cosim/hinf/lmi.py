@@ -39,7 +39,7 @@ from cosim.core import InputError
 from cosim.hinf.analysis import gain_of
 from cosim.hinf.from_control import checked_system
 from cosim.hinf.scaling import scaling_of
-from cosim.hinf.synthesis import Design, check_reachable, checked_scalars, design, rounded_gain
+from cosim.hinf.synthesis import Design, check_achievable, checked_scalars, design, rounded_gain
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -170,7 +170,7 @@ def as_cvxpy(
     system = checked_system(system, control=True)
     p = checked_scalars(system, k1, k2)
     if gamma is not None:
-        check_reachable(gamma, system)
+        check_achievable(gamma, system)
     v = unknowns(system, gain=None if gain is None else gain_of(system, gain), gamma=gamma)
     whole, positive = omega(system, p.k1, p.k2, v)
     least = gamma is None and system.has_performance

@@ -141,13 +141,13 @@ class _Bounds:
         def size(stack: Any) -> Reals:
             return np.asarray(np.linalg.norm(stack, axis=(-2, -1)), dtype=np.float64)
 
-        reach = half * self.L1 * size(S)
-        grow = 1.0 / np.where(reach < 1.0, 1.0 - reach, 1.0)
+        rho = half * self.L1 * size(S)
+        grow = 1.0 / np.where(rho < 1.0, 1.0 - rho, 1.0)
         r = grow * size(S)
         rc = grow * size(S @ np.asarray(loop.C))
         dr = grow * size(loop.output_matrix(s) @ S) + half * self.M1 * r
         bend = rc * (self.M2 + 2.0 * self.M1 * r * self.L1 + dr * (2.0 * self.L1**2 * r + self.L2))
-        return np.where(reach < 1.0, ends + 0.5 * half**2 * bend, np.inf)
+        return np.where(rho < 1.0, ends + 0.5 * half**2 * bend, np.inf)
 
 
 def _refine(loop: ClosedLoop, low: float, high: float) -> tuple[float, float]:

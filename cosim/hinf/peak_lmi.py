@@ -22,8 +22,8 @@ import numpy as np
 from cosim.hinf.affine import Affine
 from cosim.hinf.assembly import Scalars, Structure
 from cosim.hinf.conic import TOLERANCE, Constraint, Solution
-from cosim.hinf.control_limits import PeakControl, offset_corners, proved_peaks, reached_system
-from cosim.hinf.demands import Demands
+from cosim.hinf.control_limits import PeakControl, offset_corners, peak_system, proved_peaks
+from cosim.hinf.design_constraints import DesignConstraints
 from cosim.hinf.problem import Answer, Point, Problem
 from cosim.hinf.proof import exact_point, failure
 from cosim.hinf.rational import exact
@@ -40,9 +40,11 @@ _TRIES = 2
 """How many k1, k2 are gone on with, those of the least peak first."""
 
 
-def scaled_demands(demands: Demands, units: Scaling) -> Demands:
+def scaled_design_constraints(
+    design_constraints: DesignConstraints, units: Scaling
+) -> DesignConstraints:
     """Offset, energy and peaks in inner units: V counts in T there, w in a."""
-    d = demands
+    d = design_constraints
     return replace(
         d,
         peak_control=d.peak_control
@@ -53,7 +55,7 @@ def scaled_demands(demands: Demands, units: Scaling) -> Demands:
 
 
 def level_constraints(
-    structure: Structure, inner: Demands, level: float, theta: float, width: int
+    structure: Structure, inner: DesignConstraints, level: float, theta: float, width: int
 ) -> list[Constraint]:
     """V stays at or below `level` from every corner of the offset, with the energy.
 
@@ -90,14 +92,18 @@ class PeakProblem(Problem):
     Offset and energy are counted in `unit`, K and the limits as shares of their largest.
     """
 
-    def __init__(self, system: DelaySystem, gain: Matrix, demands: Demands) -> None:
-        super().__init__(reached_system(system, energy=bool(demands.energy)), spare=1)
+    def __init__(
+        self, system: DelaySystem, gain: Matrix, design_constraints: DesignConstraints
+    ) -> None:
+        super().__init__(peak_system(system, energy=bool(design_constraints.energy)), spare=1)
         self._gain = gain
-        self._demands = scaled_demands(demands, self.scaling)
-        self._unit = max(*(self._demands.offset or ()), self._demands.energy or 0.0, 0.0)
+        self._design_constraints = scaled_design_constraints(design_constraints, self.scaling)
+        self._unit = max(
+            *(self._design_constraints.offset or ()), self._design_constraints.energy or 0.0, 0.0
+        )
         self._K = self.scaling.gain(gain)
         self._largest_gain = float(np.abs(self._K).max(initial=0.0)) or 1.0
-        self._largest_limit = max(self._demands.peak_control or (1.0,))
+        self._largest_limit = max(self._design_constraints.peak_control or (1.0,))
         self._theta, self._least, self._top = 1.0, np.inf, np.inf
         self._weights: Array | None = None
         self._trace = None  # the level of V says how large a solution is to be
@@ -136,7 +142,7 @@ class PeakProblem(Problem):
 
     def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:
         del p, gain
-        d, unit, width = self._demands, self._unit, self._t + 1 if margin else self._t
+        d, unit, width = self._design_constraints, self._unit, self._t + 1 if margin else self._t
         counted = replace(
             d,
             offset=tuple(value / unit for value in d.offset or ()),
@@ -148,7 +154,7 @@ class PeakProblem(Problem):
     def _peaks(self, width: int) -> list[Constraint]:
         """K_i X K_i' <= t limit_i^2; t <= top where it is given."""
         place, X = self.structure.spare[None, :1], self.structure.X.place
-        limits = np.array(self._demands.peak_control or ()) / self._largest_limit
+        limits = np.array(self._design_constraints.peak_control or ()) / self._largest_limit
         K = self._K / self._largest_gain
         made = []
         for row, limit in zip(K, limits, strict=True):
@@ -164,22 +170,25 @@ class PeakProblem(Problem):
 
 
 def proved_peak_control(
-    system: DelaySystem, gain: Matrix, demands: Demands, scalars: Sequence[Scalars]
+    system: DelaySystem,
+    gain: Matrix,
+    design_constraints: DesignConstraints,
+    scalars: Sequence[Scalars],
 ) -> tuple[PeakControl | None, str]:
     """A proof of bounds on u within the demanded ones, near the least, or None and why.
 
     Parameters
     ----------
     system, gain : the loop, K as it flies.
-    demands : with `peak_control`, `offset`, `energy`.
+    design_constraints : with `peak_control`, `offset`, `energy`.
     scalars : k1, k2 to try, the likely ones first.
     """
-    offset = tuple(exact(value) for value in demands.offset or ())
-    energy = exact(demands.energy or 0.0)
-    limits = np.array(demands.peak_control or ())
-    reached = reached_system(system, energy=energy != 0)
+    offset = tuple(exact(value) for value in design_constraints.offset or ())
+    energy = exact(design_constraints.energy or 0.0)
+    limits = np.array(design_constraints.peak_control or ())
+    inner_system = peak_system(system, energy=energy != 0)
     reason = ""
-    problems = [(p, PeakProblem(system, gain, demands)) for p in scalars]
+    problems = [(p, PeakProblem(system, gain, design_constraints)) for p in scalars]
     with solver_words() as words:
         ends = [(problem.least(p), i) for i, (p, problem) in enumerate(problems)]
     enough = [(end, i) for end, i in ends if end is not None]
@@ -190,8 +199,8 @@ def proved_peak_control(
                 point = problem.near(p, share)
             if point is None:
                 continue
-            v = exact_point(reached, point, p)
-            failed = failure(reached, gain, v)
+            v = exact_point(inner_system, point, p)
+            failed = failure(inner_system, gain, v)
             if failed is not None:
                 reason = failed
                 continue

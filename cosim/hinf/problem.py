@@ -25,7 +25,7 @@ _LARGEST_X = 1e3
 """What a margin needs to be bounded: X <= this."""
 _SHARE = 1e-3
 """The proof needs Q > 0, and nothing else keeps it off its boundary: Q >= this times t."""
-ROUGH = 1e-7
+ROUGH_TOLERANCE = 1e-7
 """A tolerance for a margin that is asked for its sign alone."""
 
 
@@ -66,7 +66,7 @@ class Problem:
     ----------
     structure : the LMI, in the units of `scaling`.
     has_gamma : whether there is a gain from w to z to be bounded.
-    solves : how often the solver was asked: what a search is budgeted by.
+    solve_count : how often the solver was asked: what a search is budgeted by.
 
     `spare` unknowns stand beside its own, for what a subclass adds (`_more`); `scaling` is its
     own unless it is given.
@@ -78,7 +78,7 @@ class Problem:
         self.scaling: Scaling = scaling or scaling_of(system)
         self.structure = Structure(self.scaling.system(system), spare)
         self.has_gamma = self.structure.gamma is not None
-        self.solves = 0
+        self.solve_count = 0
         self._n = system.A.shape[0]
         self._t = self.structure.size
         s, zeros = self.structure, np.zeros((self._n, self._n))
@@ -170,7 +170,7 @@ class Problem:
         tolerance: float,
         equal: tuple[Array, float] | None = None,
     ) -> Solution:
-        self.solves += 1
+        self.solve_count += 1
         return solve(constraints, q, equal=equal, tolerance=tolerance)
 
     def _omega(

@@ -47,7 +47,7 @@ class Variables:
 
 
 @dataclass(frozen=True)
-class Certificate:
+class CertificateCheck:
     """Outcome of an exact check.
 
     valid : the claim is proved.
@@ -84,7 +84,7 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
     }
 
 
-def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> Certificate:
+def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateCheck:
     """Prove, or fail to prove, what `claim_of` says, for u = K x(t-d_f).
 
     Parameters
@@ -99,7 +99,7 @@ def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> Certificate:
         If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
     """
     reason = failure(system, gain, v)
-    return Certificate(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
+    return CertificateCheck(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
 
 
 def failure(

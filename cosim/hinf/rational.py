@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.shown import shown
+from cosim.hinf.value_text import format_value
 
 if TYPE_CHECKING:
     from cosim.models import Matrix
@@ -68,11 +68,13 @@ def from_text(text: Any, where: str) -> Any:
             "not an exact number",
             where=where,
             expected=f'a string "p" or "p/q" of integers with at most {MAX_DIGITS} digits each',
-            got=shown(text),
+            got=format_value(text),
         )
     p, q = flint.fmpz(match[1]), flint.fmpz(match[2] or "1")
     if q == 0:
-        raise InputError("a denominator is zero", where=where, expected="p/q", got=shown(text))
+        raise InputError(
+            "a denominator is zero", where=where, expected="p/q", got=format_value(text)
+        )
     if len(match[2] or "") > MAX_ODD_DIGITS and q & (q - 1) != 0:
         raise InputError(
             "a long denominator is no power of two",

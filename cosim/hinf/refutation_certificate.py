@@ -20,7 +20,7 @@ import flint
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.proof import Certificate
+from cosim.hinf.proof import CertificateCheck
 from cosim.hinf.rational import (
     exact,
     exact_matrix,
@@ -36,8 +36,8 @@ from cosim.hinf.refutation_proof import (
     refutation_claim,
     refuted,
 )
-from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys, system_from_json, system_to_json
+from cosim.hinf.value_text import format_value
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -69,7 +69,7 @@ def refutation_to_json(
     }
 
 
-def check_refutation(data: dict[str, Any]) -> Certificate:
+def check_refutation(data: dict[str, Any]) -> CertificateCheck:
     """Check a refutation from its JSON alone, with rational arithmetic and no solver.
 
     Raises
@@ -98,7 +98,7 @@ def gamma_floor(system: DelaySystem, gamma: float) -> dict[str, Any] | None:
     _, _, right = np.linalg.svd(system.D1)
     for w in (right[0], *np.eye(system.D1.shape[1])):
         column = exact_matrix(np.asarray(w, dtype=np.float64)[:, None])
-        if _reached(system, exact(gamma), column):
+        if _attains(system, exact(gamma), column):
             return {
                 "kind": FLOOR,
                 "claim": _floor_claim(system, exact(gamma)),
@@ -109,7 +109,7 @@ def gamma_floor(system: DelaySystem, gamma: float) -> dict[str, Any] | None:
     return None
 
 
-def check_gamma_floor(data: dict[str, Any]) -> Certificate:
+def check_gamma_floor(data: dict[str, Any]) -> CertificateCheck:
     """Check a certificate of `gamma_floor` from its JSON alone.
 
     Raises
@@ -127,13 +127,13 @@ def check_gamma_floor(data: dict[str, Any]) -> Certificate:
     claim = _floor_claim(system, gamma)
     if data["claim"] != claim:
         return _not_proved("the claim is not the one that system and gamma make", claim)
-    if not _reached(system, gamma, w):
+    if not _attains(system, gamma, w):
         return _not_proved("|D1 w| is less than gamma |w|, or w is zero", claim)
-    return Certificate(valid=True, reason=None, claim=claim)
+    return CertificateCheck(valid=True, reason=None, claim=claim)
 
 
-def _not_proved(reason: str, claim: dict[str, Any]) -> Certificate:
-    return Certificate(valid=False, reason=reason, claim=claim)
+def _not_proved(reason: str, claim: dict[str, Any]) -> CertificateCheck:
+    return CertificateCheck(valid=False, reason=reason, claim=claim)
 
 
 def _floor_claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def _floor_claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
     }
 
 
-def _reached(system: DelaySystem, gamma: Any, w: Any) -> bool:
+def _attains(system: DelaySystem, gamma: Any, w: Any) -> bool:
     """Whether |D1 w| >= gamma |w| > 0, for a gamma > 0."""
     there = exact_matrix(system.D1) * w
     size = (w.transpose() * w)[0, 0] if w.nrows() else flint.fmpq(0)
@@ -165,7 +165,7 @@ def _place(system: DelaySystem, data: Any) -> Place:
             "does not fit the system",
             where="at.gamma",
             expected="a number" if system.has_performance else "null",
-            got=shown(data["gamma"]),
+            got=format_value(data["gamma"]),
         )
     return Place(
         tuple(from_text(x, f"at.k1[{j}]") for j, x in enumerate(data["k1"])),
@@ -185,7 +185,7 @@ def _multipliers(system: DelaySystem, data: Any) -> Multipliers:
                 "does not fit the system",
                 where=f"multipliers.Q[{j}]",
                 expected="null" if delay.any_age else "a matrix",
-                got=shown(Q),
+                got=format_value(Q),
             )
     rows = (1 + N + sum(delay.d > 0 for delay in system.delays)) * n + system.H.shape[0]
     rows += system.C.shape[1] + system.D.shape[0] if system.has_performance else 0

@@ -30,7 +30,7 @@ import flint
 
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables, minus_omega
-from cosim.hinf.proof import MAX_ROWS, Certificate
+from cosim.hinf.proof import MAX_ROWS, CertificateCheck
 from cosim.hinf.rational import first_bad_matrix, to_text
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
     }
 
 
-def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> Certificate:
+def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> CertificateCheck:
     """Prove, or fail to prove, what `refutation_claim` says.
 
     Raises
@@ -177,7 +177,9 @@ def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> Cert
         If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
     """
     reason = _failure(system, place, multipliers)
-    return Certificate(valid=reason is None, reason=reason, claim=refutation_claim(system, place))
+    return CertificateCheck(
+        valid=reason is None, reason=reason, claim=refutation_claim(system, place)
+    )
 
 
 def _failure(system: DelaySystem, place: Place, multipliers: Multipliers) -> str | None:

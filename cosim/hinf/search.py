@@ -19,7 +19,7 @@ from scipy import optimize
 
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.conic import Solution
-from cosim.hinf.problem import ROUGH, Answer, Problem
+from cosim.hinf.problem import ROUGH_TOLERANCE, Answer, Problem
 from cosim.hinf.svec import Array
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def widest_margin(
     """k1, k2 with a margin at the delays of `p`, and the margin; negative: none was found."""
 
     def ask(at: Scalars) -> Answer | None:
-        return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH))
+        return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH_TOLERANCE))
 
     tried = [(at, ask(at)) for at in starts(p)]
     found = [(at, answer.value) for at, answer in tried if answer is not None]
@@ -76,7 +76,7 @@ def widest_margin(
     return best, -value
 
 
-def starting(
+def initial_scalars(
     system: DelaySystem,
     k1: Sequence[float] | None,
     k2: Sequence[float] | None,
@@ -111,7 +111,7 @@ def starts(p: Scalars) -> list[Scalars]:
     return [p, *made]
 
 
-class EnoughError(Exception):
+class SearchDoneError(Exception):
     """What was looked for is found."""
 
 
@@ -133,7 +133,7 @@ def _descend(
         at = scalars(u)
         answer = ask(at)
         if answer is None and not best:
-            raise EnoughError  # the start itself, but for rounding: at the edge of what is solved
+            raise SearchDoneError  # the start itself, rounded: at the edge of what can be solved
         if answer is None:
             # a wall: the line search turns back
             return 10.0 * abs(best[0][1]) + 10.0, np.zeros(2 * N)
@@ -141,7 +141,7 @@ def _descend(
         if not best or here < best[0][1]:
             best[:] = [(at, here)]
         if enough is not None and here < enough:
-            raise EnoughError
+            raise SearchDoneError
         by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N : 2 * N]
         k1, k2 = np.array(at.k1), np.array(at.k2)
         return here, np.concatenate([by_k1 * k1 + by_k2 * k2, by_k1 * k2])
@@ -152,7 +152,7 @@ def _descend(
     inside = np.clip(u, *np.array(bounds).T)
     if not np.array_equal(inside, u):
         return start, sign * _value(ask(start))
-    with suppress(EnoughError):
+    with suppress(SearchDoneError):
         optimize.minimize(
             value,
             u,
@@ -172,11 +172,13 @@ def _value(answer: Answer | None) -> float:
     return math.inf if answer is None else answer.value
 
 
-def scaled(p: Scalars, which: int, d: float) -> Scalars:
+def scaled(p: Scalars, delay_index: int, d: float) -> Scalars:
     """`p` with one delay changed, and its k1, k2 in proportion to 1/d."""
-    scale = p.d[which] / d
+    scale = p.d[delay_index] / d
 
     def put(values: Sequence[float], value: float) -> tuple[float, ...]:
-        return (*values[:which], value, *values[which + 1 :])
+        return (*values[:delay_index], value, *values[delay_index + 1 :])
 
-    return Scalars(put(p.k1, p.k1[which] * scale), put(p.k2, p.k2[which] * scale), put(p.d, d))
+    return Scalars(
+        put(p.k1, p.k1[delay_index] * scale), put(p.k2, p.k2[delay_index] * scale), put(p.d, d)
+    )

@@ -29,22 +29,22 @@ from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.certificate import Variables, certificate_to_json, certify
 from cosim.hinf.guarantees import Guarantees
-from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.rational import rounded_up
-from cosim.hinf.refusals import (
-    below_least,
-    is_nothing,
-    no_gamma_at_all,
+from cosim.hinf.nominal_figures import NominalFigures, nominal_figures_of
+from cosim.hinf.not_achievable import (
+    gamma_below_least,
+    is_zero_gamma,
+    no_feasible_gamma,
     no_least_gamma,
     not_certified,
 )
+from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.rational import rounded_up
 from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.scaling import Scaling, check_size
 from cosim.hinf.search import least_gamma, widest_margin
 from cosim.hinf.solver_status import not_found, solver_words
 from cosim.hinf.threads import one_thread
-from cosim.hinf.worst_case import WorstCase, worst_case_at
-from cosim.hinf.yardsticks import Yardsticks, measured
+from cosim.hinf.worst_case_disturbance import WorstCase, worst_case_at
 from cosim.models import DelaySystem
 
 GAIN_DIGITS = 6
@@ -69,7 +69,7 @@ class Design:
     k1, k2 : one per delay; empty where the proof has an `order`.
     least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
     abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
-        (`cosim.hinf.yardsticks`); None also where it could not be computed (a delay too long
+        (`cosim.hinf.nominal_figures`); None also where it could not be computed (a delay too long
         for its roots to be counted), or where an older file does not hold it.
     certificate : the proof as JSON values, for `check_certificate`.
     order : of the Bessel-Legendre inequality in the proof, which is then the analysis of K and
@@ -96,7 +96,7 @@ class Design:
     guarantees: Guarantees = field(default_factory=Guarantees)
 
     @property
-    def up_to(self) -> bool:
+    def covers_smaller_delays(self) -> bool:
         """Whether the proof covers every delay up to the system's, not exactly these alone."""
         return self.order is None or covers_smaller(self.certificate["claim"])
 
@@ -136,7 +136,7 @@ def design(
     scalars = checked_scalars(system, k1, k2)
     fixed = None if gain is None else gain_of(system, gain)
     if gamma is not None:
-        check_reachable(gamma, system)
+        check_achievable(gamma, system)
     problem = problem or Problem(system)
     if search:
         scalars = _searched(problem, scalars, fixed)
@@ -144,16 +144,16 @@ def design(
         least = _least(system, problem, scalars, gamma, fixed) if system.has_performance else None
     levels = _levels(problem, least, gamma)
     if gamma is not None and least is not None:
-        refusal = below_least(system, problem, scalars, gamma, least, given=fixed is not None)
+        refusal = gamma_below_least(system, problem, scalars, gamma, least, given=fixed is not None)
         if refusal is not None:
             raise refusal
     elif least is not None and not levels:
         raise no_least_gamma(system, words)
     reason = ""
     for level in levels:
-        found, reason = proved_at(system, problem, scalars, level, fixed, least)
+        found, reason = find_certified_gain(system, problem, scalars, level, fixed, least)
         if found is not None:
-            return finished(system, *found, None if least is None else least.value)
+            return design_from_proof(system, *found, None if least is None else least.value)
     raise not_certified(system, scalars, levels, reason, given=fixed is not None)
 
 
@@ -170,7 +170,7 @@ def _least(
         return answer
     if gamma is not None and answer.status == "failed":
         return None
-    raise no_gamma_at_all(system, p, answer, given=gain is not None)
+    raise no_feasible_gamma(system, p, answer, given=gain is not None)
 
 
 def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list[float | None]:
@@ -178,7 +178,7 @@ def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list
     if least is None:
         return [gamma]
     above: list[float | None] = []
-    if not is_nothing(problem, least):
+    if not is_zero_gamma(problem, least):
         above += [rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
     if gamma is None:
         return above
@@ -187,7 +187,7 @@ def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list
     return [gamma, *(level for level in above if level is not None and level < gamma)]
 
 
-def proved_at(
+def find_certified_gain(
     system: DelaySystem,
     problem: Problem,
     p: Scalars,
@@ -207,15 +207,15 @@ def proved_at(
     return (found, "") if proof.valid else (None, str(proof.reason))
 
 
-def finished(
+def design_from_proof(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
     """A proved gain with what is computed of its loop."""
-    figures: Yardsticks | None = None
+    figures: NominalFigures | None = None
     worst: WorstCase | None = None
     # a proof does not depend on them
     with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-        figures = measured(system, K)
+        figures = nominal_figures_of(system, K)
         worst = worst_case_at(system, K, figures.norm_frequency)
     return Design(
         system=system,
@@ -226,7 +226,7 @@ def finished(
         least_gamma=least,
         certificate=certificate_to_json(system, K, variables),
         worst_case=worst,
-        **(dict.fromkeys(Yardsticks._fields) if figures is None else figures._asdict()),
+        **(dict.fromkeys(NominalFigures._fields) if figures is None else figures._asdict()),
     )
 
 
@@ -309,7 +309,7 @@ def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[f
     return numbers
 
 
-def check_reachable(gamma: float, system: DelaySystem) -> None:
+def check_achievable(gamma: float, system: DelaySystem) -> None:
     """Refuse a gamma that no delay, k1, k2 or gain can reach.
 
     Raises

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.shown import shown
+from cosim.hinf.value_text import format_value
 from cosim.models import Delay, DelaySystem
 
 if TYPE_CHECKING:
@@ -46,7 +46,9 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
     known_keys(data, where, (*MATRICES, "name", "delays"), required=("A",))
     name = data.get("name", "")
     if not isinstance(name, str):
-        raise InputError("not a name", where=f"{where}.name", expected="a string", got=shown(name))
+        raise InputError(
+            "not a name", where=f"{where}.name", expected="a string", got=format_value(name)
+        )
     delays = data.get("delays", [])
     if not isinstance(delays, list):
         raise InputError(
@@ -54,7 +56,9 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
         )
     n = len(data["A"]) if isinstance(data["A"], list) else 0
     terms = [delay_from(x, f"{where}.delays[{i}]", n) for i, x in enumerate(delays)]
-    matrices = {key: matrix(data[key], f"{where}.{key}") for key in MATRICES if key in data}
+    matrices = {
+        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
+    }
     return assembled(matrices, terms, name, where)
 
 
@@ -69,10 +73,10 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
                 "not a truth value",
                 where=f"{where}.{key}",
                 expected="true or false",
-                got=shown(flags[key]),
+                got=format_value(flags[key]),
             )
-    A = matrix(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
-    H = matrix(data["H"], f"{where}.H") if "H" in data else None
+    A = matrix_from_rows(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
+    H = matrix_from_rows(data["H"], f"{where}.H") if "H" in data else None
     d = number(data["d"], f"{where}.d")
     try:
         return Delay(d, A, H, **flags)
@@ -118,7 +122,7 @@ def number(value: Any, where: str) -> float:
         For anything else: text, a truth value, an infinity, a NaN.
     """
     wrong = InputError(
-        "not a finite number", where=where, expected="a finite number", got=shown(value)
+        "not a finite number", where=where, expected="a finite number", got=format_value(value)
     )
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong
@@ -131,14 +135,14 @@ def number(value: Any, where: str) -> float:
     return as_double
 
 
-def matrix(value: Any, where: str) -> Matrix:
+def matrix_from_rows(value: Any, where: str) -> Matrix:
     """Rows of equally many finite numbers as an array with two axes."""
     if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
         raise InputError(
             "not a matrix",
             where=where,
             expected="a list of rows, each a list of numbers, as in [[1.0, 0.0], [0.0, 1.0]]",
-            got=shown(value),
+            got=format_value(value),
             hint="a column is [[4.0], [3.0]]",
         )
     lengths = sorted({len(row) for row in value})

@@ -20,11 +20,11 @@ def one_thread(function: Callable[P, T]) -> Callable[P, T]:
     """The function, with NumPy and SciPy on one thread while it runs."""
 
     @wraps(function)
-    def limited(*args: P.args, **kwargs: P.kwargs) -> T:
+    def on_one_thread(*args: P.args, **kwargs: P.kwargs) -> T:
         with _pools().limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
-    return limited
+    return on_one_thread
 
 
 @cache

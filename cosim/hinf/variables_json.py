@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.rational import from_text, is_symmetric, matrix_from_text, matrix_to_text, to_text
-from cosim.hinf.shown import shown
 from cosim.hinf.system_json import known_keys
+from cosim.hinf.value_text import format_value
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -63,7 +63,7 @@ def variables_from_json(
                 "does not fit the system",
                 where=f"{where}.{name}",
                 expected="a number" if needed else "null",
-                got=shown(data[name]),
+                got=format_value(data[name]),
             )
         return from_text(data[name], f"{where}.{name}") if needed else None
 

@@ -1,10 +1,16 @@
 from .checks import LINK_STATE as LINK_STATE
 from .columns import element_names as element_names
+from .communication_schedule import (
+    CommunicationSchedule as CommunicationSchedule,
+    Link as Link,
+    make_schedule as make_schedule,
+)
+from .component_instance import ComponentInstance as ComponentInstance
 from .engine import (
     EngineChoice as EngineChoice,
     EngineName as EngineName,
 )
-from .journal import Observer as Observer
+from .observers import Observer as Observer
 from .pacing import Pace as Pace
 from .recorder import (
     TraceRecorder as TraceRecorder,
@@ -13,9 +19,8 @@ from .recorder import (
 from .routes import Route as Route
 from .run import Run as Run
 from .session import Session as Session
-from .simulate import simulate as simulate
+from .simulation import simulate as simulate
 from .snapshot import Snapshot as Snapshot
-from .stations import Station as Station
 from .system import (
     Algorithm as Algorithm,
     Component as Component,
@@ -25,9 +30,4 @@ from .system import (
     LogLevel as LogLevel,
     Policy as Policy,
     System as System,
-)
-from .timetable import (
-    Link as Link,
-    Timetable as Timetable,
-    make_timetable as make_timetable,
 )

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import Port, SignalKind
+from cosim.master.communication_schedule import Link
 from cosim.master.parts import Connection, Endpoint, Parts
-from cosim.master.timetable import Link
 from cosim.network import PacketLink, TransportLink
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
@@ -26,23 +26,24 @@ def check_links(system: Parts) -> None:
     """Links under their own names, in the timetable, with what decides their delays."""
     for name, link in system.links.items():
         packet = isinstance(link, PacketLink)
-        known = name in system.timetable.schedules or name in system.timetable.live
+        known = name in system.comm_schedule.schedules or name in system.comm_schedule.live
         if link.name != name or (packet and not known):
             raise InputError(
                 "the link and its place in the system do not fit",
                 where=f"link {name!r}",
                 expected="the link's own name, and a timetable made for it",
-                got=f"link {link.name!r}, schedules of {list(system.timetable.schedules)}",
+                got=f"link {link.name!r}, schedules of {list(system.comm_schedule.schedules)}",
                 hint="pass the same links to make_timetable and to System",
             )
-    for name in system.timetable.live:
+    for name in system.comm_schedule.live:
         _check_delay(system, name)
     for name in system.delays:
-        if name not in system.timetable.live:
+        if name not in system.comm_schedule.live:
             raise InputError(
                 "this link's delay follows no signal",
                 where=f"link {name!r}",
-                expected=f"a link with a DelaySignal: {', '.join(system.timetable.live) or 'none'}",
+                expected="a link with a DelaySignal: "
+                + (", ".join(system.comm_schedule.live) or "none"),
             )
 
 
@@ -83,10 +84,10 @@ def check_parts(system: Parts) -> None:
             raise InputError(
                 "a step of one's own does not go with points that come about in the run",
                 where=f"component {name!r}",
-                got=f"link {next(iter(system.timetable.live))!r}, whose delay follows a signal",
+                got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal",
                 hint='events = "grid"',
             )
-        own = system.timetable.points_ns[system.beats[name].own]
+        own = system.comm_schedule.points_ns[system.own_points[name].own]
         irregular = system.grows or np.unique(np.diff(own)).size > 1
         if irregular and not component.description.variable_step:
             raise InputError(
@@ -148,7 +149,7 @@ def _check_connections(system: Parts, taken: dict[Endpoint, str]) -> None:
                 got=connection.policy,
             )
         if connection.link is not None and source.kind != "float":
-            _check_carries(system.links[connection.link], source, where)
+            _check_link_kind(system.links[connection.link], source, where)
         _take(taken, connection.target, f"connection from {connection.source}")
 
 
@@ -209,7 +210,7 @@ def _check_state(system: Parts, connection: Connection, where: str) -> None:
         raise InputError("an age is in seconds", where=where, got=str(target.unit))
 
 
-def _check_carries(link: Link, port: Port, where: str) -> None:
+def _check_link_kind(link: Link, port: Port, where: str) -> None:
     """Refuse a link that would make a number in between out of an Integer or Boolean."""
     text_replaced = port.kind == "string" and not (
         isinstance(link, PacketLink) and link.on_loss == "hold"
@@ -245,7 +246,7 @@ def _check_values(system: Parts, end: Endpoint, values: NDArray[np.float64]) -> 
             expected="a function of the points",
             hint='events = "grid"',
         )
-    if values.shape != system.timetable.points_ns.shape or not np.isfinite(values).all():
+    if values.shape != system.comm_schedule.points_ns.shape or not np.isfinite(values).all():
         raise InputError("the signal of an input must be finite", where=str(end))
 
 

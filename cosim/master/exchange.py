@@ -13,7 +13,7 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import NDArray
 
-from cosim.master.stations import Group, Rows, Station
+from cosim.master.component_instance import ComponentInstance, Group, Rows
 
 WARNING: Final = 1
 """Greatest status with which a run goes on: OK is 0, Warning 1."""
@@ -57,15 +57,17 @@ class Exchange:
     scratch : what passes through it on the way, of the group's own C type; (values,).
     """
 
-    def __init__(self, station: Station, group: Group, way: Literal["get", "set"]) -> None:
-        slave = station.slave
+    def __init__(
+        self, instance: ComponentInstance, group: Group, way: Literal["get", "set"]
+    ) -> None:
+        slave = instance.slave
         self._function = exchange_function(
             slave.description.version, slave.address(way, group.getter_type)
         )
         self._component = pointer(slave.component)
         self._references = group.references
         self._columns = slice(group.column, group.column + group.size)
-        self._texts = station.texts
+        self._texts = instance.texts
         self._kept: Any = None
         text = group.c_type == "S"
         self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
@@ -95,11 +97,11 @@ class Exchange:
     def _get(self, row: Rows) -> int:
         status = self._call()
         row[self._columns] = self.scratch
-        if self._wide and status <= WARNING and not self._held_exactly():
+        if self._wide and status <= WARNING and not self._is_exact():
             return TOO_LARGE
         return status
 
-    def _held_exactly(self) -> bool:
+    def _is_exact(self) -> bool:
         return bool(self.scratch.max() <= _MOST and self.scratch.min() >= -_MOST)
 
     def _set(self, row: Rows) -> int:

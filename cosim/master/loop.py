@@ -23,36 +23,36 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from cosim.core import InputError
-from cosim.master.ending import ending_of
 from cosim.master.engine import (
     Adjustment,
+    EarlyStop,
     Engine,
     EngineChoice,
-    Halt,
     Program,
-    build,
-    fill_in,
+    build_engine,
+    fill_unreceived_inputs,
     make_program,
 )
-from cosim.master.journal import Journal
+from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
-from cosim.master.run import Ending, Run
+from cosim.master.run import Run, RunStatus
+from cosim.master.run_status import run_status_of
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
-_STRETCH_S = 0.05
+_SEGMENT_S = 0.05
 _LONGEST = 1 << 16
 
 
-class _Stretch:
-    """How many points a stretch has: what takes about `_STRETCH_S`."""
+class _SegmentLength:
+    """How many points a stretch has: what takes about `_SEGMENT_S`."""
 
     def __init__(self) -> None:
         self.points = 1
 
     def took(self, points: int, seconds: float) -> None:
         """Take note of how long the last stretch took."""
-        share = min(8.0, _STRETCH_S / max(seconds, 1e-9))
+        share = min(8.0, _SEGMENT_S / max(seconds, 1e-9))
         self.points = max(1, min(_LONGEST, int(points * share)))
 
 
@@ -62,25 +62,25 @@ class Loop:
     Attributes
     ----------
     complete : number of complete rows; every slave stands at the point after them.
-    ending, reason : as in `Run`; None as long as it goes on.
+    status, reason : as in `Run`; None as long as it goes on.
     adjustments : what outputs and inputs are adjusted by, by column of the rows.
     may_go_back : saved states of slaves may be restored.
     """
 
     def __init__(
-        self, system: System, wiring: Wiring, journal: Journal, choice: EngineChoice
+        self, system: System, wiring: Wiring, dispatch: ObserverDispatch, choice: EngineChoice
     ) -> None:
-        self._system, self._wiring, self._journal = system, wiring, journal
+        self._system, self._wiring, self._dispatch = system, wiring, dispatch
         self._choice = choice
-        self._course = wiring.course
+        self._comm_points = wiring.comm_points
         self._delays = wiring.columns_of_delays(system)
-        self._stretch = _Stretch()
-        self._halt: Halt | None = None
+        self._segment = _SegmentLength()
+        self._early_stop: EarlyStop | None = None
         self._in_turns = system.algorithm == "gauss-seidel"
         self._program: Program
         self._engine: Engine
         self.complete = 0
-        self.ending: Ending | None = None
+        self.status: RunStatus | None = None
         self.reason: str | None = None
         self.adjustments: dict[int, Adjustment] = {}
         self.may_go_back = False
@@ -89,9 +89,9 @@ class Loop:
     @property
     def time_ns(self) -> int:
         """Where the slaves stand [ns]."""
-        return int(self._course.points_ns[min(self.complete, self._course.count - 1)])
+        return int(self._comm_points.points_ns[min(self.complete, self._comm_points.count - 1)])
 
-    def go(
+    def run(
         self,
         until_ns: int | None = None,
         *,
@@ -103,21 +103,21 @@ class Loop:
 
         `stop` is looked at after every row; `pace` holds the run back to the clock on the wall.
         """
-        points, begun = self._course.points_ns, self.complete
-        while self.ending is None:
-            first, last = self.complete, self._course.count
+        points, begun = self._comm_points.points_ns, self.complete
+        while self.status is None:
+            first, last = self.complete, self._comm_points.count
             if until_ns is not None:
                 last = int(np.searchsorted(points[:last], until_ns))
             if most is not None:
                 last = min(last, begun + most)
             if first >= last:
                 return False
-            longest = 1 if stop is not None else self._stretch.points
+            longest = 1 if stop is not None else self._segment.points
             if pace is not None:
-                longest = min(longest, pace.wait(points[: self._course.count], first))
+                longest = min(longest, pace.wait(points[: self._comm_points.count], first))
             self._advance(first, min(last, first + longest))
             if pace is not None:
-                pace.done(points[: self._course.count], first, self.complete)
+                pace.done(points[: self._comm_points.count], first, self.complete)
             if stop is not None and self.complete > first and stop():
                 return True
         return False
@@ -125,83 +125,85 @@ class Loop:
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """To where so many rows were complete; slaves and wiring are there already."""
         self.complete, self.adjustments = complete, dict(adjustments)
-        self.ending = self.reason = self._halt = None
+        self.status = self.reason = self._early_stop = None
         self.rebuild()
 
     def rebuild(self) -> None:
         """Take up what is adjusted, and whether states may be restored."""
-        for station in self._wiring.stations:
-            for number, route in enumerate(station.routes):
+        for instance in self._wiring.instances:
+            for number, route in enumerate(instance.routes):
                 if any(int(column) in self.adjustments for column in route.targets):
-                    station.move(number, self.complete)
+                    instance.copy_from(number, self.complete)
         self._program = make_program(
             self._system, self._wiring, self.adjustments, may_go_back=self.may_go_back
         )
-        self._engine = build(self._choice.name, self._program)
-        self._journal.where = self._where
+        self._engine = build_engine(self._choice.name, self._program)
+        self._dispatch.where = self._where
 
     def result(self) -> Run:
         """What has happened so far; "stopped" for a run that has not ended by itself."""
-        points = self._course.points_ns[: self.complete]
+        points = self._comm_points.points_ns[: self.complete]
         return Run(
-            self.ending or "stopped",
-            self.reason if self.ending else f"stopped at t = {self.time_ns / 1e9:g} s",
+            self.status or "stopped",
+            self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s",
             points,
-            self._wiring.stations,
+            self._wiring.instances,
             self._choice,
-            self._course.schedules(int(points[-1]) if points.size else 0),
+            self._comm_points.schedules(int(points[-1]) if points.size else 0),
         )
 
     def _advance(self, first: int, last: int) -> None:
         began = time.perf_counter()
-        horizon = self._course.horizon
+        horizon = self._comm_points.horizon
         if first == horizon:
             last = first + 1
-            halt = self._cross(horizon)
+            early_stop = self._cross(horizon)
         else:
             last = min(last, horizon)
-            halt = self._engine.advance(first, last)
-        if self.ending is None:
-            self.complete = last if halt is None else halt.complete
-        if halt is not None:
-            self._halt = halt
-            self.ending, self.reason = ending_of(self._system, self._wiring, halt)
-            if self._in_turns and halt.what != "range" and halt.complete > halt.k:
-                fill_in(self._program, self._wiring.stations, halt)
-        elif self.ending is None and self.complete > self._course.final:
-            self.ending = "finished"
+            early_stop = self._engine.advance(first, last)
+        if self.status is None:
+            self.complete = last if early_stop is None else early_stop.complete
+        if early_stop is not None:
+            self._early_stop = early_stop
+            self.status, self.reason = run_status_of(self._system, self._wiring, early_stop)
+            if self._in_turns and early_stop.what != "range" and early_stop.complete > early_stop.k:
+                fill_unreceived_inputs(self._program, self._wiring.instances, early_stop)
+        elif self.status is None and self.complete > self._comm_points.final:
+            self.status = "finished"
         # what is said in a step from a point out of range is void, like the step
-        self._journal.hand_on(self.complete, said_after=halt is None or halt.what != "range")
-        self._stretch.took(last - first, time.perf_counter() - began)
-        if self.ending is not None:
+        self._dispatch.deliver(
+            self.complete, include_after_last=early_stop is None or early_stop.what != "range"
+        )
+        self._segment.took(last - first, time.perf_counter() - began)
+        if self.status is not None:
             self._conclude()
 
-    def _cross(self, k: int) -> Halt | None:
+    def _cross(self, k: int) -> EarlyStop | None:
         """A point at which a message is sent whose delay what is sent there decides."""
-        halt = self._engine.send(k)
-        if halt is not None:
-            return halt
+        early_stop = self._engine.send(k)
+        if early_stop is not None:
+            return early_stop
         row = self._wiring.rows[k]
         outside = ~(np.abs(row[: self._wiring.outputs]) <= self._system.divergence)
         if not outside.any():
             try:
-                self._course.resolve(k, row, self._delays)
+                self._comm_points.resolve(k, row, self._delays)
             except InputError as error:
-                self.ending, self.reason = "failed", error.text()
+                self.status, self.reason = "failed", error.text()
                 return None
-        horizon = self._course.horizon
-        self._wiring.lay_out(k, horizon)
-        self._engine.known(k, horizon)
-        return self._engine.leave(k)
+        horizon = self._comm_points.horizon
+        self._wiring.fill_rows(k, horizon)
+        self._engine.update_routes(k, horizon)
+        return self._engine.receive_and_step(k)
 
     def _conclude(self) -> None:
-        points, halt = self._course.points_ns, self._halt
-        level = {"finished": "info", "stopped": "info"}.get(self.ending or "", "error")
-        last = halt.k if self.ending == "failed" and halt else max(self.complete - 1, 0)
+        points, early_stop = self._comm_points.points_ns, self._early_stop
+        level = {"finished": "info", "stopped": "info"}.get(self.status or "", "error")
+        last = early_stop.k if self.status == "failed" and early_stop else max(self.complete - 1, 0)
         place = (self.complete, int(points[last]))
-        self._journal.where = lambda: place
-        self._journal.note("master", level, self.reason or "the end is reached")
+        self._dispatch.where = lambda: place
+        self._dispatch.note("master", level, self.reason or "the end is reached")
 
     def _where(self) -> tuple[int, int]:
         k, complete = self._engine.where()
-        return k + complete, int(self._course.points_ns[k])
+        return k + complete, int(self._comm_points.points_ns[k])

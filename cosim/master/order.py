@@ -82,7 +82,7 @@ def _at_once(system: System, link: str | None) -> bool:
         return True
     if isinstance(system.links[link], TransportLink):
         return True  # at the start, whatever the delay
-    if link in system.timetable.live:
+    if link in system.comm_schedule.live:
         return True  # nobody can know
-    schedule = system.timetable.schedules[link]
+    schedule = system.comm_schedule.schedules[link]
     return bool((schedule.delivered_ns == schedule.sent_ns).any())

@@ -58,8 +58,8 @@ class Pace:
             self._began, self._from_ns = self.clock(), int(points_ns[first])
         while (rest := self._due(int(points_ns[first])) - self.clock()) > 0.0:
             self.sleep(min(rest, _NAP_S))
-        reached = self._from_ns + (self.clock() - self._began) * 1e9 * self.factor
-        due = int(np.searchsorted(points_ns, reached, side="right")) - first
+        simulated_ns = self._from_ns + (self.clock() - self._began) * 1e9 * self.factor
+        due = int(np.searchsorted(points_ns, simulated_ns, side="right")) - first
         return max(1, due)
 
     def done(self, points_ns: NDArray[np.int64], first: int, last: int) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, Port
-from cosim.master.beats import Beat, beat_of
-from cosim.master.timetable import Link, Timetable
+from cosim.master.communication_schedule import CommunicationSchedule, Link
+from cosim.master.component_points import ComponentPoints, component_points
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 Algorithm = Literal["jacobi", "gauss-seidel"]
@@ -85,7 +85,7 @@ class Parts:
     connections: Sequence[Connection]
     links: Mapping[str, Link]
     driven: Mapping[Endpoint, Signal]
-    timetable: Timetable
+    comm_schedule: CommunicationSchedule
     divergence: float
     algorithm: Algorithm = "jacobi"
     order: Sequence[str] | None = None
@@ -94,18 +94,18 @@ class Parts:
     @property
     def grows(self) -> bool:
         """Whether points are added while the run goes."""
-        return bool(self.timetable.live) and self.timetable.events == "align"
+        return bool(self.comm_schedule.live) and self.comm_schedule.events == "align"
 
     def is_state(self, end: Endpoint) -> bool:
         """Whether an endpoint is the state of a link."""
         return end.component in self.links and end.component not in self.components
 
     @cached_property
-    def beats(self) -> Mapping[str, Beat]:
+    def own_points(self) -> Mapping[str, ComponentPoints]:
         """When each component communicates."""
-        points = self.timetable.points_ns
+        points = self.comm_schedule.points_ns
         steps = {component.every_ns for component in self.components.values()}
-        made = {every: beat_of(every, points) for every in steps}
+        made = {every: component_points(every, points) for every in steps}
         return {name: made[component.every_ns] for name, component in self.components.items()}
 
     def port(self, end: Endpoint) -> Port:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from cosim.fmu import Port
 from cosim.master.columns import Column
-from cosim.master.course import Course, part_of
-from cosim.master.journal import Observer
-from cosim.master.stations import Station
+from cosim.master.communication_points import CommunicationPoints, select_arrivals
+from cosim.master.component_instance import ComponentInstance
+from cosim.master.observers import Observer
 from cosim.master.system import System
 from cosim.network import DELIVERED, REASONS, Arrivals, PacketLink
 from cosim.trace import Poses, Rows, Signal, TraceWriter, input_topic, link_topic, output_topic
@@ -40,73 +40,75 @@ class TraceRecorder(Observer):
         self._system = system
         self.log_after_end: list[dict[str, str]] = []
 
-    def begin(self, stations: Sequence[Station]) -> None:
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Declare a topic per component and direction, and two per link."""
-        course = stations[0].course
-        self._points = course.points_ns
+        comm_points = instances[0].comm_points
+        self._points = comm_points.points_ns
         self._traffic = [
-            _Traffic(self._writer, self._system, link, course, stations)
+            _Traffic(self._writer, self._system, link, comm_points, instances)
             for link in self._system.links.values()
             if isinstance(link, PacketLink)
         ]
-        self._send: list[tuple[Station, int, _Cast]] = []
-        self._receive: list[tuple[Station, int, _Cast]] = []
+        self._send: list[tuple[ComponentInstance, int, _Cast]] = []
+        self._receive: list[tuple[ComponentInstance, int, _Cast]] = []
         self._poses = []
-        for station in sorted(stations, key=lambda s: list(self._system.components).index(s.name)):
-            component = identifier(station.name)
+        for instance in sorted(
+            instances, key=lambda s: list(self._system.components).index(s.name)
+        ):
+            component = identifier(instance.name)
             for columns, topic, direction, into in (
-                (station.output_columns, output_topic(station.name), "Output", self._send),
-                (station.input_columns, input_topic(station.name), "Input", self._receive),
+                (instance.output_columns, output_topic(instance.name), "Output", self._send),
+                (instance.input_columns, input_topic(instance.name), "Input", self._receive),
             ):
                 if columns:
                     topic_id = self._writer.add_topic(
                         topic,
                         [signal_of(c.port, c.name) for c in columns],
                         schema_name=f"cosim.{component}.{direction}",
-                        metadata={"component": station.name, "coupling": "held over a step"},
+                        metadata={"component": instance.name, "coupling": "held over a step"},
                     )
-                    into.append((station, topic_id, _cast(station, columns)))
-            places = [c.name for c in station.output_columns]
+                    into.append((instance, topic_id, _cast(instance, columns)))
+            places = [c.name for c in instance.output_columns]
             if all(name in places for name in _POSE):
-                self._poses.append((station, [places.index(name) for name in _POSE]))
-        points = "as they come about" if course.grows else str(len(self._points))
+                self._poses.append((instance, [places.index(name) for name in _POSE]))
+        points = "as they come about" if comm_points.grows else str(len(self._points))
         self._writer.log(
             int(self._points[0]),
             "info",
             "master",
-            f"{len(stations)} components, {points} communication points to "
+            f"{len(instances)} components, {points} communication points to "
             f"t = {int(self._points[-1]) / 1e9:g} s",
         )
 
-    def span(self, first: int, last: int) -> None:
+    def rows_complete(self, first: int, last: int) -> None:
         """Write the rows, each after what reached its receiver since the one before."""
         for begin in range(first, last, _AT_ONCE):
             self._write(begin, min(begin + _AT_ONCE, last))
 
     def _write(self, first: int, last: int) -> None:
         parts: list[Rows | Poses] = []
-        for station, topic_id, cast in self._send:
-            own, times = self._own(station, first, last)
-            parts.append(Rows(topic_id, times, cast(station.outputs[own]), rank=(_SENT,)))
-        for station, places in self._poses:
-            own, times = self._own(station, first, last)
-            parts.append(Poses(times, station.outputs[own][:, places], rank=(_POSED,)))
+        for instance, topic_id, cast in self._send:
+            own, times = self._own(instance, first, last)
+            parts.append(Rows(topic_id, times, cast(instance.outputs[own]), rank=(_SENT,)))
+        for instance, places in self._poses:
+            own, times = self._own(instance, first, last)
+            parts.append(Poses(times, instance.outputs[own][:, places], rank=(_POSED,)))
         for number, traffic in enumerate(self._traffic):
             parts += traffic.until(int(self._points[last - 1]), _DELIVERED + number)
-        for station, topic_id, cast in self._receive:
-            own, times = self._own(station, first, last)
-            values = cast(station.inputs(last)[own])
+        for instance, topic_id, cast in self._receive:
+            own, times = self._own(instance, first, last)
+            values = cast(instance.inputs(last)[own])
             parts.append(Rows(topic_id, times, values, rank=(_RECEIVED,)))
         self._writer.write_rows(parts)
 
     def _own(
-        self, station: Station, first: int, last: int
+        self, instance: ComponentInstance, first: int, last: int
     ) -> tuple[slice | NDArray[np.int64], NDArray[np.int64]]:
         """Rows of a stretch that are a station's own, and their times."""
-        if station.beat.always:
+        if instance.own_points.always:
             return slice(first, last), self._points[first:last]
-        begin, end = np.searchsorted(station.beat.own, [first, last])
-        own = station.beat.own[begin:end]
+        begin, end = np.searchsorted(instance.own_points.own, [first, last])
+        own = instance.own_points.own[begin:end]
         return own, self._points[own]
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
@@ -132,11 +134,11 @@ def signal_of(port: Port, name: str | None = None) -> Signal:
     )
 
 
-def _cast(station: Station, columns: Sequence[Column]) -> _Cast:
+def _cast(instance: ComponentInstance, columns: Sequence[Column]) -> _Cast:
     """Rows of doubles -> rows of values of the columns' own types."""
     if all(column.port.kind in _AS_DOUBLES for column in columns):
         return lambda rows: rows
-    return lambda rows: station.values(rows, columns)
+    return lambda rows: instance.values(rows, columns)
 
 
 def identifier(name: str) -> str:
@@ -153,19 +155,19 @@ class _Traffic:
         writer: TraceWriter,
         system: System,
         link: PacketLink,
-        course: Course,
-        stations: Sequence[Station],
+        comm_points: CommunicationPoints,
+        instances: Sequence[ComponentInstance],
     ) -> None:
-        self._link, self._course = link, course
-        by_name = {s.name: s for s in stations}
+        self._link, self._comm_points = link, comm_points
+        by_name = {s.name: s for s in instances}
         sources = dict.fromkeys(c.source for c in system.connections if c.link == link.name)
         self._sources = []
         columns = []
         for end in sources:
-            station = by_name[end.component]
-            for j, column in enumerate(station.output_columns):
+            instance = by_name[end.component]
+            for j, column in enumerate(instance.output_columns):
                 if column.port.name == end.variable:
-                    self._sources.append((station, j))
+                    self._sources.append((instance, j))
                     columns.append(Column(column.port, f"{end.component}.{column.name}"))
         self._topic = writer.add_topic(
             link_topic(link.name),
@@ -173,23 +175,23 @@ class _Traffic:
             schema_name=f"cosim.link.{identifier(link.name)}",
             metadata={"link": link.name, "order": link.order, "on_loss": str(link.on_loss)},
         )
-        self._cast = _cast(stations[0], columns)
+        self._cast = _cast(instances[0], columns)
         self._dropped = writer.add_dropped_topic(link.name)
-        self._told = 0
+        self._written_count = 0
 
     def until(self, until_ns: int, rank: int) -> list[Rows | Poses]:
         """What arrived, or was due and lost, up to an instant and not before."""
-        first = self._told
-        found = self._course.arrivals(self._link.name, first)
+        first = self._written_count
+        found = self._comm_points.arrivals(self._link.name, first)
         count = int(np.searchsorted(found.arrival_ns, until_ns, side="right"))
-        self._told += count
+        self._written_count += count
         delivered = found.status[:count] == DELIVERED
         parts: list[Rows | Poses] = []
         for topic_id, which, values in (
             (self._topic, np.flatnonzero(delivered), self._values),
             (self._dropped, np.flatnonzero(~delivered), _reasons),
         ):
-            mine = part_of(found, which)
+            mine = select_arrivals(found, which)
             ranks = np.column_stack([np.full(which.size, rank), first + which])
             parts.append(
                 Rows(topic_id, mine.arrival_ns, values(mine), mine.sent_ns, mine.sequence, ranks)
@@ -197,10 +199,10 @@ class _Traffic:
         return parts
 
     def _values(self, messages: Arrivals) -> Any:
-        rows = self._course.rows_at(messages.sent_ns)
+        rows = self._comm_points.rows_at(messages.sent_ns)
         values = np.empty((rows.size, len(self._sources)))
-        for column, (station, j) in enumerate(self._sources):
-            values[:, column] = station.outputs[station.beat.last[rows], j]
+        for column, (instance, j) in enumerate(self._sources):
+            values[:, column] = instance.outputs[instance.own_points.last[rows], j]
         return self._cast(self._link.quantize(values))
 
 

@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.master.beats import Beat
-from cosim.master.course import Course
+from cosim.master.communication_points import CommunicationPoints
+from cosim.master.component_points import ComponentPoints
 from cosim.master.system import Policy, System
 from cosim.network import PacketLink, TransportLink
 
 Integers = NDArray[np.int64]
 
 
-class Way(NamedTuple):
+class RouteKey(NamedTuple):
     """What connections have in common that share a route."""
 
     source: str
@@ -58,13 +58,13 @@ class Route:
 
     Attributes
     ----------
-    way : sender, link and policy.
+    route_key : sender, link and policy.
     columns, targets : columns of the rows that are read, and that they go to.
     row, after, weight : as in `RowsInUse`.
     link : the packet link, or None.
     """
 
-    way: Way
+    route_key: RouteKey
     columns: NDArray[np.intp]
     targets: NDArray[np.intp]
     row: Integers
@@ -75,7 +75,7 @@ class Route:
     @property
     def source(self) -> str:
         """Name of the sender."""
-        return self.way.source
+        return self.route_key.source
 
     @property
     def verbatim(self) -> bool:
@@ -89,23 +89,23 @@ class Route:
         return not altered and bool((np.diff(self.columns) == 1).all())
 
 
-Fill = Callable[[int, int], None]
+RouteFiller = Callable[[int, int], None]
 """Lays out the rows that a route reads at the points first to last - 1."""
 
 
-def growing(
-    system: System, course: Course, way: Way, *, stepped_before: bool
-) -> tuple[RowsInUse, Fill | None]:
+def growing_rows_in_use(
+    system: System, comm_points: CommunicationPoints, route_key: RouteKey, *, stepped_before: bool
+) -> tuple[RowsInUse, RouteFiller | None]:
     """As `rows_in_use`, of which a part is known at a time, where points are added in the run."""
-    most = course.points_ns.size
+    most = comm_points.points_ns.size
     here = np.arange(most)
-    channel = None if way.link is None else system.links[way.link]
+    channel = None if route_key.link is None else system.links[route_key.link]
     if channel is None:
         row = here + stepped_before
 
         def end(first: int, last: int) -> None:
-            if first <= course.final < last:
-                row[course.final] = course.final
+            if first <= comm_points.final < last:
+                row[comm_points.final] = comm_points.final
 
         return RowsInUse(row), end if stepped_before else None
     row = np.full(most, -1, np.int64)
@@ -113,13 +113,13 @@ def growing(
         name = channel.name
 
         def fill(first: int, last: int) -> None:
-            row[first:last] = course.rows_of_messages(name, first, last)
+            row[first:last] = comm_points.rows_of_messages(name, first, last)
 
         return RowsInUse(row), fill
     after, weight = row.copy(), np.zeros(most)
 
     def interpolate(first: int, last: int) -> None:
-        points = course.points_ns[:last]
+        points = comm_points.points_ns[:last]
         wanted = channel.read_ns(points[first:])
         index = np.searchsorted(points, wanted, side="right") - 1
         following = np.minimum(index + 1, last - 1)
@@ -132,7 +132,12 @@ def growing(
 
 
 def rows_in_use(
-    system: System, way: Way, sender: Beat, receiver: Beat, *, stepped_before: bool
+    system: System,
+    route_key: RouteKey,
+    sender: ComponentPoints,
+    receiver: ComponentPoints,
+    *,
+    stepped_before: bool,
 ) -> RowsInUse:
     """The rows that a receiver reads, at its own points; held in between.
 
@@ -143,41 +148,45 @@ def rows_in_use(
     ------
     InputError : a policy that the link does not allow.
     """
-    points = system.timetable.points_ns
-    channel = None if way.link is None else system.links[way.link]
+    points = system.comm_schedule.points_ns
+    channel = None if route_key.link is None else system.links[route_key.link]
     here = np.arange(points.size)
     if isinstance(channel, PacketLink):
-        if way.policy != "hold":
+        if route_key.policy != "hold":
             raise InputError(
                 "a packet link delivers messages, which are held",
-                where=f"connection {way}",
+                where=f"connection {route_key}",
                 expected="the policy hold",
-                got=way.policy,
+                got=route_key.policy,
             )
-        row = system.timetable.schedules[channel.name].rows(points)
+        row = system.comm_schedule.schedules[channel.name].rows(points)
         wire = bool((row == here).all())
         row = np.where(row >= 0, sender.last[np.maximum(row, 0)], row)
         channel = None if wire else channel
         found = RowsInUse(row)
-    if channel is None and way.policy == "hold":
-        reached = np.minimum(here + 1, points.size - 1) if stepped_before else here
-        found = RowsInUse(sender.last[reached])
+    if channel is None and route_key.policy == "hold":
+        sender_rows = np.minimum(here + 1, points.size - 1) if stepped_before else here
+        found = RowsInUse(sender.last[sender_rows])
     elif not isinstance(channel, PacketLink):
-        found = _sampled(system, way, channel, sender, receiver)
-    return found if receiver.always else _held(found, receiver)
+        found = _sampled(system, route_key, channel, sender, receiver)
+    return found if receiver.always else _at_own_points(found, receiver)
 
 
-def _held(found: RowsInUse, receiver: Beat) -> RowsInUse:
+def _at_own_points(found: RowsInUse, receiver: ComponentPoints) -> RowsInUse:
     return RowsInUse(*(None if part is None else part[receiver.last] for part in found))  # type: ignore[arg-type]
 
 
 def _sampled(
-    system: System, way: Way, channel: TransportLink | None, sender: Beat, receiver: Beat
+    system: System,
+    route_key: RouteKey,
+    channel: TransportLink | None,
+    sender: ComponentPoints,
+    receiver: ComponentPoints,
 ) -> RowsInUse:
     """Rows and weights of a continuous signal, delayed, at the instant the policy names."""
-    points = system.timetable.points_ns
+    points = system.comm_schedule.points_ns
     ahead = np.zeros(points.size, np.int64)
-    if way.policy != "hold":
+    if route_key.policy != "hold":
         ends = points[np.maximum(receiver.following, 0)]
         ahead = np.where(receiver.following < 0, 0, ends - points) // 2
     wanted = points + ahead if channel is None else channel.read_ns(points + ahead)
@@ -191,17 +200,17 @@ def _sampled(
     # between two points of a slow sender the second is not known yet: the first is held
     weight = np.where(following > known, 0.0, weight)
     index = np.minimum(index, known)
-    if way.policy == "linear":
-        first = _pair(sent, known, system.timetable.step_ns)
+    if route_key.policy == "linear":
+        first = _pair(sent, known, system.comm_schedule.step_ns)
         span = np.maximum(sent[known] - sent[first], 1)
         rest = np.where(known > first, (wanted - sent[first]) / span, 0.0)
         index, following = np.where(beyond, first, index), np.where(beyond, known, following)
         weight = np.where(beyond, rest, weight)
-    elif way.policy == "midpoint" and beyond[receiver.own[:-1]].any():
+    elif route_key.policy == "midpoint" and beyond[receiver.own[:-1]].any():
         k = int(receiver.own[np.argmax(beyond[receiver.own])])
         raise InputError(
             "the middle of a step is not known when the step begins",
-            where=f"connection {way}",
+            where=f"connection {route_key}",
             expected=f"a transport delay of at least {int(ahead[k]) / 1e9:g} s"
             " and a sender that steps as often",
             got=f"{int(points[k] + ahead[k] - wanted[k]) / 1e9:g} s",

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
+from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice
-from cosim.master.stations import Station
 from cosim.network import PacketSchedule
 
-Ending = Literal["finished", "stopped", "diverged", "failed"]
+RunStatus = Literal["finished", "stopped", "diverged", "failed"]
 
 
 @dataclass(frozen=True)
@@ -23,20 +23,20 @@ class Run:
 
     Attributes
     ----------
-    ending : "finished" at the end; "stopped" when somebody, or a component, asked for it;
+    status : "finished" at the end; "stopped" when somebody, or a component, asked for it;
         "diverged" when an output left the allowed range or the numbers; "failed" when a
         component refused for another reason.
     reason : in words, None when finished.
     points_ns : the points reached [ns], int64 (k,).
-    stations : the rows, of which the first k are valid.
+    instances : the rows, of which the first k are valid.
     engine : which engine carried the run out, and why that one.
     schedules : by packet link, its traffic up to the last point.
     """
 
-    ending: Ending
+    status: RunStatus
     reason: str | None
     points_ns: NDArray[np.int64]
-    stations: tuple[Station, ...]
+    instances: tuple[ComponentInstance, ...]
     engine: EngineChoice
     schedules: Mapping[str, PacketSchedule]
 
@@ -47,12 +47,12 @@ class Run:
         ------
         InputError : no such component, or the variable was not part of the run.
         """
-        names = {s.name: s for s in self.stations}
-        station = names.get(component)
-        if station is None:
+        names = {s.name: s for s in self.instances}
+        instance = names.get(component)
+        if instance is None:
             raise InputError.unknown("component", component, names)
-        reached = self.points_ns.size
-        number, _ = station.place(variable)
-        station.inputs(reached)
-        values = station.rows[:reached, number]
-        return values if station.beat.always else values[station.beat.last[:reached]]
+        count = self.points_ns.size
+        number, _ = instance.place(variable)
+        instance.inputs(count)
+        values = instance.rows[:count, number]
+        return values if instance.own_points.always else values[instance.own_points.last[:count]]

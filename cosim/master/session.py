@@ -21,14 +21,14 @@ from typing import Any, Self, get_args
 
 from cosim.core import CosimError, InputError
 from cosim.fmu import FmuSlave
-from cosim.master.engine import Adjustment, EngineName, choose
-from cosim.master.initial import initialise
-from cosim.master.journal import Journal, Observer
+from cosim.master.component_instance import ComponentInstance
+from cosim.master.engine import Adjustment, EngineName, choose_engine
+from cosim.master.initialisation import initialise
 from cosim.master.loop import Loop
+from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
-from cosim.master.stations import Station
 from cosim.master.system import LogLevel, System
 from cosim.master.wiring import wire
 from cosim.network import LinkState
@@ -45,7 +45,7 @@ class Session:
     ----------
     system : what runs.
     observers : look on; the trace is one.
-    engine : "python", "compiled", or "auto": compiled where it pays (`choose`).
+    engine : "python", "compiled", or "auto": compiled where it pays (`choose_engine`).
 
     Raises
     ------
@@ -62,12 +62,12 @@ class Session:
         self._wiring = wire(system)
         texts = any(
             column.port.kind == "string"
-            for station in self._wiring.stations
-            for column in (*station.output_columns, *station.input_columns)
+            for instance in self._wiring.instances
+            for column in (*instance.output_columns, *instance.input_columns)
         )
-        self._course = self._wiring.course
-        self._choice = choose(engine, self._course.points_ns.size, texts=texts)
-        self._journal = Journal(observers)
+        self._comm_points = self._wiring.comm_points
+        self._choice = choose_engine(engine, self._comm_points.points_ns.size, texts=texts)
+        self._dispatch = ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
         self.initial_passes = 0
@@ -75,19 +75,19 @@ class Session:
     def __enter__(self) -> Self:
         try:
             for name, component in self.system.components.items():
-                note = functools.partial(_note, self._journal, name, component.log_level)
+                note = functools.partial(_note, self._dispatch, name, component.log_level)
                 slave = FmuSlave(
                     component.description, name, note, categories=component.log_categories
                 )
                 self._stack.enter_context(slave)
-                self._wiring.station(name).slave = slave
+                self._wiring.instance(name).slave = slave
             self.initial_passes = initialise(self.system, self._wiring)
             for observer in self._observers:
-                observer.begin(self._wiring.stations)
-            self._loop = Loop(self.system, self._wiring, self._journal, self._choice)
+                observer.begin(self._wiring.instances)
+            self._loop = Loop(self.system, self._wiring, self._dispatch, self._choice)
         except BaseException as error:
             if isinstance(error, CosimError):
-                self._journal.note("master", "error", error.text())
+                self._dispatch.note("master", "error", error.text())
             self.close()
             raise
         return self
@@ -100,10 +100,10 @@ class Session:
         try:
             self._stack.close()
         finally:
-            self._journal.close()
+            self._dispatch.close()
             # what it has would keep the session, and the session the rows
-            place = self._journal.where()
-            self._journal.where = lambda: place
+            place = self._dispatch.where()
+            self._dispatch.where = lambda: place
 
     @property
     def time_ns(self) -> int:
@@ -123,11 +123,11 @@ class Session:
     @property
     def ended(self) -> bool:
         """Whether the end is reached, or the run cannot go on."""
-        return self._opened().ending is not None
+        return self._opened().status is not None
 
     def step(self, points: int = 1) -> None:
         """Go on by so many communication points, or to the end."""
-        self._opened().go(most=points)
+        self._opened().run(most=points)
 
     def run_until(
         self,
@@ -149,11 +149,11 @@ class Session:
         """
         until = None if seconds is None else round(seconds * 1e9)
         look = None if stop is None else functools.partial(stop, self)
-        return self._opened().go(until, stop=look, pace=pace)
+        return self._opened().run(until, stop=look, pace=pace)
 
     def read(self, component: str, variable: str) -> Any:
         """The value of any variable, as the slave has it now."""
-        slave = self._station(component).slave
+        slave = self._instance(component).slave
         return slave.read([variable])[variable]
 
     def value(self, component: str, variable: str) -> Any:
@@ -164,11 +164,11 @@ class Session:
                 where=f"{component}.{variable}",
                 hint="step() first, or read() what the slave has",
             )
-        station = self._station(component)
-        number, column = station.place(variable)
-        station.inputs(self.rows)
-        k = int(station.beat.last[self.rows - 1])
-        return station.values(station.rows[k : k + 1, number : number + 1], [column])[0][0]
+        instance = self._instance(component)
+        number, column = instance.place(variable)
+        instance.inputs(self.rows)
+        k = int(instance.own_points.last[self.rows - 1])
+        return instance.values(instance.rows[k : k + 1, number : number + 1], [column])[0][0]
 
     def set(self, component: str, variable: str, value: Any) -> None:
         """Set a tunable parameter, or an input that nothing is connected to.
@@ -177,14 +177,14 @@ class Session:
         ------
         InputError : what cannot be set now, or a connected input.
         """
-        station = self._station(component)
-        if any(column.name == variable for column in station.input_columns):
+        instance = self._instance(component)
+        if any(column.name == variable for column in instance.input_columns):
             raise InputError(
                 "this input is connected: what is set is overwritten at the next point",
                 where=f"{component}.{variable}",
                 hint="override() it, or set what drives it",
             )
-        station.slave.write({variable: value})
+        instance.slave.write({variable: value})
 
     def override(self, component: str, variable: str, value: float) -> None:
         """From now on, `value` in place of an output or connected input."""
@@ -205,30 +205,30 @@ class Session:
         ------
         ComponentError : its FMU cannot be reset.
         """
-        station = self._station(component)
-        end = float(self.system.timetable.points_ns[-1]) / 1e9
-        station.slave.reset()
-        station.slave.initialise(station.component.parameters, self.time_s, end)
+        instance = self._instance(component)
+        end = float(self.system.comm_schedule.points_ns[-1]) / 1e9
+        instance.slave.reset()
+        instance.slave.initialise(instance.component.parameters, self.time_s, end)
 
     def note(self, level: str, name: str, message: str) -> None:
         """Say something to the observers, at the point where the slaves stand."""
-        before = self._journal.where
-        self._journal.where = lambda: (self.rows, self.time_ns)
-        self._journal.note(name, level, message)
-        self._journal.where = before
+        before = self._dispatch.where
+        self._dispatch.where = lambda: (self.rows, self.time_ns)
+        self._dispatch.note(name, level, message)
+        self._dispatch.where = before
 
-    def hand_on(self) -> None:
+    def deliver(self) -> None:
         """Let the observers hear what was said since the last row; the end of a run is such."""
-        self._journal.hand_on(self.rows)
+        self._dispatch.deliver(self.rows)
 
     def link_state(self, link: str) -> LinkState:
         """State of a packet link at the last complete row, arrays of shape (1,)."""
-        return self._course.state(link, self.rows - 1, self.rows)
+        return self._comm_points.state(link, self.rows - 1, self.rows)
 
     @property
     def row_time_ns(self) -> int:
         """Instant of the last complete row [ns]."""
-        return int(self._course.points_ns[max(self.rows - 1, 0)])
+        return int(self._comm_points.points_ns[max(self.rows - 1, 0)])
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """The whole run as it stands: every slave's state, the rows, what is overridden.
@@ -240,7 +240,7 @@ class Session:
         InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
         loop = self._opened()
-        if loop.ending in ("failed", "diverged"):
+        if loop.status in ("failed", "diverged"):
             raise InputError(
                 "the run cannot go on: nothing is left to save", where="Session", got=loop.reason
             )
@@ -266,8 +266,8 @@ class Session:
         """
         loop = self._opened()
         snapshot.check(fingerprint(self.system, self._wiring))
-        self._journal.rewind(snapshot.complete)
-        snapshot.put_back(self._wiring)
+        self._dispatch.rewind(snapshot.complete)
+        snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
     def result(self) -> Run:
@@ -283,15 +283,15 @@ class Session:
         loop.rebuild()
 
     def _column(self, component: str, variable: str) -> int:
-        number, column = self._station(component).place(variable, "output or connected input")
+        number, column = self._instance(component).place(variable, "output or connected input")
         if column.port.kind == "string":
             raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
         return number
 
-    def _station(self, component: str) -> Station:
+    def _instance(self, component: str) -> ComponentInstance:
         if component not in self.system.components:
             raise InputError.unknown("component", component, self.system.components)
-        return self._wiring.station(component)
+        return self._wiring.instance(component)
 
     def _opened(self) -> Loop:
         if self._loop is None:
@@ -300,8 +300,8 @@ class Session:
 
 
 def _note(
-    journal: Journal, name: str, least: LogLevel, level: str, message: str, _category: str
+    dispatch: ObserverDispatch, name: str, least: LogLevel, level: str, message: str, _category: str
 ) -> None:
     """Take down what a component says, unless it is asked for less."""
     if _LEVELS.index(level) >= _LEVELS.index(least):
-        journal.note(name, level, message)
+        dispatch.note(name, level, message)

@@ -13,9 +13,9 @@ from typing import Any, cast
 import numpy as np
 
 from cosim.core import InputError
-from cosim.fmu import State
+from cosim.fmu import FmuState
+from cosim.master.component_instance import Rows
 from cosim.master.engine import Adjustment
-from cosim.master.stations import Rows
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 from cosim.network import DelayProfile
@@ -23,21 +23,21 @@ from cosim.network import DelayProfile
 
 def fingerprint(system: System, wiring: Wiring) -> str:
     """What two sessions must have in common to share a snapshot."""
-    digest = hashlib.sha256(system.timetable.points_ns.tobytes())
+    digest = hashlib.sha256(system.comm_schedule.points_ns.tobytes())
     digest.update(system.algorithm.encode())
     for name, component in system.components.items():
         digest.update(f"{name}\0{component.description.sha256}\0{component.every_ns}\0".encode())
-    for station in wiring.stations:
-        for column in (*station.output_columns, *station.input_columns):
-            digest.update(f"{station.name}.{column.name}\0".encode())
-        for route in station.routes:
-            digest.update(f"{route.way}\0{route.columns.tolist()}\0".encode())
+    for instance in wiring.instances:
+        for column in (*instance.output_columns, *instance.input_columns):
+            digest.update(f"{instance.name}.{column.name}\0".encode())
+        for route in instance.routes:
+            digest.update(f"{route.route_key}\0{route.columns.tolist()}\0".encode())
     for name, link in system.links.items():
         digest.update(f"{name}\0{link!r}\0".encode())
         if isinstance(link.delay, DelayProfile):  # of which repr shows a part
             digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
-        if name in system.timetable.live:  # its points and delays come about in the run
-            digest.update(f"{system.timetable.events}\0{system.delays[name]!r}\0".encode())
+        if name in system.comm_schedule.live:  # its points and delays come about in the run
+            digest.update(f"{system.comm_schedule.events}\0{system.delays[name]!r}\0".encode())
     return digest.hexdigest()
 
 
@@ -60,7 +60,7 @@ class Snapshot:
     complete: int
     rows: Rows
     texts: Sequence[str]
-    states: Mapping[str, State | bytes]
+    states: Mapping[str, FmuState | bytes]
     adjustments: Mapping[int, Adjustment]
     values: Mapping[str, Sequence[float]]
 
@@ -75,16 +75,16 @@ class Snapshot:
         portable: bool,
     ) -> Snapshot:
         """Save the state of every slave."""
-        states: dict[str, State | bytes] = {}
-        for station in wiring.stations:
-            station.inputs(complete)
-            state = station.slave.snapshot()
-            states[station.name] = state
+        states: dict[str, FmuState | bytes] = {}
+        for instance in wiring.instances:
+            instance.inputs(complete)
+            state = instance.slave.snapshot()
+            states[instance.name] = state
             if portable:
-                states[station.name] = station.slave.serialised(state)
-                station.slave.free(state)
+                states[instance.name] = instance.slave.serialise(state)
+                instance.slave.free(state)
         rows = wiring.rows[: complete + 1].copy()
-        values = {name: tuple(given) for name, given in wiring.course.values.items()}
+        values = {name: tuple(given) for name, given in wiring.comm_points.values.items()}
         return cls(system, complete, rows, wiring.texts.all(), states, adjustments, values)
 
     def check(self, system: str) -> None:
@@ -96,20 +96,20 @@ class Snapshot:
                 expected="the same FMUs, connections, links, steps and end",
             )
 
-    def put_back(self, wiring: Wiring) -> None:
+    def restore_into(self, wiring: Wiring) -> None:
         """Restore every slave, and the rows."""
-        wiring.texts.learn(self.texts)
-        for station in wiring.stations:
-            saved = self.states[station.name]
+        wiring.texts.restore(self.texts)
+        for instance in wiring.instances:
+            saved = self.states[instance.name]
             if isinstance(saved, bytes):
-                state = station.slave.deserialise(saved)
-                station.slave.restore(state)
-                station.slave.free(state)
+                state = instance.slave.deserialise(saved)
+                instance.slave.restore(state)
+                instance.slave.free(state)
             else:
-                station.slave.restore(saved)
-            station.forget(self.complete)
-        wiring.course.go_back(self.values)
-        wiring.begin_again(0)
+                instance.slave.restore(saved)
+            instance.forget(self.complete)
+        wiring.comm_points.go_back(self.values)
+        wiring.reset_rows(0)
         wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]
         wiring.rows[: self.complete] = self.rows[: self.complete]
 

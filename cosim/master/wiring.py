@@ -16,12 +16,12 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.fmu import Port
-from cosim.master.beats import beat_of
 from cosim.master.columns import columns_of, element_names
-from cosim.master.course import Course
+from cosim.master.communication_points import CommunicationPoints
+from cosim.master.component_instance import ComponentInstance, Group, Rows, Texts
+from cosim.master.component_points import component_points
 from cosim.master.order import receiving_order
-from cosim.master.routes import Fill, Route, Way, growing, rows_in_use
-from cosim.master.stations import Group, Rows, Station, Texts
+from cosim.master.routes import Route, RouteFiller, RouteKey, growing_rows_in_use, rows_in_use
 from cosim.master.system import Component, Connection, Endpoint, Signal, System
 from cosim.network import LinkState, PacketLink
 
@@ -36,55 +36,55 @@ class Wiring:
     ----------
     rows : (points, values).
     outputs : how many of the values are outputs; they come first.
-    stations : in the order in which they receive, and under Gauss-Seidel step.
-    course : the points.
+    instances : in the order in which they receive, and under Gauss-Seidel step.
+    comm_points : the points.
     fills : what lays out the routes that are not known from the start.
     """
 
     rows: Rows
     outputs: int
-    stations: tuple[Station, ...]
+    instances: tuple[ComponentInstance, ...]
     texts: Texts
-    course: Course
-    fills: tuple[Fill, ...]
+    comm_points: CommunicationPoints
+    fills: tuple[RouteFiller, ...]
 
-    def station(self, name: str) -> Station:
+    def instance(self, name: str) -> ComponentInstance:
         """The station of a component."""
-        return next(s for s in self.stations if s.name == name)
+        return next(s for s in self.instances if s.name == name)
 
-    def begin_again(self, row: int) -> None:
+    def reset_rows(self, row: int) -> None:
         """Lay out rows from `row` on: inputs at their start values, or at what drives them."""
         self.rows[row:] = 0.0
-        for station in self.stations:
-            first = station.input_column
-            for j, column in enumerate(station.input_columns):
+        for instance in self.instances:
+            first = instance.input_column
+            for j, column in enumerate(instance.input_columns):
                 port = column.port
                 if column.name in (port.name, element_names(port)[0]):
-                    held = station.component.parameters.get(port.name, port.start)
+                    start_value = instance.component.parameters.get(port.name, port.start)
                     self.rows[row:, first + j : first + j + port.size] = self.texts.doubles(
-                        held, port
+                        start_value, port
                     )
-        self.lay_out(row, self.course.horizon)
+        self.fill_rows(row, self.comm_points.horizon)
 
-    def lay_out(self, first: int, last: int) -> None:
+    def fill_rows(self, first: int, last: int) -> None:
         """Routes and driven inputs at the points first to last - 1, known by now."""
         for fill in self.fills:
             fill(first, last)
         states: dict[str, LinkState] = {}
-        for station in self.stations:
-            for j, column in enumerate(station.input_columns):
-                cells = self.rows[first:last, station.input_column + j]
-                source = station.driven.get(column.name)
+        for instance in self.instances:
+            for j, column in enumerate(instance.input_columns):
+                cells = self.rows[first:last, instance.input_column + j]
+                source = instance.driven.get(column.name)
                 if source is None or first >= last:
                     continue
                 if isinstance(source, Endpoint):
                     name, what = source
                     if name not in states:
-                        states[name] = self.course.state(name, first, last)
+                        states[name] = self.comm_points.state(name, first, last)
                     cells[:] = getattr(states[name], _STATE.get(what, what))
                 elif callable(source):
                     cells[:] = _finite(
-                        source(self.course.seconds[first:last]), station.name, column.name
+                        source(self.comm_points.seconds[first:last]), instance.name, column.name
                     )
                 else:
                     cells[:] = source[first:last]
@@ -92,19 +92,19 @@ class Wiring:
     def columns_of_delays(self, system: System) -> dict[str, tuple[int, ...]]:
         """By link whose delay follows a signal, the columns of its sources."""
         found = {}
-        for name in self.course.live:
+        for name in self.comm_points.live:
             found[name] = tuple(
-                self.station(end.component).place(end.variable)[0]
+                self.instance(end.component).place(end.variable)[0]
                 for end in system.delays[name].signals
             )
         return found
 
     def output(self, column: int) -> Endpoint:
         """The output that stands in a column."""
-        for station in self.stations:
-            first = station.output_column
-            if 0 <= column - first < len(station.output_columns):
-                return Endpoint(station.name, station.output_columns[column - first].name)
+        for instance in self.instances:
+            first = instance.output_column
+            if 0 <= column - first < len(instance.output_columns):
+                return Endpoint(instance.name, instance.output_columns[column - first].name)
         raise ValueError(f"expected the column of an output, got {column}")
 
 
@@ -126,44 +126,44 @@ def wire(system: System) -> Wiring:
                 column[direction, Endpoint(name, port.name)] = width
                 width += port.size
     total = sum(port.size for members, _ in sorted_outputs.values() for port in members)
-    course = Course(system)
-    most = course.points_ns.size
+    comm_points = CommunicationPoints(system)
+    most = comm_points.points_ns.size
     rows: Rows = np.zeros((most, width))
-    beats = system.beats
-    if course.grows:
-        beats = dict.fromkeys(system.components, beat_of(None, course.points_ns))
+    own_points = system.own_points
+    if comm_points.grows:
+        own_points = dict.fromkeys(system.components, component_points(None, comm_points.points_ns))
     texts = Texts()
-    fills: list[Fill] = []
-    stations = {}
+    fills: list[RouteFiller] = []
+    instances = {}
     for name, component in system.components.items():
         outputs, prompt = sorted_outputs[name]
-        inputs, ways = sorted_inputs[name]
+        inputs, route_keys = sorted_inputs[name]
         a = column["out", Endpoint(name, outputs[0].name)] if outputs else 0
         b = a + sum(port.size for port in outputs[:prompt])
         c = column["in", Endpoint(name, inputs[0].name)] if inputs else 0
-        station = Station(
+        instance = ComponentInstance(
             name=name,
             component=component,
-            beat=beats[name],
+            own_points=own_points[name],
             output_columns=columns_of(outputs),
             input_columns=columns_of(inputs),
             outputs=rows[:, a : a + sum(port.size for port in outputs)],
-            sends=_groups(outputs[:prompt], a),
-            takes=_groups(inputs, c, ways),
-            answers=_groups(outputs[prompt:], b),
+            outputs_without_feedthrough=_groups(outputs[:prompt], a),
+            connected_inputs=_groups(inputs, c, route_keys),
+            outputs_with_feedthrough=_groups(outputs[prompt:], b),
             routes=tuple(
-                _route(system, course, name, way, members, column, order, fills)
-                for way, members in _ways(system, name)
+                _route(system, comm_points, name, route_key, members, column, order, fills)
+                for route_key, members in _connections_by_route(system, name)
             ),
             rows=rows,
             texts=texts,
-            course=course,
+            comm_points=comm_points,
             driven=_driven(system, name),
         )
-        stations[name] = station
-    ordered = tuple(stations[name] for name in order)
-    wiring = Wiring(rows, total, ordered, texts, course, tuple(fills))
-    wiring.begin_again(0)
+        instances[name] = instance
+    ordered = tuple(instances[name] for name in order)
+    wiring = Wiring(rows, total, ordered, texts, comm_points, tuple(fills))
+    wiring.reset_rows(0)
     return wiring
 
 
@@ -179,13 +179,13 @@ def _outputs(component: Component) -> tuple[list[Port], int]:
 def _inputs(system: System, name: str) -> tuple[list[Port], list[int | None]]:
     """Connected inputs, those of one route and type together; and the route of each."""
     ports: list[Port] = []
-    ways: list[int | None] = []
-    for number, (_, members) in enumerate(_ways(system, name)):
+    route_keys: list[int | None] = []
+    for number, (_, members) in enumerate(_connections_by_route(system, name)):
         mine = _by_type([system.port(c.target) for c in members])
         ports += mine
-        ways += [number] * len(mine)
+        route_keys += [number] * len(mine)
     driven = [system.port(Endpoint(name, variable)) for variable in _driven(system, name)]
-    return ports + driven, ways + [None] * len(driven)
+    return ports + driven, route_keys + [None] * len(driven)
 
 
 def _driven(system: System, name: str) -> dict[str, Signal | Endpoint]:
@@ -208,13 +208,13 @@ def _finite(values: Rows, component: str, variable: str) -> Rows:
     return values
 
 
-def _ways(system: System, name: str) -> list[tuple[Way, list[Connection]]]:
+def _connections_by_route(system: System, name: str) -> list[tuple[RouteKey, list[Connection]]]:
     """Connections into a component, by sender, link and policy."""
-    ways: dict[Way, list[Connection]] = {}
+    route_keys: dict[RouteKey, list[Connection]] = {}
     for c in system.connections:
         if c.target.component == name and not system.is_state(c.source):
-            ways.setdefault(Way(c.source.component, c.link, c.policy), []).append(c)
-    return list(ways.items())
+            route_keys.setdefault(RouteKey(c.source.component, c.link, c.policy), []).append(c)
+    return list(route_keys.items())
 
 
 def _by_type(ports: Sequence[Port]) -> list[Port]:
@@ -222,42 +222,42 @@ def _by_type(ports: Sequence[Port]) -> list[Port]:
 
 
 def _groups(
-    ports: Sequence[Port], column: int, ways: Sequence[int | None] | None = None
+    ports: Sequence[Port], column: int, route_keys: Sequence[int | None] | None = None
 ) -> tuple[Group, ...]:
     """Neighbours of one type and route, a group each."""
-    given = ways if ways is not None else [None] * len(ports)
+    given = route_keys if route_keys is not None else [None] * len(ports)
     groups = []
     pairs = zip(ports, given, strict=True)
-    for (getter_type, way), found in groupby(
+    for (getter_type, route_key), found in groupby(
         pairs, key=lambda pair: (pair[0].getter_type, pair[1])
     ):
         members = [port for port, _ in found]
         size = sum(port.size for port in members)
         references = np.array([port.reference for port in members], dtype=np.uint32)
-        groups.append(Group(getter_type, members[0].c_type, references, size, column, way))
+        groups.append(Group(getter_type, members[0].c_type, references, size, column, route_key))
         column += size
     return tuple(groups)
 
 
 def _route(
     system: System,
-    course: Course,
+    comm_points: CommunicationPoints,
     name: str,
-    way: Way,
+    route_key: RouteKey,
     members: Iterable[Connection],
     column: Mapping[tuple[str, Endpoint], int],
     order: Sequence[str],
-    fills: list[Fill],
+    fills: list[RouteFiller],
 ) -> Route:
     in_order = sorted(members, key=lambda c: column["in", c.target])
-    before = order.index(way.source) < order.index(name)
+    before = order.index(route_key.source) < order.index(name)
     stepped = system.algorithm == "gauss-seidel" and before
-    if course.grows or way.link in course.live:
-        used, fill = growing(system, course, way, stepped_before=stepped)
+    if comm_points.grows or route_key.link in comm_points.live:
+        used, fill = growing_rows_in_use(system, comm_points, route_key, stepped_before=stepped)
         fills += [fill] if fill is not None else []
     else:
-        sender, receiver = system.beats[way.source], system.beats[name]
-        used = rows_in_use(system, way, sender, receiver, stepped_before=stepped)
+        sender, receiver = system.own_points[route_key.source], system.own_points[name]
+        used = rows_in_use(system, route_key, sender, receiver, stepped_before=stepped)
     sizes = [range(system.port(c.target).size) for c in in_order]
     pairs = [
         (column["out", c.source] + i, column["in", Endpoint(name, c.target.variable)] + i)
@@ -265,9 +265,9 @@ def _route(
         for i in size
     ]
     columns, targets = np.array(pairs, dtype=np.intp).T
-    channel = system.links[way.link] if way.link is not None else None
+    channel = system.links[route_key.link] if route_key.link is not None else None
     return Route(
-        way=way,
+        route_key=route_key,
         columns=columns,
         targets=targets,
         row=used.row,

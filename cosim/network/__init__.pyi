@@ -12,9 +12,7 @@ from .impairment import (
 from .live import LiveSchedule as LiveSchedule
 from .messages import sending_instants as sending_instants
 from .packet import PacketLink as PacketLink
-from .profile import DelayProfile as DelayProfile
-from .resolve import schedule as schedule
-from .schedule import (
+from .packet_schedule import (
     DELIVERED as DELIVERED,
     DUPLICATE as DUPLICATE,
     IN_FLIGHT as IN_FLIGHT,
@@ -25,6 +23,8 @@ from .schedule import (
     Arrivals as Arrivals,
     PacketSchedule as PacketSchedule,
 )
+from .profile import DelayProfile as DelayProfile
+from .scheduling import schedule as schedule
 from .state import (
     NONE_YET as NONE_YET,
     SUBSTITUTE as SUBSTITUTE,

@@ -11,16 +11,16 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.network.checks import check_duration
-from cosim.network.messages import moved
-from cosim.network.resolve import rounded_up, settled
-from cosim.network.schedule import PacketSchedule
+from cosim.network.messages import resend_at
+from cosim.network.packet_schedule import PacketSchedule
+from cosim.network.scheduling import resolve_messages, rounded_up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
-Policy = Literal["align", "grid"]
+AlignmentPolicy = Literal["align", "grid"]
 
 
 class Alignment(NamedTuple):
@@ -33,7 +33,7 @@ class Alignment(NamedTuple):
 def align(
     schedules: Sequence[PacketSchedule],
     points_ns: int | ArrayLike,
-    policy: Policy = "align",
+    policy: AlignmentPolicy = "align",
 ) -> Alignment:
     """Bring communication points and schedules together.
 
@@ -106,4 +106,4 @@ def communication_points(points_ns: int | ArrayLike, end_ns: int | None) -> NDAr
 
 def _on_grid(s: PacketSchedule, points: NDArray[np.int64]) -> PacketSchedule:
     sent = rounded_up(s.messages.sent_ns, points)
-    return settled(s.link, s.end_ns, moved(s.link, s.messages, sent), points)
+    return resolve_messages(s.link, s.end_ns, resend_at(s.link, s.messages, sent), points)

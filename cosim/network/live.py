@@ -29,11 +29,11 @@ import numpy as np
 from cosim.core import InputError
 from cosim.network.alignment import communication_points
 from cosim.network.delay_signal import DelaySignal
-from cosim.network.messages import delays, drawn, sending_instants
+from cosim.network.messages import delays, draw_messages, sending_instants
 from cosim.network.packet import PacketLink
+from cosim.network.packet_schedule import DELIVERED, LOST, QUEUE_FULL, Arrivals, PacketSchedule
 from cosim.network.receiver import Receiver
-from cosim.network.resolve import longest_wait_ns, rounded_up, settled
-from cosim.network.schedule import DELIVERED, LOST, QUEUE_FULL, Arrivals, PacketSchedule
+from cosim.network.scheduling import longest_wait_ns, resolve_messages, rounded_up
 from cosim.network.state import NONE_YET, LinkState, Timeline
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class LiveSchedule:
         waits = isinstance(link.delay, DelaySignal)
         known = np.zeros(sent.size, np.int64) if waits else delays(link, sent)
         self._link, self._end_ns = link, int(end_ns)
-        self._messages = drawn(link, sent, known)
+        self._messages = draw_messages(link, sent, known)
         self._next = 0  # message
         self._entry = 0
         self._free = 0  # when the sender has sent all it took
@@ -113,17 +113,17 @@ class LiveSchedule:
         ------
         InputError : a message out of turn, a value that makes no delay.
         """
-        k, drawn_ = self._next, self._messages
+        k, messages = self._next, self._messages
         where = f"link {self._link.name!r}, message {message}"
-        if message != k or k >= drawn_.sent_ns.size:
+        if message != k or k >= messages.sent_ns.size:
             raise InputError(
                 "messages are resolved in order of sending",
                 where=where,
-                expected=f"message {k}" if k < drawn_.sent_ns.size else "no more messages",
+                expected=f"message {k}" if k < messages.sent_ns.size else "no more messages",
                 got=f"message {message}",
             )
         if isinstance(self._link.delay, DelaySignal):
-            drawn_.delay_ns[k] = self._link.delay.delay_ns(value, where=where)
+            messages.delay_ns[k] = self._link.delay.delay_ns(value, where=where)
         elif value is not None:
             raise InputError(
                 "the delay of this link follows no signal",
@@ -131,16 +131,16 @@ class LiveSchedule:
                 expected="no value",
                 got=repr(value),
             )
-        sent = int(drawn_.sent_ns[k])
+        sent = int(messages.sent_ns[k])
         if self._is_full(sent):
             arrival = self._due_at(sent, QUEUE_FULL)
         else:
             self._free = max(self._free, sent) + self._frame_ns
-            crosses = self._free + int(drawn_.delay_ns[k])
-            fate = LOST if drawn_.lost[k] else DELIVERED
-            arrival = self._send(crosses + int(drawn_.jitter_ns[k]), fate)
-            if drawn_.copied[k] and fate == DELIVERED:
-                self._send(crosses + int(drawn_.copy_jitter_ns[k]), fate)
+            crosses = self._free + int(messages.delay_ns[k])
+            status = LOST if messages.lost[k] else DELIVERED
+            arrival = self._send(crosses + int(messages.jitter_ns[k]), status)
+            if messages.copied[k] and status == DELIVERED:
+                self._send(crosses + int(messages.copy_jitter_ns[k]), status)
         self._next += 1
         self._settle()
         return arrival
@@ -230,7 +230,7 @@ class LiveSchedule:
                 got=f"sent at {self._messages.sent_ns[self._next]} ns, end at {end} ns",
             )
         points = None if self._points is None else self._points[self._points <= end]
-        return settled(self._link, end, self._messages.first(count), points)
+        return resolve_messages(self._link, end, self._messages.first(count), points)
 
     def copy(self) -> LiveSchedule:
         """Another one in the same state, which goes on on its own (for a snapshot)."""
@@ -246,7 +246,7 @@ class LiveSchedule:
         limit = self._longest_wait_ns
         return limit is not None and self._free - sent_ns > limit
 
-    def _send(self, arrival_ns: int, fate: int) -> int:
+    def _send(self, arrival_ns: int, status: int) -> int:
         """Put an entry on its way; when it arrives."""
         arrival = arrival_ns
         if self._points is not None:
@@ -254,12 +254,12 @@ class LiveSchedule:
             arrival = int(self._points[place]) if place < self._points.size else arrival
         if self._link.order == "fifo":
             arrival = max(arrival, self._behind)
-            self._behind = arrival if fate == DELIVERED else self._behind
-        return self._due_at(arrival, fate)
+            self._behind = arrival if status == DELIVERED else self._behind
+        return self._due_at(arrival, status)
 
-    def _due_at(self, time_ns: int, fate: int) -> int:
+    def _due_at(self, time_ns: int, status: int) -> int:
         if time_ns <= self._end_ns:
-            heappush(self._due, (time_ns, self._entry, self._next, fate))
+            heappush(self._due, (time_ns, self._entry, self._next, status))
         self._entry += 1
         return time_ns
 
@@ -268,8 +268,8 @@ class LiveSchedule:
         sent = self._messages.sent_ns
         self._horizon_ns = int(sent[self._next]) if self._next < sent.size else _NEVER
         while self._due and self._due[0][0] < self._horizon_ns:
-            arrival, entry, message, fate = heappop(self._due)
-            self._receiver.receive(arrival, entry, message, fate, int(sent[message]))
+            arrival, entry, message, status = heappop(self._due)
+            self._receiver.receive(arrival, entry, message, status, int(sent[message]))
 
     def _check_final(self, time_ns: int) -> None:
         if time_ns >= self._horizon_ns:

@@ -83,7 +83,9 @@ def sending_instants(link: PacketLink, end_ns: int) -> NDArray[np.int64]:
     return link.offset_ns + np.arange(count, dtype=np.int64) * link.sample_time_ns
 
 
-def drawn(link: PacketLink, sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Messages:
+def draw_messages(
+    link: PacketLink, sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]
+) -> Messages:
     """The messages sent at these instants with these delays, all draws made."""
     seed, name, count = link.seed, link.name, sent_ns.size
     copies = link.duplicate > 0
@@ -131,7 +133,7 @@ def delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.full(sent_ns.size, link.delay_ns, np.int64)
 
 
-def moved(link: PacketLink, messages: Messages, sent_ns: NDArray[np.int64]) -> Messages:
+def resend_at(link: PacketLink, messages: Messages, sent_ns: NDArray[np.int64]) -> Messages:
     """The same messages sent at other instants.
 
     A recorded delay is that of the new instant; one that followed a signal stays as it was.

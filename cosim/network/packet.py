@@ -1,6 +1,6 @@
 """A packet link: sampled messages with delay, jitter, loss, copies, order and quantization.
 
-The declaration alone; `cosim.network.schedule` turns it into a schedule. The terms are those
+The declaration alone; `cosim.network.packet_schedule` turns it into a schedule. The terms are those
 of networked control: messages are sent at offset + k sample_time, each is on its way for
 delay + jitter, some are lost, and the receiver holds what it last accepted.
 

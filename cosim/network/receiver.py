@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cosim.network.schedule import DELIVERED, DUPLICATE, LOST, OVERTAKEN
+from cosim.network.packet_schedule import DELIVERED, DUPLICATE, LOST, OVERTAKEN
 from cosim.network.state import NONE_YET, SUBSTITUTE, Timeline
 
 if TYPE_CHECKING:
@@ -31,29 +31,29 @@ class Receiver:
         self.used, self.sequence, self.origin_ns = array("q"), array("q"), array("q")
         self.dropped, self.delivered, self.change_ns = array("q"), array("q"), array("q")
 
-    def receive(self, time_ns: int, entry: int, message: int, fate: int, sent_ns: int) -> None:
+    def receive(self, time_ns: int, entry: int, message: int, status: int, sent_ns: int) -> None:
         """Take the next entry in order of time, at one instant as sent.
 
         Parameters
         ----------
         time_ns : instant of arrival, or at which it was due or refused [ns].
         entry, message : its index and its number.
-        fate : DELIVERED as far as the channel goes, or why it never comes.
+        status : DELIVERED as far as the channel goes, or why it never comes.
         sent_ns : instant of sending [ns].
         """
-        if fate == DELIVERED and self._newest_wins and message <= self._newest:
-            fate = DUPLICATE if message == self._newest else OVERTAKEN
-        elif fate == DELIVERED:
+        if status == DELIVERED and self._newest_wins and message <= self._newest:
+            status = DUPLICATE if message == self._newest else OVERTAKEN
+        elif status == DELIVERED:
             self._use(time_ns, entry, message)
             self._newest = max(self._newest, message)
             self._origin_ns = sent_ns
-        elif fate == LOST and self._substitutes and self._newest < message:
+        elif status == LOST and self._substitutes and self._newest < message:
             self._use(time_ns, SUBSTITUTE, SUBSTITUTE)
-        self._delivered += fate == DELIVERED
-        self._dropped += fate != DELIVERED
+        self._delivered += status == DELIVERED
+        self._dropped += status != DELIVERED
         self.time_ns.append(time_ns)
         self.message.append(message)
-        self.status.append(fate)
+        self.status.append(status)
         self.used.append(self._used)
         self.sequence.append(self._sequence)
         self.origin_ns.append(self._origin_ns)

@@ -1,4 +1,4 @@
-from .page import page as page
+from .html_page import page as page
 from .report import (
     Report as Report,
     reproduce as reproduce,

@@ -11,8 +11,8 @@ from cosim.core import Progress
 from cosim.hinf import Analysis, ClosedLoop, Design, NormResult, analyse, close, design, hinf_norm
 from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
-from cosim.paper.flight import fly
 from cosim.paper.row import EXAMPLE, How, Row, Verdict
+from cosim.paper.simulation import simulate
 from cosim.paper.stability import stability_rows
 from cosim.paper.table_2 import ORDER, direct_term
 
@@ -26,7 +26,7 @@ class Example:
 
     least, searched : designs at the printed k1, k2, and at the best that were found.
     by_theorem_2 : the printed K at the printed k1, k2.
-    by_theorem_1, sharper : the printed K by Theorem 1, and by the sharper condition.
+    by_theorem_1, bessel_legendre : the printed K by Theorem 1, and by the sharper condition.
     """
 
     system: DelaySystem
@@ -34,18 +34,18 @@ class Example:
     searched: Design
     by_theorem_2: Design
     by_theorem_1: Analysis
-    sharper: Analysis
+    bessel_legendre: Analysis
 
 
-def solved(tell: Progress) -> Example:
+def solve_example(report_progress: Progress) -> Example:
     """All designs and analyses of section 5."""
     system, k1, k2 = printed.system(), (printed.K1,), (printed.K2,)
     K = [printed.PRINTED_K]
-    tell("section 5, design", 0.0)
+    report_progress("section 5, design", 0.0)
     least = design(system, k1, k2)
-    tell("section 5, search", 0.3)
+    report_progress("section 5, search", 0.3)
     searched = design(system, k1, k2, search=True)
-    tell("section 5, the printed gain", 0.7)
+    report_progress("section 5, the printed gain", 0.7)
     return Example(
         system,
         least,
@@ -144,7 +144,7 @@ def _gamma(known: Example) -> list[Row]:
 
 
 def _printed_gain(known: Example) -> list[Row]:
-    one, two, sharp = known.by_theorem_1, known.by_theorem_2, known.sharper
+    one, two, sharp = known.by_theorem_1, known.by_theorem_2, known.bessel_legendre
     norm = peak_of(close(known.system, [printed.PRINTED_K]))
     K = f"K = ({_numbers(np.array(printed.PRINTED_K))})"
     return [
@@ -177,7 +177,7 @@ def _printed_gain(known: Example) -> list[Row]:
 
 def _worst_run(known: Example) -> Row:
     frequency = peak_of(close(known.system, [printed.PRINTED_K])).frequency
-    run = fly(
+    run = simulate(
         initial=(0.0, 0.0),
         frequency=frequency,
         amplitude=0.0,
@@ -185,7 +185,7 @@ def _worst_run(known: Example) -> Row:
         points=2001,
         step=0.02,
     )
-    paper = fly(initial=(0.0, 0.0), frequency=1.0, amplitude=0.5, end=_WORST_END, points=401)
+    paper = simulate(initial=(0.0, 0.0), frequency=1.0, amplitude=0.5, end=_WORST_END, points=401)
     return Row(
         EXAMPLE,
         "(ii) in time, from rest",

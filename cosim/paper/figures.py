@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.models import TABLE_1, paper_example as printed
-from cosim.paper.flight import Flight, fly
 from cosim.paper.row import FIGURES, How, Row, Verdict
+from cosim.paper.simulation import SimulatedRun, simulate
 
 _END, _POINTS = 10.0, 401
 
@@ -16,16 +16,16 @@ _END, _POINTS = 10.0, 401
 class Curves:
     """What Figures 2 and 3 show, simulated here.
 
-    flight : from x = (10, 10), F = 0.5 sin t, w = sin t, d = 0.3 s.
+    run : from x = (10, 10), F = 0.5 sin t, w = sin t, d = 0.3 s.
     settled : from then on |x| stays below what w keeps up, a tenth of the initial |x| [s].
     """
 
-    flight: Flight
+    run: SimulatedRun
     settled: float
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values: the curves themselves."""
-        f = self.flight
+        f = self.run
         return {
             "t": [round(v, 6) for v in f.t.tolist()],
             "x1": [round(v, 9) for v in f.x[:, 0].tolist()],
@@ -37,21 +37,21 @@ class Curves:
 
 def curves() -> Curves:
     """The run of section 5, its open choices as `figure_rows` says them."""
-    flight = fly(
+    run = simulate(
         initial=printed.INITIAL_STATE,
         frequency=1.0,
         amplitude=printed.F_AMPLITUDE,
         end=_END,
         points=_POINTS,
     )
-    size = abs(flight.x).max(axis=1)
-    late = [t for t, s in zip(flight.t, size, strict=True) if s > size[0] / 10]
-    return Curves(flight, max(late))
+    size = abs(run.x).max(axis=1)
+    late = [t for t, s in zip(run.t, size, strict=True) if s > size[0] / 10]
+    return Curves(run, max(late))
 
 
 def figure_rows(drawn: Curves) -> list[Row]:
     """One row per figure."""
-    f = drawn.flight
+    f = drawn.run
     return [
         Row(
             FIGURES,

@@ -43,7 +43,7 @@ def states(curves: Curves) -> str:
     """Figure 2."""
 
     def draw(axes: Any) -> None:
-        f = curves.flight
+        f = curves.run
         for column, colour, name in ((0, BLUE, "$x_1$"), (1, RED, "$x_2$")):
             axes.plot(f.t, f.x[:, column], color=colour, lw=1.8, label=name)
         axes.plot(f.t, f.w, color=GREY, lw=0.9, ls=":", label="$w = \\sin t$")
@@ -57,7 +57,7 @@ def control(curves: Curves) -> str:
     """Figure 3."""
 
     def draw(axes: Any) -> None:
-        f = curves.flight
+        f = curves.run
         axes.plot(f.t, f.u, color=BLUE, lw=1.8)
         axes.axhline(0, color=GREY, lw=0.8)
         axes.set(xlabel="t [s]", ylabel="u(t) = K x(t)", xlim=(0, f.t[-1]))

@@ -10,14 +10,14 @@ from cosim.core import Progress, silent
 from cosim.hinf import DELAY_LIMIT, one_thread
 from cosim.models import paper_example
 from cosim.paper.every_delay import every_delay
-from cosim.paper.example import example_rows, solved
+from cosim.paper.example import example_rows, solve_example
 from cosim.paper.figures import Curves, curves, figure_rows
-from cosim.paper.headlines import headlines
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.misprints import misprint_rows
 from cosim.paper.model import model_rows
 from cosim.paper.remarks import remark_rows
 from cosim.paper.row import HOW_MEANING, MEANING, Row, Verdict
+from cosim.paper.summary import summary_sentences
 from cosim.paper.table_2 import Entry, table_2
 from cosim.paper.table_rows import table_rows
 from cosim.paper.theorem_1 import theorem_1_rows
@@ -64,7 +64,7 @@ class Report:
 
 @one_thread
 def reproduce(
-    tell: Progress = silent,
+    report_progress: Progress = silent,
     *,
     limit: float = DELAY_LIMIT,
 ) -> Report:
@@ -72,7 +72,7 @@ def reproduce(
 
     Parameters
     ----------
-    tell : hears what is being done, and the share of the whole that is.
+    report_progress : hears what is being done, and the share of the whole that is.
     limit : where searches for a greatest delay end [s].
 
     Raises
@@ -82,21 +82,21 @@ def reproduce(
     system = paper_example.system()
 
     def within(low: float, high: float) -> Progress:
-        return lambda what, share: tell(what, low + share * (high - low))
+        return lambda what, share: report_progress(what, low + share * (high - low))
 
-    tell("section 2, the vehicle", 0.0)
+    report_progress("section 2, the vehicle", 0.0)
     rows = model_rows()
-    tell("Theorems 1 and 2, block by block", 0.12)
+    report_progress("Theorems 1 and 2, block by block", 0.12)
     rows += [*lemma_rows(), *theorem_1_rows()]
     proof = [*theorem_2_rows(), *misprint_rows()]
-    known = solved(within(0.15, 0.3))
+    known = solve_example(within(0.15, 0.3))
     with_printed_gain = every_delay(system, [paper_example.PRINTED_K])
     example = example_rows(known, with_printed_gain)
     everywhere = every_delay(system)
     table = table_2(everywhere, within(0.3, 0.97), limit)
     rows += [*proof, *remark_rows(known, table), *example, *table_rows(table, everywhere)]
-    tell("figures", 0.97)
+    report_progress("figures", 0.97)
     drawn = curves()
     rows += figure_rows(drawn)
-    tell("done", 1.0)
-    return Report(headlines(rows, known, table, everywhere), rows, table, drawn)
+    report_progress("done", 1.0)
+    return Report(summary_sentences(rows, known, table, everywhere), rows, table, drawn)

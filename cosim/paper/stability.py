@@ -66,9 +66,9 @@ def largest_radius(A: Any, A1: Any) -> float:
 
 
 def _roots(roots: Any) -> str:
-    said: list[str] = []
+    roots_text: list[str] = []
     for root in roots:
         text = f"{root.real:.3f}" + (f" ± {abs(root.imag):.3f}j" if abs(root.imag) > 1e-9 else "")
-        if text not in said:
-            said.append(text)
-    return ", ".join(said)
+        if text not in roots_text:
+            roots_text.append(text)
+    return ", ".join(roots_text)

@@ -15,7 +15,7 @@ from cosim.paper.misprints import greatest_delay_as_printed
 from cosim.paper.row import TABLE, How, Row, Verdict
 
 ORDER = 2
-"""Of the Bessel-Legendre inequality in the column `sharper`."""
+"""Of the Bessel-Legendre inequality in the column `bessel_legendre`."""
 
 HALF_DIGIT = 0.005
 """Of the table's delays [s]."""
@@ -31,9 +31,10 @@ class Entry:
     refuted_at : a delay just above it [s] at which multipliers show that there is no solution.
     searched, k1, k2, K : greatest delay with k1, k2 searched [s], certified, and what for.
     limit_reached : the search ended at its limit, not at an end of the delay.
-    sharper : greatest certified delay [s] of the gain designed at the printed k1, k2, by the
+    bessel_legendre : greatest certified delay [s] of the gain designed at the printed k1, k2, by
+    the
         Bessel-Legendre condition of order `ORDER`.
-    sharper_limit_reached : as above.
+    bessel_legendre_limit_reached : as above.
     every_delay : this gamma is certified for every constant delay, with a suitable gain.
     witness : v' Omega v for a vector v, whatever the unknowns; >= 0 says that there is no
         solution at any delay, k1, k2.
@@ -49,8 +50,8 @@ class Entry:
     k2: float | None
     K: list[list[float]] | None
     limit_reached: bool
-    sharper: float | None
-    sharper_limit_reached: bool
+    bessel_legendre: float | None
+    bessel_legendre_limit_reached: bool
     every_delay: bool
     witness: Fraction
 
@@ -93,9 +94,9 @@ class Entry:
             "k2": self.k2,
             "K": self.K,
             "limit_reached": self.limit_reached,
-            "sharper": self.sharper,
-            "sharper_order": None if self.sharper is None else ORDER,
-            "sharper_limit_reached": self.sharper_limit_reached,
+            "bessel_legendre": self.bessel_legendre,
+            "bessel_legendre_order": None if self.bessel_legendre is None else ORDER,
+            "bessel_legendre_limit_reached": self.bessel_legendre_limit_reached,
             "every_delay": self.every_delay,
             "feasible": self.witness < 0,
             "witness": str(self.witness),
@@ -129,7 +130,7 @@ class Entry:
 
 def table_2(
     everywhere: EveryDelay | None,
-    tell: Progress,
+    report_progress: Progress,
     limit: float = DELAY_LIMIT,
     gammas: tuple[float, ...] | None = None,
 ) -> list[Entry]:
@@ -138,7 +139,7 @@ def table_2(
     Parameters
     ----------
     everywhere : what is certified for every delay.
-    tell : hears what is done, and its share.
+    report_progress : hears what is done, and its share.
     limit : where searches end [s].
     gammas : columns of Table 2.
     """
@@ -146,7 +147,7 @@ def table_2(
     start: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     columns = [at for at in paper_example.TABLE_2 if gammas is None or at[0] in gammas]
     for place, (gamma, printed) in enumerate(columns):
-        tell(f"Table 2, γ = {gamma:g}", place / len(columns))
+        report_progress(f"Table 2, γ = {gamma:g}", place / len(columns))
         witness = direct_term(system, gamma)
         if witness >= 0:
             entries.append(_nothing(gamma, printed, witness))
@@ -155,7 +156,7 @@ def table_2(
         fixed = greatest_delay(system, gamma, k1, k2)
         best = _searched(system, gamma, start or (k1, k2), limit, known=start is not None)
         start = best.design.k1, best.design.k2
-        sharper = certified_delay(system, fixed.design.K, gamma, order=ORDER, limit=limit)
+        bessel_legendre = certified_delay(system, fixed.design.K, gamma, order=ORDER, limit=limit)
         entries.append(
             Entry(
                 gamma=gamma,
@@ -168,8 +169,8 @@ def table_2(
                 k2=best.design.k2[0],
                 K=best.design.K.tolist(),
                 limit_reached=best.limit_reached,
-                sharper=sharper.d,
-                sharper_limit_reached=sharper.limit_reached,
+                bessel_legendre=bessel_legendre.d,
+                bessel_legendre_limit_reached=bessel_legendre.limit_reached,
                 every_delay=everywhere is not None and gamma >= everywhere.gamma,
                 witness=witness,
             )
@@ -217,8 +218,8 @@ def _nothing(gamma: float, printed: float, witness: Fraction) -> Entry:
         k2=None,
         K=None,
         limit_reached=False,
-        sharper=None,
-        sharper_limit_reached=False,
+        bessel_legendre=None,
+        bessel_legendre_limit_reached=False,
         every_delay=False,
         witness=witness,
     )

@@ -28,8 +28,8 @@ def paper_view(report: Report) -> RenderableType:
         if name == TABLE:
             parts += [_delays(report.table2), Text()]
         parts += [_claims(name, [row for row in report.rows if row.section == name]), Text()]
-    said = Text("\n".join(f"• {sentence}" for sentence in report.summary))
-    return Group(*parts, _summary(report), Text(), said)
+    sentences = Text("\n".join(f"• {sentence}" for sentence in report.summary))
+    return Group(*parts, _summary(report), Text(), sentences)
 
 
 def _claims(name: str, rows: list[Row]) -> Table:
@@ -69,18 +69,18 @@ def _delays(entries: list[Entry]) -> Table:
             f"{e.gamma:g}",
             f"{e.printed:.2f}",
             _NONE if e.corrected is None else f"{e.corrected:.4f}",
-            _limited(e.searched, reached=e.limit_reached),
-            _limited(e.sharper, reached=e.sharper_limit_reached),
+            _format_delay(e.searched, limit_reached=e.limit_reached),
+            _format_delay(e.bessel_legendre, limit_reached=e.bessel_legendre_limit_reached),
             "every delay" if e.every_delay else none,
             Text(str(e.verdict), style=_STYLES[e.verdict]),
         )
     return table
 
 
-def _limited(value: float | None, *, reached: bool) -> str:
+def _format_delay(value: float | None, *, limit_reached: bool) -> str:
     if value is None:
         return _NONE
-    return f"{'≥ ' if reached else ''}{value:.4g}"
+    return f"{'≥ ' if limit_reached else ''}{value:.4g}"
 
 
 def _summary(report: Report) -> Table:

@@ -1,14 +1,14 @@
-from .carried import (
-    Carried as Carried,
+from .embedded_certificate import (
+    EmbeddedCertificate as EmbeddedCertificate,
     certificate_in as certificate_in,
 )
-from .inject import (
-    Injected as Injected,
+from .injection import (
+    InjectionResult as InjectionResult,
     inject as inject,
 )
-from .mapping import Wanted as Wanted
-from .order import Order as Order
-from .rerun import (
+from .injection_request import InjectionRequest as InjectionRequest
+from .mapping import SignalMapping as SignalMapping
+from .trace_rerun import (
     Rerun as Rerun,
     rerun as rerun,
 )

@@ -27,7 +27,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class SignalMapping:
     """What a user asks for.
 
     Attributes
@@ -78,7 +78,7 @@ def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
 
 
 def mapped(
-    trace: Trace, fmu: FmuDescription, wanted: Wanted, role: str | None
+    trace: Trace, fmu: FmuDescription, signal_mapping: SignalMapping, role: str | None
 ) -> dict[str, Source]:
     """The source of each input that has one.
 
@@ -91,14 +91,14 @@ def mapped(
     """
     inputs = _inputs(fmu)
     found: dict[str, Source] = {}
-    explicit = [*wanted.signals, *wanted.groups]
-    if role is not None and (wanted.role is not None or not explicit):
+    explicit = [*signal_mapping.signals, *signal_mapping.groups]
+    if role is not None and (signal_mapping.role is not None or not explicit):
         for signal in trace.topics[input_topic(role)].signals:
             if signal.name in inputs and signal.kind != "string":
                 found[signal.name] = _source(trace, f"{role}.{signal.name}")
-    for group, target in wanted.groups:
+    for group, target in signal_mapping.groups:
         found |= _members(trace, fmu, group, target)
-    for name, target in wanted.signals:
+    for name, target in signal_mapping.signals:
         if target not in inputs:
             raise InputError.unknown("input", target, inputs, where=f"--map, {fmu.path.name}")
         found[target] = _source(trace, name)
@@ -132,9 +132,9 @@ def _members(trace: Trace, fmu: FmuDescription, group: str, target: str) -> dict
     inputs = set(_inputs(fmu))
     found = {}
     for name in trace.signals:
-        ending = name[len(group) :]
-        if name.startswith(group) and ending[:1] in (".", "[") and target + ending in inputs:
-            found[target + ending] = _source(trace, name)
+        suffix = name[len(group) :]
+        if name.startswith(group) and suffix[:1] in (".", "[") and target + suffix in inputs:
+            found[target + suffix] = _source(trace, name)
     if not found:
         raise InputError(
             "the group has no members on both sides",
@@ -191,14 +191,14 @@ def as_sent(trace: Trace, source: Source, scenario: Scenario | None) -> tuple[So
         return source, component is not None
     for part in scenario.connections if scenario is not None else ():
         target = part.target
-        ending = source.name[len(target) :]
-        sender = part.source + ending
-        fits = source.name.startswith(target) and ending[:1] in ("", ".", "[")
+        suffix = source.name[len(target) :]
+        sender = part.source + suffix
+        fits = source.name.startswith(target) and suffix[:1] in ("", ".", "[")
         if fits and sender in trace.signals:
             return _source(trace, sender), True
     return source, False
 
 
-def unfed(fmu: FmuDescription, sources: Mapping[str, Source]) -> list[str]:
+def unmapped_inputs(fmu: FmuDescription, sources: Mapping[str, Source]) -> list[str]:
     """Inputs that stay at their start values."""
     return [name for name in _inputs(fmu) if name not in sources]

@@ -3,7 +3,6 @@ from .channels import (
     nanoseconds as nanoseconds,
 )
 from .check import problems_of as problems_of
-from .conduct import conduct as conduct
 from .demo import (
     Demo as Demo,
     demonstrate as demonstrate,
@@ -12,18 +11,12 @@ from .diagram import (
     as_mermaid as as_mermaid,
     as_text as as_text,
 )
-from .dotted import (
-    inside as inside,
-    kind_of as kind_of,
-    put as put,
-    split as split,
-)
-from .editor import json_schema as json_schema
+from .editor_schema import json_schema as json_schema
 from .execute import (
-    Prepared as Prepared,
-    check_room as check_room,
-    fly as fly,
-    fly_unrecorded as fly_unrecorded,
+    PreparedScenario as PreparedScenario,
+    check_writable as check_writable,
+    execute_run as execute_run,
+    execute_unrecorded as execute_unrecorded,
     prepare as prepare,
 )
 from .extend import (
@@ -31,6 +24,7 @@ from .extend import (
     open_source as open_source,
 )
 from .fields import NAME_PATTERN as NAME_PATTERN
+from .fmu_cache import FmuCache as FmuCache
 from .gain import (
     Problem as Problem,
     gain_parameters as gain_parameters,
@@ -38,16 +32,21 @@ from .gain import (
     problem_about as problem_about,
     problem_of as problem_of,
 )
-from .hangar import Hangar as Hangar
-from .locate import line_of as line_of
-from .opening import (
-    open_session as open_session,
-    run as run,
+from .key_paths import (
+    inside as inside,
+    kind_of as kind_of,
+    put as put,
+    split as split,
 )
+from .locate import line_of as line_of
 from .outcome import Outcome as Outcome
 from .pinned import (
     design_content as design_content,
     named_design as named_design,
+)
+from .python_api import (
+    open_session as open_session,
+    run as run,
 )
 from .read import (
     LoadedScenario as LoadedScenario,
@@ -60,11 +59,12 @@ from .read import (
 )
 from .schema import Scenario as Scenario
 from .ssp.export import (
-    Exported as Exported,
+    SspExport as SspExport,
     export_ssp as export_ssp,
 )
 from .ssp.importing import (
-    Imported as Imported,
+    SspImport as SspImport,
     import_ssp as import_ssp,
 )
-from .template import template as template
+from .system_run import run_system as run_system
+from .templates import template as template

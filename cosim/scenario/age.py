@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Algorithm, Route, Run, Station
+from cosim.master import Algorithm, ComponentInstance, Route, Run
 
 NONE_IN_USE = -1
 Integers = NDArray[np.int64]
@@ -25,18 +25,18 @@ def measurement_age_ns(
     `NONE_IN_USE` (-1) where no measurement acts yet, or a link's substitute stands in for
     one. Where several links lie side by side, the oldest counts.
     """
-    by_name = {s.name: s for s in run.stations}
+    by_name = {s.name: s for s in run.instances}
     points = run.points_ns
     ages = np.full(max(points.size - 1, 0), NONE_IN_USE, np.int64)
     if plant not in by_name or controller not in by_name or ages.size == 0:
         return ages
-    station = by_name[controller]
+    instance = by_name[controller]
     down = [r for r in by_name[plant].routes if r.source == controller]
-    up = [r for r in station.routes if r.source == plant]
+    up = [r for r in instance.routes if r.source == plant]
     missing = np.zeros(ages.size, bool)
     for back in down:
-        at_once = algorithm == "jacobi" and _feedthrough(station, back)
-        read = np.arange(points.size) if at_once else _read_row(station, points)
+        at_once = algorithm == "jacobi" and _feedthrough(instance, back)
+        read = np.arange(points.size) if at_once else _read_row(instance, points)
         for forth in up:
             origin = _origin_ns(back, forth, read, points)
             missing |= origin < 0
@@ -45,23 +45,26 @@ def measurement_age_ns(
     return ages
 
 
-def _feedthrough(controller: Station, back: Route) -> bool:
+def _feedthrough(controller: ComponentInstance, back: Route) -> bool:
     """Whether these commands follow the inputs of the same point.
 
     Under Gauss-Seidel they are read after the step, before whose beginning the inputs were set.
     """
-    first = min(group.column for group in (*controller.sends, *controller.answers))
+    first = min(
+        group.column
+        for group in (*controller.outputs_without_feedthrough, *controller.outputs_with_feedthrough)
+    )
     ports = [controller.output_columns[int(c) - first].port for c in back.columns]
     return all(port.feedthrough for port in ports)
 
 
-def _read_row(controller: Station, points: Integers) -> Integers:
+def _read_row(controller: ComponentInstance, points: Integers) -> Integers:
     """For each row, the point whose inputs the controller's outputs there come from; -1: none.
 
     What is computed in a step is seen at its end; of its own points, those count at whose steps
     it samples.
     """
-    own = controller.beat.own[controller.beat.own < points.size]
+    own = controller.own_points.own[controller.own_points.own < points.size]
     times = points[own]
     parameters = controller.component.parameters
     port = controller.component.description.ports.get("sample_time")

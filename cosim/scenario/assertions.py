@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run, System
-from cosim.scenario.binding import Bound
+from cosim.scenario.binding import BoundCondition
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.matching import endpoint
 from cosim.scenario.origin import Findings
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, values_over
-from cosim.scenario.script import bound
+from cosim.scenario.script import bind_condition
 from cosim.trace import AssertionResult, Result
 
 _Truths = NDArray[np.bool_]
@@ -35,11 +35,15 @@ def verdicts_of(
         key = next(k for k in ("always", "eventually", "within") if getattr(part, k) is not None)
         since = None
         if part.within is not None:
-            condition = bound(part.within.holds, scope, findings, "assertions", i, key, "holds")
+            condition = bind_condition(
+                part.within.holds, scope, findings, "assertions", i, key, "holds"
+            )
             if part.within.when is not None:
-                since = bound(part.within.when, scope, findings, "assertions", i, key, "when")
+                since = bind_condition(
+                    part.within.when, scope, findings, "assertions", i, key, "when"
+                )
         else:
-            condition = bound(getattr(part, key), scope, findings, "assertions", i, key)
+            condition = bind_condition(getattr(part, key), scope, findings, "assertions", i, key)
         if run is not None and condition is not None:
             found.append(_verdict(part, condition, since, scope, run, end))
     return tuple(found)
@@ -47,8 +51,8 @@ def verdicts_of(
 
 def _verdict(
     part: AssertionPart,
-    condition: Bound,
-    since: Bound | None,
+    condition: BoundCondition,
+    since: BoundCondition | None,
     scope: RunScope,
     run: Run,
     end: float,
@@ -56,16 +60,16 @@ def _verdict(
     seconds = run.points_ns / 1e9
     after, before = part.after or 0.0, end if part.before is None else part.before
     inside = (seconds >= after) & (seconds <= before)
-    reached = float(seconds[-1]) if seconds.size else -1.0
-    whole = run.ending == "finished" or reached >= before
+    last_s = float(seconds[-1]) if seconds.size else -1.0
+    whole = run.status == "finished" or last_s >= before
     # a run that broke off cannot keep a promise that it did not get to; one stopped on purpose
     # was not asked
-    rest: Result = "undecided" if run.ending == "stopped" else "fails"
+    rest: Result = "undecided" if run.status == "stopped" else "fails"
     holds = _judged(condition, scope, run)
     if part.within is not None:
         starts = _starts(_judged(since, scope, run) if since else None, inside)
         late = _late(starts, holds, seconds, part.within.of)
-        open_ones = late[seconds[late] + part.within.of > reached] if not whole else late[:0]
+        open_ones = late[seconds[late] + part.within.of > last_s] if not whole else late[:0]
         decided = np.setdiff1d(late, open_ones)
         result, at = _first(decided, seconds, "fails", "holds")
         if result == "holds" and open_ones.size:
@@ -87,7 +91,7 @@ def _first(
     return (there, float(seconds[places[0]])) if places.size else (none, None)
 
 
-def _judged(condition: Bound, scope: RunScope, run: Run) -> _Truths:
+def _judged(condition: BoundCondition, scope: RunScope, run: Run) -> _Truths:
     truths = np.asarray(condition(values_over(run, scope, condition.names)), dtype=bool)
     return np.broadcast_to(truths, run.points_ns.shape)
 

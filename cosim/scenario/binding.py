@@ -55,7 +55,7 @@ class Node(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Bound:
+class BoundCondition:
     """A condition that can be judged.
 
     Attributes
@@ -86,7 +86,7 @@ class AnyName:
         return Meaning("number", None)
 
 
-def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> Bound:
+def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundCondition:
     """The condition as a function.
 
     Raises
@@ -108,7 +108,7 @@ def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> Bound:
             if wanted == "truth"
             else "a number",
         )
-    return Bound(expression, tuple(binder.names), node)
+    return BoundCondition(expression, tuple(binder.names), node)
 
 
 _ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
@@ -215,7 +215,7 @@ class _Binder:
             try:
                 meaning = self._scope.meaning(reference)
             except InputError as error:
-                raise self._told(node, error) from error
+                raise self._located(node, error) from error
         if reference not in self.names:
             self.names.append(reference)
         place = self.names.index(reference)
@@ -226,11 +226,11 @@ class _Binder:
             return Node("number", meaning.dimension, lambda values: values[place])
         return Node("number", meaning.dimension, lambda values: to_si(values[place]))
 
-    def _told(self, node: ast.expr, error: InputError) -> ExpressionError:
-        said = self._expression.wrong(node, error.what, error.expected)
-        said.hint = error.hint
-        said.args = (said.text(),)
-        return said
+    def _located(self, node: ast.expr, error: InputError) -> ExpressionError:
+        located = self._expression.wrong(node, error.what, error.expected)
+        located.hint = error.hint
+        located.args = (located.text(),)
+        return located
 
     def _logical(self, node: ast.BoolOp) -> Node:
         parts = [self._truth(value) for value in node.values]
@@ -312,7 +312,7 @@ class _Binder:
         name = node.func.id if isinstance(node.func, ast.Name) else None
         if name not in _CALLS or node.keywords:
             unknown = InputError.unknown("function", name or "?", _CALLS)
-            raise self._told(node, unknown)
+            raise self._located(node, unknown)
         least, most, function = _CALLS[name]
         parts = [self._number(argument) for argument in node.args]
         if not least <= len(parts) <= most:

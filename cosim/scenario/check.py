@@ -10,8 +10,8 @@ from pydantic import ValidationError
 from cosim.core import CosimError, InputError
 from cosim.hinf import WorstCase
 from cosim.master import System
-from cosim.scenario.assemble import (
-    Parts,
+from cosim.scenario.assembly import (
+    SystemParts,
     Wires,
     delay_sources,
     find_fmus,
@@ -20,19 +20,19 @@ from cosim.scenario.assemble import (
 )
 from cosim.scenario.assertions import verdicts_of
 from cosim.scenario.extend import Source
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import gain_parameters, problem_of
-from cosim.scenario.hangar import Hangar
 from cosim.scenario.origin import Findings, Origin
 from cosim.scenario.pinned import named_design
-from cosim.scenario.prepare import check_disturbance, check_roles
+from cosim.scenario.preparation import check_disturbance, check_roles
 from cosim.scenario.read import LoadedScenario, loaded_of
-from cosim.scenario.refused import refusals
 from cosim.scenario.schema import Scenario
+from cosim.scenario.schema_errors import refusals
 from cosim.scenario.script import script_of
-from cosim.scenario.signals import blank_push
+from cosim.scenario.signals import no_disturbance
 
 
-def problems_of(source: Source, hangar: Hangar) -> list[CosimError]:
+def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
     """Every fault of a scenario, in the order in which they are found; empty if there is none.
 
     What stands on something faulty is not looked at. The gain is not designed.
@@ -46,7 +46,7 @@ def problems_of(source: Source, hangar: Hangar) -> list[CosimError]:
     except CosimError as error:
         return [error]
     findings = Findings(origin, collect=True)
-    _look(loaded, hangar, findings)
+    _look(loaded, fmu_cache, findings)
     return list(findings.errors)
 
 
@@ -59,13 +59,13 @@ def schema_problems(source: Source) -> list[InputError]:
     return []
 
 
-def _look(loaded: LoadedScenario, hangar: Hangar, findings: Findings) -> None:
+def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> None:
     scenario = loaded.scenario
-    fmus = find_fmus(scenario, hangar, findings)
+    fmus = find_fmus(scenario, fmu_cache, findings)
     with findings.at("disturbance"):
         check_disturbance(loaded)
     parameters: dict[str, dict[str, float]] = {}
-    push: WorstCase | None = None
+    worst_case: WorstCase | None = None
     design = scenario.design
     if design is not None:
         with findings.at("design"):
@@ -75,8 +75,10 @@ def _look(loaded: LoadedScenario, hangar: Hangar, findings: Findings) -> None:
             blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[design.controller])
             parameters[design.controller] = blank
             with findings.at("disturbance"):
-                push = None if scenario.disturbance is None else blank_push(problem.system)
-    parts = parts_of(scenario, fmus, findings, parameters=parameters, push=push)
+                worst_case = (
+                    None if scenario.disturbance is None else no_disturbance(problem.system)
+                )
+    parts = parts_of(scenario, fmus, findings, parameters=parameters, worst_case=worst_case)
     if set(fmus) != set(scenario.components):
         return
     good = _good_wires(scenario, parts, findings)
@@ -91,7 +93,7 @@ def _look(loaded: LoadedScenario, hangar: Hangar, findings: Findings) -> None:
     _conditions(scenario, system, findings)
 
 
-def _good_wires(scenario: Scenario, parts: Parts, findings: Findings) -> Wires:
+def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> Wires:
     """The connections that can be made, each looked at by itself; of two into one, the first."""
     good: Wires = []
     for wire in parts.wires:
@@ -104,7 +106,7 @@ def _good_wires(scenario: Scenario, parts: Parts, findings: Findings) -> Wires:
                 [*(c for c, _ in good if c.target == connection.target), connection],
                 parts.links,
                 {end: s for end, s in parts.driven.items() if end == connection.target},
-                parts.timetable,
+                parts.comm_schedule,
                 scenario.run.divergence,
                 delays=delay_sources(scenario),
             )

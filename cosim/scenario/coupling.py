@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Route, Run, Station, System
+from cosim.master import ComponentInstance, Route, Run, System
 from cosim.network import PacketLink, PacketSchedule
 
 Integers = NDArray[np.int64]
@@ -27,27 +27,27 @@ def coupling_delays_s(run: Run, system: System) -> dict[str, float]:
     found: dict[str, float] = {}
     if run.points_ns.size < 2:
         return found
-    for station in run.stations:
-        for route in station.routes:
-            over = f" over {route.way.link}" if route.way.link else ""
-            words = f"{route.source} -> {station.name}{over}"
-            late = float(_late_ns(run, system, station, route)) / 1e9
+    for instance in run.instances:
+        for route in instance.routes:
+            over = f" over {route.route_key.link}" if route.route_key.link else ""
+            words = f"{route.source} -> {instance.name}{over}"
+            late = float(_late_ns(run, system, instance, route)) / 1e9
             found[words] = max(late, found.get(words, 0.0))
     return dict(sorted(found.items()))
 
 
-def _late_ns(run: Run, system: System, receiver: Station, route: Route) -> float:
+def _late_ns(run: Run, system: System, receiver: ComponentInstance, route: Route) -> float:
     points = run.points_ns
-    beat = receiver.beat
-    starts = beat.own[beat.own < points.size - 1]
-    ends = points[np.minimum(beat.following[starts], points.size - 1)]
-    link = None if route.way.link is None else system.links[route.way.link]
+    own_points = receiver.own_points
+    starts = own_points.own[own_points.own < points.size - 1]
+    ends = points[np.minimum(own_points.following[starts], points.size - 1)]
+    link = None if route.route_key.link is None else system.links[route.route_key.link]
     if isinstance(link, PacketLink):
         schedule = run.schedules.get(link.name)
-        sender = next(s for s in run.stations if s.name == route.source)
+        sender = next(s for s in run.instances if s.name == route.source)
         if schedule is None:
             return 0.0
-        return _late_message(schedule, sender.beat.last, points, points[starts], ends)
+        return _late_message(schedule, sender.own_points.last, points, points[starts], ends)
     row = np.minimum(route.row[starts], points.size - 1)
     origin = points[row].astype(np.float64)
     if route.weight is not None and route.after is not None:

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import Progress
-from cosim.scenario.execute import check_room, fly, prepare
-from cosim.scenario.hangar import Hangar
+from cosim.scenario.execute import check_writable, execute_run, prepare
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.read import load
-from cosim.trace import Labelled, compare_flights, pyplot
+from cosim.trace import LabelledTrace, compare_runs, pyplot
 
-FLIGHTS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
+DEMO_RUNS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
 """Scenario and label, the first with the gain that is designed for the link."""
 
 
@@ -32,24 +32,24 @@ class Demo:
         }
 
 
-def demonstrate(hangar: Hangar, folder: Path, progress: Progress | None = None) -> Demo:
+def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = None) -> Demo:
     """Design, fly and draw; traces and picture go to `folder`."""
     # what would fail at the end is said at the beginning
     pyplot()
-    check_room(folder / "demo.png")
+    check_writable(folder / "demo.png")
     outcomes = {}
-    for name, label in FLIGHTS:
-        tell: Progress | None = None
+    for name, label in DEMO_RUNS:
+        report_progress: Progress | None = None
         if progress is not None:
 
-            def tell(what: str, share: float, label: str = label) -> None:
+            def report_progress(what: str, share: float, label: str = label) -> None:
                 progress(f"{label}: {what}", share)
 
-        prepared = prepare(load(name), hangar, progress=tell)
-        outcomes[label] = fly(prepared, folder / f"{name}.mcap", progress=tell)
-    picture = compare_flights(
-        [Labelled(label, folder / f"{name}.mcap") for name, label in FLIGHTS],
+        prepared = prepare(load(name), fmu_cache, progress=report_progress)
+        outcomes[label] = execute_run(prepared, folder / f"{name}.mcap", progress=report_progress)
+    picture = compare_runs(
+        [LabelledTrace(label, folder / f"{name}.mcap") for name, label in DEMO_RUNS],
         folder / "demo.png",
-        age_limit_s=outcomes[FLIGHTS[0][1]].metrics["designed_age_s"],
+        age_limit_s=outcomes[DEMO_RUNS[0][1]].metrics["designed_age_s"],
     )
     return Demo(outcomes, picture)

@@ -12,25 +12,25 @@ from pathlib import Path
 from cosim.core import InputError, Progress, silent
 from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
-from cosim.scenario.assemble import assemble, same_start
+from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import verdicts_of
-from cosim.scenario.conduct import Flown, conduct
 from cosim.scenario.gain import gain_parameters
-from cosim.scenario.identity import identity_of
+from cosim.scenario.metrics import RunContext, final_values, metrics_of, status_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
-from cosim.scenario.prepare import Prepared, prepare
+from cosim.scenario.preparation import PreparedScenario, prepare
+from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.script import Event, script_of
-from cosim.scenario.verdict import Flight, final_values, metrics_of, status_of
+from cosim.scenario.system_run import CompletedRun, run_system
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
-__all__ = ["Prepared", "check_room", "fly", "fly_unrecorded", "prepare"]
+__all__ = ["PreparedScenario", "check_writable", "execute_run", "execute_unrecorded", "prepare"]
 
 _Parameters = Mapping[str, Mapping[str, float]]
 
 
-def fly(
-    prepared: Prepared,
+def execute_run(
+    prepared: PreparedScenario,
     trace: Path | None = None,
     *,
     progress: Progress | None = None,
@@ -50,28 +50,39 @@ def fly(
     InputError, ComponentError, LossError : what was recorded before is on disk.
     """
     if trace is None:
-        return fly_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
-    tell = progress or silent
+        return execute_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
+    report_progress = progress or silent
     began = time.perf_counter()
-    system, parameters, events = flown_system(prepared)
-    check_room(trace)
+    system, parameters, events = assembled_system(prepared)
+    check_writable(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
             "the folder of the trace cannot be made", where=str(trace.parent), got=str(error)
         ) from error
-    entries, attachments = identity_of(prepared, system)
+    entries, attachments = run_metadata_of(prepared, system)
     with (
         ExitStack() as living,
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
         recorder = TraceRecorder(writer, system)
-        flown = conduct(
-            system, "flight", tell, engine, recorder, living=living, events=events, pace=pace
+        completed = run_system(
+            system,
+            "run",
+            report_progress,
+            engine,
+            recorder,
+            living=living,
+            events=events,
+            pace=pace,
         )
-        companion = _companion(prepared, system, flown.run, parameters, tell, living, writer.flush)
-        outcome, schedules = _outcome(prepared, system, flown, companion, trace, began, pace)
+        zero_state_run = _zero_state_run(
+            prepared, system, completed.run, parameters, report_progress, living, writer.flush
+        )
+        outcome, schedules = _outcome(
+            prepared, system, completed, zero_state_run, trace, began, pace
+        )
         links: dict[str, str] = {}
         for name, schedule in schedules.items():
             links |= result_of_link(name, schedule.statistics())
@@ -80,35 +91,39 @@ def fly(
     return replace(outcome, content_hash=content_hash(trace), log_after_end=late)
 
 
-def fly_unrecorded(
-    prepared: Prepared,
+def execute_unrecorded(
+    prepared: PreparedScenario,
     *,
-    companion: bool = True,
+    zero_state_run: bool = True,
     progress: Progress | None = None,
     engine: EngineName = "auto",
     pace: Pace | None = None,
 ) -> tuple[Outcome, Run]:
     """Run the scenario without a trace, for who looks at its rows.
 
-    companion : whether to run it from rest as well; without, no gain is measured, and what is
+    zero_state_run : whether to run it from rest as well; without, no gain is measured, and what is
         said of envelope and limits is about this run alone.
 
     Raises
     ------
-    InputError, ComponentError : see `fly`.
+    InputError, ComponentError : see `execute_run`.
     """
-    tell = progress or silent
+    report_progress = progress or silent
     began = time.perf_counter()
-    system, parameters, events = flown_system(prepared)
+    system, parameters, events = assembled_system(prepared)
     with ExitStack() as living:
-        flown = conduct(system, "flight", tell, engine, living=living, events=events, pace=pace)
+        completed = run_system(
+            system, "run", report_progress, engine, living=living, events=events, pace=pace
+        )
         beside = None
-        if companion:
-            beside = _companion(prepared, system, flown.run, parameters, tell, living)
-        return _outcome(prepared, system, flown, beside, None, began, pace)[0], flown.run
+        if zero_state_run:
+            beside = _zero_state_run(
+                prepared, system, completed.run, parameters, report_progress, living
+            )
+        return _outcome(prepared, system, completed, beside, None, began, pace)[0], completed.run
 
 
-def check_room(trace: Path) -> None:
+def check_writable(trace: Path) -> None:
     """See that a trace can be written, before anything takes time; makes nothing.
 
     Raises
@@ -125,7 +140,7 @@ def check_room(trace: Path) -> None:
         )
 
 
-def flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Event]]:
+def assembled_system(prepared: PreparedScenario) -> tuple[System, _Parameters, Sequence[Event]]:
     """What flies, the parameters that its design sets, and what happens on the way."""
     loaded = prepared.loaded
     scenario = loaded.scenario
@@ -137,7 +152,7 @@ def flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Even
         scenario,
         prepared.fmus,
         parameters=parameters,
-        push=prepared.push,
+        worst_case=prepared.worst_case,
         origin=loaded.origin,
     )
     findings = Findings(loaded.origin)
@@ -146,12 +161,12 @@ def flown_system(prepared: Prepared) -> tuple[System, _Parameters, Sequence[Even
     return system, parameters, events
 
 
-def _companion(
-    prepared: Prepared,
+def _zero_state_run(
+    prepared: PreparedScenario,
     system: System,
     run: Run,
     parameters: _Parameters,
-    tell: Progress,
+    report_progress: Progress,
     living: ExitStack,
     flush: Callable[[], None] | None = None,
 ) -> Run | None:
@@ -159,13 +174,13 @@ def _companion(
 
     flush : brings what is recorded to the disk, where slaves must be ended now.
     """
-    if prepared.design is None or run.ending == "failed":
+    if prepared.design is None or run.status == "failed":
         return None
     at_rest = assemble(
         prepared.loaded.scenario,
         prepared.fmus,
         parameters=parameters,
-        push=prepared.push,
+        worst_case=prepared.worst_case,
         at_rest=True,
     )
     # a run that starts from rest is its own companion
@@ -176,35 +191,37 @@ def _companion(
             flush()
         living.close()
     events = script_of(prepared.loaded.scenario, at_rest, Findings())
-    return conduct(at_rest, "companion", tell, "auto", living=living, events=events).run
+    return run_system(
+        at_rest, "zero-state run", report_progress, "auto", living=living, events=events
+    ).run
 
 
 def _outcome(
-    prepared: Prepared,
+    prepared: PreparedScenario,
     system: System,
-    flown: Flown,
-    companion: Run | None,
+    completed: CompletedRun,
+    zero_state_run: Run | None,
     trace: Path | None,
     began: float,
     pace: Pace | None,
 ) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
-    scenario, run = prepared.loaded.scenario, flown.run
+    scenario, run = prepared.loaded.scenario, completed.run
     schedules = run.schedules
-    flight = Flight(
+    context = RunContext(
         scenario,
         prepared.problem,
         prepared.design,
         run,
-        companion,
+        zero_state_run,
         schedules,
-        prepared.push,
+        prepared.worst_case,
         system,
-        touched=flown.touched,
+        altered_by_events=completed.altered_by_events,
     )
     outcome = Outcome(
         scenario=prepared.loaded.name,
         title=scenario.title,
-        status=status_of(flight),
+        status=status_of(context),
         reason=run.reason,
         trace=trace,
         content_hash=None,
@@ -212,7 +229,7 @@ def _outcome(
         simulated_s=float(run.points_ns[-1]) / 1e9 if run.points_ns.size else 0.0,
         wall_s=time.perf_counter() - began,
         final=final_values(run),
-        metrics=metrics_of(flight),
+        metrics=metrics_of(context),
         links={name: s.statistics() for name, s in schedules.items()},
         engine=run.engine,
         pace=pace,

@@ -17,7 +17,7 @@ import warnings
 from cosim.core import InputError
 from cosim.scenario.quantity import NUMBER, Quantity, QuantityError, parse_quantity
 
-LONGEST = 1000
+MAX_LENGTH = 1000
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)-?\d|\d)?"
 _WORDS = r"(?!(?:and|or|not|in|is|if|else|t)\b)"
@@ -37,8 +37,8 @@ class ExpressionError(InputError):
 
     def __init__(self, what: str, text: str, column: int, expected: str | None = None) -> None:
         self.column = column
-        shown = f"{text}\n       {' ' * (column - 1)}^" if "\n" not in text else text
-        super().__init__(what, where=f"column {column}", expected=expected, got=shown)
+        marked_text = f"{text}\n       {' ' * (column - 1)}^" if "\n" not in text else text
+        super().__init__(what, where=f"column {column}", expected=expected, got=marked_text)
 
 
 class Expression:
@@ -60,8 +60,10 @@ class Expression:
         self.quantities: dict[str, Quantity] = {}
         if not text.strip():
             raise ExpressionError("there is no condition", text, 1, "as in plant.eta.z > 5 m")
-        if len(text) > LONGEST:
-            raise ExpressionError("the condition is too long", text[:60], 1, f"{LONGEST} letters")
+        if len(text) > MAX_LENGTH:
+            raise ExpressionError(
+                "the condition is too long", text[:60], 1, f"{MAX_LENGTH} letters"
+            )
         self._readable = self._plain(text)
         self._front = 0
         self.tree = self._parsed()

@@ -19,7 +19,7 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.hinf import parse_toml
-from cosim.scenario.dotted import remove, split
+from cosim.scenario.key_paths import remove, split
 from cosim.scenario.origin import Layer
 from cosim.scenario.schema import MADE_WITH
 
@@ -132,7 +132,7 @@ def _base(name: str, folder: Path, chain: tuple[str, ...], at: str) -> Source:
     file = None if name in names else folder / name
     own = name if file is None else str(file.resolve())
     if own in chain or len(chain) > _MOST:
-        shown = (
+        cycle_names = (
             [Path(link).name for link in (*chain[chain.index(own) :], own)]
             if own in chain
             else [Path(link).name for link in chain[:4]] + ["..."]
@@ -140,7 +140,7 @@ def _base(name: str, folder: Path, chain: tuple[str, ...], at: str) -> Source:
         raise InputError(
             "scenarios extend each other in a cycle",
             where=at,
-            got=" -> ".join(shown),
+            got=" -> ".join(cycle_names),
             hint="one of them has to stand on its own",
         )
     if file is None:
@@ -222,8 +222,8 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
     if base.folder == folder:
         return data
 
-    def seen(path: Any, ending: str) -> Any:
-        if not isinstance(path, str) or not path.endswith(ending) or Path(path).is_absolute():
+    def seen(path: Any, suffix: str) -> Any:
+        if not isinstance(path, str) or not path.endswith(suffix) or Path(path).is_absolute():
             return path
         return Path(os.path.relpath(base.folder / path, folder)).as_posix()
 
@@ -232,7 +232,7 @@ def _rebased(base: Source, folder: Path) -> dict[str, Any]:
         if isinstance(part, dict) and "fmu" in part:
             part["fmu"] = seen(part["fmu"], ".fmu")
     design = data.get("design")
-    for key, ending in (("system", ".toml"), ("file", ".json")):
+    for key, suffix in (("system", ".toml"), ("file", ".json")):
         if isinstance(design, dict) and key in design:
-            design[key] = seen(design[key], ending)
+            design[key] = seen(design[key], suffix)
     return data

@@ -53,10 +53,10 @@ def _quantity(wanted: Dimension) -> BeforeValidator:
         except QuantityError as error:
             raise ValueError(f"a number, or {error}") from error
 
-    return BeforeValidator(convert, json_schema_input_type=float | Written)
+    return BeforeValidator(convert, json_schema_input_type=float | QuantityText)
 
 
-Written = Annotated[
+QuantityText = Annotated[
     str,
     WithJsonSchema(
         {
@@ -97,7 +97,7 @@ def _whole(wanted: Dimension) -> BeforeValidator:
             raise ValueError(f"a whole number of {wanted}; got {value!r}")
         return round(found)
 
-    return BeforeValidator(convert, json_schema_input_type=int | Written)
+    return BeforeValidator(convert, json_schema_input_type=int | QuantityText)
 
 
 BitRate = Annotated[int, Field(ge=0), _whole(dimension(bit=1, s=-1))]

@@ -12,13 +12,13 @@ import numpy as np
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import (
-    BUILT_IN,
+    BUILT_IN_SYSTEMS,
     DEFAULT_ENVELOPE,
     DEFAULT_K1,
     DEFAULT_K2,
-    AuvDesign,
-    Demands,
+    AuvDesignSettings,
     Design,
+    DesignConstraints,
     Envelope,
     auv_system,
     design,
@@ -37,14 +37,14 @@ class Problem:
 
     system, k1, k2 : k1 and k2 None where they are to be searched.
     vehicle : what the system was made from, if it is the vehicle.
-    demands : what is to be met beside gamma.
+    design_constraints : what is to be met beside gamma.
     """
 
     system: DelaySystem
     k1: tuple[float, ...] | None
     k2: tuple[float, ...] | None
-    vehicle: AuvDesign | None
-    demands: Demands = field(default_factory=Demands)
+    vehicle: AuvDesignSettings | None
+    design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
 
 
 def problem_of(part: DesignPart, folder: Path) -> Problem:
@@ -66,14 +66,14 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
         )
     if is_file(part):
         named = system_by_name(str(folder / system))
-    elif system in BUILT_IN:
+    elif system in BUILT_IN_SYSTEMS:
         named = system_by_name(system)
     else:
-        known = (*BUILT_IN, "FILE.toml")
+        known = (*BUILT_IN_SYSTEMS, "FILE.toml")
         raise InputError.unknown("system", system, known, where="design.system")
     k1 = named.k1 if part.k1 is None else tuple(part.k1)
     k2 = named.k2 if part.k2 is None else tuple(part.k2)
-    return Problem(named.system, k1, k2, None, named.demands)
+    return Problem(named.system, k1, k2, None, named.design_constraints)
 
 
 def problem_about(part: DesignPart, found: Design, where: str, folder: Path | None) -> Problem:
@@ -94,7 +94,9 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
     require_up_to(found)
     own = Problem(found.system, found.k1, found.k2, None)
     named = found.system.name if part.system is None else part.system
-    if (part.system is None and named not in BUILT_IN) or (folder is None and is_file(part)):
+    if (part.system is None and named not in BUILT_IN_SYSTEMS) or (
+        folder is None and is_file(part)
+    ):
         given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
         if given:
             raise InputError(
@@ -127,7 +129,7 @@ def require_up_to(found: Design) -> None:
     ------
     NotAchievableError : it is.
     """
-    if not found.up_to:
+    if not found.covers_smaller_delays:
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
             where="design.order",
@@ -143,9 +145,9 @@ def is_file(part: DesignPart) -> bool:
 
 
 def _auv_problem(part: DesignPart) -> Problem:
-    default = AuvDesign()
+    default = AuvDesignSettings()
     bounds = part.envelope
-    vehicle = AuvDesign(
+    vehicle = AuvDesignSettings(
         state_delay=default.state_delay if part.state_delay is None else part.state_delay,
         loop_delay=default.loop_delay if part.loop_delay is None else part.loop_delay,
         damping=default.damping
@@ -172,8 +174,10 @@ def solve(
     ------
     NotAchievableError : nothing could be certified, or at this order for one age alone.
     """
-    demands = asdict(problem.demands)
-    found = design(problem.system, problem.k1, problem.k2, gain=gain, order=order, **demands)
+    design_constraints = asdict(problem.design_constraints)
+    found = design(
+        problem.system, problem.k1, problem.k2, gain=gain, order=order, **design_constraints
+    )
     require_up_to(found)
     return found
 

@@ -14,22 +14,22 @@ from types import FrameType
 from typing import Any, Self
 
 
-class Interruptible:
-    """`with Interruptible() as wish:` the steps, each followed by `wish.obey()`."""
+class DeferredInterrupt:
+    """Note Ctrl-C and SIGTERM during a step; `raise_if_requested()` raises them after it."""
 
     def __init__(self) -> None:
-        self._wished = 0
+        self._requested = 0
         self._before: dict[int, Any] = {}
 
-    def obey(self) -> None:
+    def raise_if_requested(self) -> None:
         """Leave if that was asked for since the beginning.
 
         `KeyboardInterrupt` after Ctrl-C, `SystemExit` (143) after SIGTERM.
         """
-        if self._wished == signal.SIGINT:
+        if self._requested == signal.SIGINT:
             raise KeyboardInterrupt
-        if self._wished:
-            raise SystemExit(128 + self._wished)
+        if self._requested:
+            raise SystemExit(128 + self._requested)
 
     def __enter__(self) -> Self:
         # elsewhere than in the main thread nobody gets signals, and nobody may ask for them
@@ -39,7 +39,7 @@ class Interruptible:
         return self
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
-        self._wished = number
+        self._requested = number
         self._restore()
 
     def _restore(self) -> None:

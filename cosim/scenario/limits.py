@@ -41,29 +41,29 @@ class Saturation:
 
 def saturation(run: Run, controller: str) -> Saturation | None:
     """Use of the limits by a controller; None if it has none."""
-    station = next((s for s in run.stations if s.name == controller), None)
-    if station is None or run.points_ns.size < 2:
+    instance = next((s for s in run.instances if s.name == controller), None)
+    if instance is None or run.points_ns.size < 2:
         return None
-    ports = station.component.description.ports
+    ports = instance.component.description.ports
     limit_of = {name: _SHARED.get(name, f"limit.{name}") for name in ports}
-    limited = [name for name, limit in limit_of.items() if limit in ports]
-    if not limited:
+    saturable = [name for name, limit in limit_of.items() if limit in ports]
+    if not saturable:
         return None
-    parameters = station.component.parameters
+    parameters = instance.component.parameters
     bounds = np.array(
-        [parameters.get(limit_of[n], ports[limit_of[n]].start or 0.0) for n in limited]
+        [parameters.get(limit_of[n], ports[limit_of[n]].start or 0.0) for n in saturable]
     )
-    commands = np.column_stack([run.signal(controller, n) for n in limited])
+    commands = np.column_stack([run.signal(controller, n) for n in saturable])
     duration = np.diff(run.points_ns).astype(float)
     at_limit = np.abs(commands) >= bounds * (1 - 1e-12)
     last_quarter = run.points_ns[:-1] >= run.points_ns[-1] * 3 // 4
     late = at_limit[:-1][last_quarter]
     cycling = _share(late.any(axis=1), duration[last_quarter]) > 0.5 and any(
-        _alternates(commands[:-1][last_quarter, j], late[:, j]) for j in range(len(limited))
+        _alternates(commands[:-1][last_quarter, j], late[:, j]) for j in range(len(saturable))
     )
     return Saturation(
         fraction=_share(at_limit[:-1].any(axis=1), duration),
-        largest={n: float(np.abs(commands[:, j]).max()) for j, n in enumerate(limited)},
+        largest={n: float(np.abs(commands[:, j]).max()) for j, n in enumerate(saturable)},
         limit_cycle=cycling,
     )
 

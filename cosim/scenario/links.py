@@ -22,7 +22,7 @@ from cosim.scenario.fields import (
     Text,
 )
 
-SOUND = 1500.0
+SPEED_OF_SOUND = 1500.0
 """Speed of sound in sea water [m/s], to 4 % anywhere."""
 
 
@@ -84,7 +84,7 @@ class RangeDelayPart(Part):
 
     range: Annotated[list[Reference], Field(min_length=1, max_length=3)]
     place: Annotated[list[Length], Field(alias="from", min_length=1, max_length=3)]
-    speed: Speed = SOUND
+    speed: Speed = SPEED_OF_SOUND
     offset: Delay = 0.0
 
     @model_validator(mode="after")

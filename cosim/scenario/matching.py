@@ -22,13 +22,13 @@ def members(
     """Ending -> variable: "" for the variable itself, ".x" or "[1]" for members of a group."""
     found = {}
     for port in fmu.ports.values():
-        ending = port.name[len(name) :]
+        suffix = port.name[len(name) :]
         if (
             port.causality == causality
             and port.name.startswith(name)
-            and ending[:1] in ("", ".", "[")
+            and suffix[:1] in ("", ".", "[")
         ):
-            found[ending] = port.name
+            found[suffix] = port.name
     return found
 
 
@@ -58,7 +58,7 @@ def matched(
     targets = members(fmus[target.component], target.variable, "input")
     if "" in sources and "" in targets:
         return [Connection(source, target, link, policy)]
-    common = [ending for ending in sources if ending in targets and ending]
+    common = [suffix for suffix in sources if suffix in targets and suffix]
     if not common:
         if not sources:
             raise _no_member(fmus[source.component], source, "output", where)
@@ -74,12 +74,12 @@ def matched(
         )
     return [
         Connection(
-            Endpoint(source.component, source.variable + ending),
-            Endpoint(target.component, target.variable + ending),
+            Endpoint(source.component, source.variable + suffix),
+            Endpoint(target.component, target.variable + suffix),
             link,
             policy,
         )
-        for ending in common
+        for suffix in common
     ]
 
 
@@ -90,9 +90,9 @@ def _no_member(fmu: FmuDescription, end: Endpoint, kind: _Kind, where: str) -> I
     """The error for an end that is no output, or no input."""
     other: _Kind = "input" if kind == "output" else "output"
     if members(fmu, end.variable, other):
-        said = "two outputs cannot be connected" if kind == "input" else "nothing comes from it"
+        problem = "two outputs cannot be connected" if kind == "input" else "nothing comes from it"
         return InputError(
-            f"{end} is an {other}: {said}",
+            f"{end} is an {other}: {problem}",
             where=where,
             expected="an output on the left, an input on the right",
             hint="the ends may be the wrong way round",

@@ -93,12 +93,12 @@ class Findings:
             return error
         words = key(path)
         inner = error.where if error.where and error.where != words else None
-        said = inner if inner and inner.startswith(words) else words
-        if inner and inner != said:
-            said = f"{said}: {inner}"
+        location = inner if inner and inner.startswith(words) else words
+        if inner and inner != location:
+            location = f"{location}: {inner}"
         return InputError(
             error.what,
-            where=f"{place}: {said}",
+            where=f"{place}: {location}",
             expected=error.expected,
             got=error.got,
             hint=error.hint,

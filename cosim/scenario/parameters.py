@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cosim.core import InputError
-from cosim.fmu import FmuDescription, Port, elements, may_be_set, settable
+from cosim.fmu import FmuDescription, Port, checked_scalars, describe_settable, may_be_set
 from cosim.scenario.origin import Findings
 from cosim.scenario.units import in_unit_of
 
@@ -52,5 +52,5 @@ def _check(port: Port, value: Any) -> None:
     InputError : a variable that cannot be set, another type or shape, out of range.
     """
     if not may_be_set(port, "instantiated") and port.causality != "structuralParameter":
-        raise InputError(f"{port.name} cannot be set", got=settable(port))
-    elements(port, value, port.name)
+        raise InputError(f"{port.name} cannot be set", got=describe_settable(port))
+    checked_scalars(port, value, port.name)

@@ -36,13 +36,13 @@ class Binding:
 
 def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
     """The binding of a plant, from the names of its variables; None if they are others."""
-    station = next((s for s in run.stations if s.name == plant), None)
-    if station is None:
+    instance = next((s for s in run.instances if s.name == plant), None)
+    if instance is None:
         return None
-    ports = station.component.description.ports
+    ports = instance.component.description.ports
     if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
         values = {
-            name: station.component.parameters.get(name, ports[name].start or 0.0)
+            name: instance.component.parameters.get(name, ports[name].start or 0.0)
             for name in TABLE_1
         }
         return Binding(STATE, _FORCE, _DISTURBANCE, np.array(thrust_map(values), dtype=float))
@@ -91,15 +91,15 @@ def _integral(h: NDArray[np.float64], values: NDArray[np.float64]) -> float:
 def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float64]:
     """Values at the points reached, (k, len(names)); an input nobody drives stays at its start."""
     columns = []
-    station = next(s for s in run.stations if s.name == component)
-    reached = run.points_ns.size
+    instance = next(s for s in run.instances if s.name == component)
+    count = run.points_ns.size
     for name in names:
-        recorded = {c.name for c in (*station.output_columns, *station.input_columns)}
+        recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
         if name in recorded:
             columns.append(run.signal(component, name))
         else:
-            start = station.component.parameters.get(
-                name, station.component.description.ports[name].start or 0.0
+            start = instance.component.parameters.get(
+                name, instance.component.description.ports[name].start or 0.0
             )
-            columns.append(np.full(reached, start))
-    return np.column_stack(columns) if columns else np.zeros((reached, 0))
+            columns.append(np.full(count, start))
+    return np.column_stack(columns) if columns else np.zeros((count, 0))

@@ -137,7 +137,7 @@ def _in_trace(why: str) -> DesignSource:
 def _question(part: DesignPart, problem: Problem) -> Any:
     """What is demanded of a gain beside its system, as JSON values."""
     asked = {key: getattr(part, key) for key in MADE_WITH} | {"k1": problem.k1, "k2": problem.k2}
-    return json.loads(json.dumps(asked | asdict(problem.demands)))
+    return json.loads(json.dumps(asked | asdict(problem.design_constraints)))
 
 
 def _kept(path: Path, made_for: Any, problem: Problem) -> tuple[Design | None, str, bool]:

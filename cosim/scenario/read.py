@@ -13,7 +13,6 @@ from pydantic import BaseModel, ValidationError
 
 from cosim.core import InputError
 from cosim.network import DelayProfile
-from cosim.scenario.dotted import put, setting
 from cosim.scenario.extend import (
     Source,
     builtin_names,
@@ -22,10 +21,11 @@ from cosim.scenario.extend import (
     read_text,
     source_of,
 )
+from cosim.scenario.key_paths import put, setting
 from cosim.scenario.links import ProfileFilePart, ProfilePart
 from cosim.scenario.origin import NOWHERE, Findings, Layer, Origin
-from cosim.scenario.refused import refusals
 from cosim.scenario.schema import Scenario
+from cosim.scenario.schema_errors import refusals
 
 __all__ = ["LoadedScenario", "builtin_names", "load", "parse", "read_text", "valid", "validated"]
 

@@ -30,13 +30,13 @@ class RunScope:
 
     def __init__(self, system: System, changed: Sequence[Endpoint] = ()) -> None:
         self._system, self._changed = system, changed
-        reached = {c.target for c in system.connections} | set(system.driven)
+        connected = {c.target for c in system.connections} | set(system.driven)
         self._signals: dict[str, dict[str, Port]] = {}
         self._others: dict[str, dict[str, Port]] = {}
         for name, component in system.components.items():
             mine, rest = self._signals.setdefault(name, {}), self._others.setdefault(name, {})
             for port in component.description.ports.values():
-                moves = port.causality == "output" or Endpoint(name, port.name) in reached
+                moves = port.causality == "output" or Endpoint(name, port.name) in connected
                 into = mine if moves and port.kind is not None else rest
                 into.update(dict.fromkeys(element_names(port), port))
 
@@ -105,7 +105,7 @@ def values_over(run: Run, scope: RunScope, names: Sequence[str]) -> list[Any]:
 
 def _over(run: Run, scope: RunScope, name: str) -> NDArray[np.float64]:
     first, _, rest = name.partition(".")
-    if first in run.schedules and first not in {s.name for s in run.stations}:
+    if first in run.schedules and first not in {s.name for s in run.instances}:
         state = run.schedules[first].state(run.points_ns)
         found: NDArray[np.float64] = np.asarray(
             getattr(state, _STATE.get(rest, rest)), dtype=np.float64

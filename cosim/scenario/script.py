@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cosim.core import InputError
-from cosim.fmu import elements, may_be_set, settable
+from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
-from cosim.scenario.binding import Bound, bind
+from cosim.scenario.binding import BoundCondition, bind
 from cosim.scenario.channels import Change, nanoseconds
 from cosim.scenario.events import EventPart
 from cosim.scenario.expression import Expression, ExpressionError
@@ -31,14 +31,14 @@ class Action(NamedTuple):
 
     def __str__(self) -> str:
         where = str(self.target).strip(".")
-        shown = (
+        value_text = (
             ""
             if self.value is None
             else f" {self.value:g}"
             if isinstance(self.value, float)
             else f" {self.value}"
         )
-        return f"{self.kind} {where}{shown}"
+        return f"{self.kind} {where}{value_text}"
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Event:
 
     number: int
     at_ns: int | None
-    condition: Bound | None
+    condition: BoundCondition | None
     every_time: bool
     lasts_ns: int | None
     actions: tuple[Action, ...]
@@ -117,7 +117,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[E
             _check_time(part, scenario)
         condition = None
         if part.when is not None:
-            condition = bound(part.when, scope, findings, "events", i, "when")
+            condition = bind_condition(part.when, scope, findings, "events", i, "when")
         events.append(
             Event(
                 number=i,
@@ -132,7 +132,9 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[E
     return tuple(events)
 
 
-def bound(text: str, scope: RunScope, findings: Findings, *path: str | int) -> Bound | None:
+def bind_condition(
+    text: str, scope: RunScope, findings: Findings, *path: str | int
+) -> BoundCondition | None:
     """A condition at some place of the scenario, as a function."""
     with findings.at(*path):
         try:
@@ -201,9 +203,9 @@ def _set(system: System, scope: RunScope, end: Endpoint, value: Any) -> Action:
             hint="override, or set what drives it",
         )
     if not may_be_set(port, "stepping"):
-        raise InputError(f"{end} cannot be set while the run goes", got=settable(port))
+        raise InputError(f"{end} cannot be set while the run goes", got=describe_settable(port))
     own = in_own_unit(fmu, port, value)
-    elements(port, own, str(end))
+    checked_scalars(port, own, str(end))
     return Action("set", end, own)
 
 
@@ -236,7 +238,7 @@ def _reset(system: System, name: str) -> Action:
 
 
 def _outage(system: System, kind: str, name: str) -> Action:
-    carried = [system.port(c.source) for c in system.connections if c.link == name]
-    if any(port.kind == "string" for port in carried):
+    link_ports = [system.port(c.source) for c in system.connections if c.link == name]
+    if any(port.kind == "string" for port in link_ports):
         raise InputError(f"link {name!r} carries texts, which cannot be held by a condition")
     return Action(kind, Endpoint(name, ""))

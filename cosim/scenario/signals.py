@@ -103,7 +103,7 @@ def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
     return found
 
 
-def blank_push(system: DelaySystem) -> WorstCase:
+def no_disturbance(system: DelaySystem) -> WorstCase:
     """No disturbance, of the size that a design of `system` will have.
 
     Raises
@@ -121,7 +121,7 @@ def blank_push(system: DelaySystem) -> WorstCase:
     return WorstCase(0.0, zero, zero, 0.0)
 
 
-def pushed(
+def worst_case_inputs(
     part: DisturbancePart,
     found: WorstCase,
     fmus: Mapping[str, FmuDescription],

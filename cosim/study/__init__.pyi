@@ -1,11 +1,6 @@
-from .boundary import (
-    Boundary as Boundary,
-    boundary as boundary,
-    loop_delay_margin as loop_delay_margin,
-)
-from .conduct import (
-    Finished as Finished,
-    conduct as conduct,
+from .execution import (
+    StudyResult as StudyResult,
+    execute_study as execute_study,
 )
 from .folder import read_rows as read_rows
 from .pictures import draw as draw
@@ -16,8 +11,8 @@ from .read import (
     load_study as load_study,
 )
 from .running import (
-    crew_of as crew_of,
     plan_of as plan_of,
+    pool_for as pool_for,
     run_study as run_study,
 )
 from .schema import (
@@ -26,6 +21,11 @@ from .schema import (
     ReplicatesAxis as ReplicatesAxis,
     SampledAxis as SampledAxis,
     Study as Study,
+)
+from .stability_boundary import (
+    Boundary as Boundary,
+    boundary as boundary,
+    loop_delay_margin as loop_delay_margin,
 )
 from .stability_picture import draw_stability as draw_stability
 from .summary import (

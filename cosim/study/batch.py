@@ -13,14 +13,14 @@ from typing import NamedTuple
 from cosim.core import ComponentError, CosimError, InputError
 from cosim.hinf import one_thread
 from cosim.scenario import Outcome
-from cosim.study.flight import Base, Flyer
-from cosim.study.measure import Value, measure
+from cosim.study.measurement import Value, measure
 from cosim.study.schema import Study
+from cosim.study.study_runner import BaseScenario, StudyRunner
 
 REFUSED, FAILED = "refused", "failed"
 """Statuses beside those of an outcome: the run could not begin; a component or worker failed."""
 
-_FLYERS_KEPT = 2
+_RUNNERS_KEPT = 2
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Job:
     ----------
     digest : hash of what the results depend on.
     hashes : SHA-256 by FMU reference.
-    designs : that were made already (`Flyer.designs_made`).
+    designs : that were made already (`StudyRunner.designs_made`).
     traces : folder for traces, None where the batch is to leave none.
     digits : of the numbers in the names of traces.
     """
 
     study: Study
-    base: Base
+    base: BaseScenario
     hashes: dict[str, str]
     digest: str
     digits: int
@@ -63,55 +63,55 @@ class Row(NamedTuple):
     values: tuple[Value, ...]
 
 
-_flyers: OrderedDict[str, Flyer] = OrderedDict()
+_runners: OrderedDict[str, StudyRunner] = OrderedDict()
 # FMUs and the rows they write are one process' affair: one run at a time, however many threads
 _alone = threading.Lock()
 
 
 @one_thread
-def fly_batch(job: Job, runs: Sequence[int]) -> list[Row]:
+def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
     """Fly these runs; no error of a run leaves this function."""
     with _alone:
-        flyer = _flyer(job)
-        return [_row(job, flyer, run) for run in runs]
+        runner = _runner(job)
+        return [_row(job, runner, run) for run in runs]
 
 
 @one_thread
 def record_batch(job: Job, runs: Sequence[int]) -> list[str | None]:
     """Fly these runs again, each into its trace; why there is none where there is none."""
     with _alone:
-        flyer = _flyer(job)
-        return [_recorded(job, flyer, run) for run in runs]
+        runner = _runner(job)
+        return [_recorded(job, runner, run) for run in runs]
 
 
-def adopt(digest: str, flyer: Flyer) -> None:
+def register_runner(digest: str, runner: StudyRunner) -> None:
     """Let this process fly a study with a flyer that it has."""
-    _flyers[digest] = flyer
+    _runners[digest] = runner
 
 
-def _flyer(job: Job) -> Flyer:
+def _runner(job: Job) -> StudyRunner:
     """The flyer of this process for a study, made once."""
-    if job.digest not in _flyers:
-        _flyers[job.digest] = Flyer(job.study, job.base, job.hashes, job.designs)
-        while len(_flyers) > _FLYERS_KEPT:
-            _flyers.popitem(last=False)
-    _flyers.move_to_end(job.digest)
-    return _flyers[job.digest]
+    if job.digest not in _runners:
+        _runners[job.digest] = StudyRunner(job.study, job.base, job.hashes, job.designs)
+        while len(_runners) > _RUNNERS_KEPT:
+            _runners.popitem(last=False)
+    _runners.move_to_end(job.digest)
+    return _runners[job.digest]
 
 
-def taken(flyer: Flyer, run: int) -> tuple[Outcome, tuple[Value, ...]]:
+def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value, ...]]:
     """The outcome of a run and its metrics.
 
     Raises
     ------
     CosimError : it cannot be flown, or has not what a metric asks for.
     """
-    outcome, flown = flyer.fly(run)
+    outcome, completed = runner.execute_run(run)
     figures = outcome.to_json()
     values = []
-    for name, metric in flyer.study.metrics.items():
+    for name, metric in runner.study.metrics.items():
         try:
-            values.append(measure(metric, figures, flown))
+            values.append(measure(metric, figures, completed))
         except InputError as error:
             raise InputError(
                 error.what,
@@ -123,14 +123,14 @@ def taken(flyer: Flyer, run: int) -> tuple[Outcome, tuple[Value, ...]]:
     return outcome, tuple(values)
 
 
-def _row(job: Job, flyer: Flyer, run: int) -> Row:
+def _row(job: Job, runner: StudyRunner, run: int) -> Row:
     began = time.perf_counter()
     values: tuple[Value, ...] = (None,) * len(job.study.metrics)
     try:
-        outcome, values = taken(flyer, run)
+        outcome, values = run_and_measure(runner, run)
         status, reason = outcome.status, outcome.reason
         if job.traces is not None:
-            reason = _recorded(job, flyer, run) or reason
+            reason = _recorded(job, runner, run) or reason
     except ComponentError as error:
         status, reason = FAILED, error.text()
     except CosimError as error:
@@ -140,11 +140,11 @@ def _row(job: Job, flyer: Flyer, run: int) -> Row:
     return Row(run, status, reason, time.perf_counter() - began, values)
 
 
-def _recorded(job: Job, flyer: Flyer, run: int) -> str | None:
+def _recorded(job: Job, runner: StudyRunner, run: int) -> str | None:
     if job.traces is None:
         return "no folder for traces"
     try:
-        flyer.record(run, job.trace_of(job.traces, run))
+        runner.record(run, job.trace_of(job.traces, run))
     except CosimError as error:
         return error.text()
     except Exception as error:  # noqa: BLE001 - a trace that cannot be had must not stop others

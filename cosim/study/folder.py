@@ -21,7 +21,7 @@ from typing import Any, Self
 from cosim.core import InputError
 from cosim.study.batch import Row
 
-MANIFEST, JOURNAL, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
+MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
 
 
 class Folder:
@@ -29,7 +29,7 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._journal: Any = None
+        self._run_log: Any = None
 
     @property
     def results(self) -> Path:
@@ -53,7 +53,7 @@ class Folder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            self._journal = (self.path / JOURNAL).open("a+b")
+            self._run_log = (self.path / RUN_LOG).open("a+b")
         except OSError as error:
             raise InputError(
                 "the folder of the study cannot be written",
@@ -62,14 +62,14 @@ class Folder:
                 hint="another place: --out",
             ) from error
         try:
-            _lock(self._journal, self.path)
+            _lock(self._run_log, self.path)
             before = read_manifest(self.path) if (self.path / MANIFEST).exists() else None
             if fresh:
                 self._forget()
             elif before is not None and before["digest"] != manifest["digest"]:
                 raise _another(self.path, before, manifest)  # noqa: TRY301
             if fresh or before is None:
-                self._journal.truncate(0)
+                self._run_log.truncate(0)
             # the same study may have another title, or ask for other traces
             _write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
         except BaseException:
@@ -78,25 +78,25 @@ class Folder:
 
     def rows(self) -> list[Row]:
         """What is done, each run once; a line that was cut off is cut away."""
-        self._journal.seek(0)
-        text = self._journal.read()
+        self._run_log.seek(0)
+        text = self._run_log.read()
         whole = text.rfind(b"\n") + 1
         if whole < len(text):
-            self._journal.truncate(whole)
-        self._journal.seek(0, os.SEEK_END)
+            self._run_log.truncate(whole)
+        self._run_log.seek(0, os.SEEK_END)
         return list(_rows(text[:whole]))
 
     def append(self, rows: Iterable[Row]) -> None:
         """Write rows down; when this returns, the end of this process does not lose them."""
         lines = [json.dumps([r.run, r.status, r.reason, r.seconds, *r.values]) for r in rows]
-        self._journal.write("".join(f"{line}\n" for line in lines).encode())
-        self._journal.flush()
+        self._run_log.write("".join(f"{line}\n" for line in lines).encode())
+        self._run_log.flush()
 
     def close(self) -> None:
         """Let others at it."""
-        if self._journal is not None:
-            self._journal.close()
-            self._journal = None
+        if self._run_log is not None:
+            self._run_log.close()
+            self._run_log = None
 
     def _forget(self) -> None:
         for name in (MANIFEST, RESULTS):
@@ -132,7 +132,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
 def read_rows(path: Path) -> list[Row]:
     """The runs that the journal in a folder holds, each once, without opening it for more."""
     try:
-        text = (path / JOURNAL).read_bytes()
+        text = (path / RUN_LOG).read_bytes()
     except OSError as error:
         raise InputError("the journal cannot be read", where=str(path), got=str(error)) from error
     return list(_rows(text[: text.rfind(b"\n") + 1]))
@@ -148,13 +148,13 @@ def _rows(text: bytes) -> Iterator[Row]:
                 yield Row(run, status, reason, seconds, tuple(values))
 
 
-def _lock(journal: Any, path: Path) -> None:
+def _lock(run_log: Any, path: Path) -> None:
     try:
         import fcntl  # noqa: PLC0415 - where there is none, two processes at once stay possible
     except ImportError:
         return
     try:
-        fcntl.flock(journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(run_log, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         raise InputError(
             "another process works on this study", where=str(path), hint="another place: --out"

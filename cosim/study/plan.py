@@ -12,10 +12,10 @@ from typing import Any
 
 from cosim.core import CosimError, InputError
 from cosim.scenario import design_content, is_file, split
-from cosim.study.batch import Job, Row, taken
+from cosim.study.batch import Job, Row, run_and_measure
 from cosim.study.consistency import Place, check_consistent, nowhere
-from cosim.study.flight import Base, Flyer
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
+from cosim.study.study_runner import BaseScenario, StudyRunner
 from cosim.study.varied import check_parameter
 
 _BESIDE = ("title", "description", "traces", "stability")
@@ -29,21 +29,21 @@ class Plan:
     Attributes
     ----------
     job : what workers get.
-    flyer : this process' own.
+    runner : this process' own.
     content : what the results depend on, part by part.
     """
 
     job: Job
-    flyer: Flyer
+    runner: StudyRunner
     content: dict[str, Any]
 
     @property
     def count(self) -> int:
         """Number of runs."""
-        return self.flyer.points.count
+        return self.runner.points.count
 
 
-def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
+def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     """Check the paths of a study and find its FMUs.
 
     place : where a key stands, for messages.
@@ -54,21 +54,21 @@ def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
         that do not exist.
     """
     check_consistent(study, place)
-    flyer = Flyer(study, base, place=place)
-    hashes = {fmu: flyer.shelf.find(fmu).sha256 for fmu in _fmus(study, base)}
+    runner = StudyRunner(study, base, place=place)
+    hashes = {fmu: runner.fmu_cache.find(fmu).sha256 for fmu in _fmus(study, base)}
     moved = {*study.set, *(place for axis in study.vary for place in axis.places)}
     fmus = {
-        name: flyer.shelf.find(part.fmu)
+        name: runner.fmu_cache.find(part.fmu)
         for name, part in base.scenario.components.items()
         if not moved & {f"components.{name}", f"components.{name}.fmu"}
     }
     for path in study.set:
         check_parameter(path, fmus, place("set", path))
     for i, axis in enumerate(study.vary):
-        flyer.variations.check_axis(axis, fmus, place("vary", i))
+        runner.variations.check_axis(axis, fmus, place("vary", i))
         for path in axis.places:
             _check_not_designed(path, base, place("vary", i))
-    _check_values(flyer, place)
+    _check_values(runner, place)
     content = {
         "study": study.model_dump(mode="json", exclude=set(_BESIDE)),
         "scenario": base.scenario.model_dump(mode="json", by_alias=True),
@@ -80,11 +80,11 @@ def make_plan(study: Study, base: Base, place: Place = nowhere) -> Plan:
     if part is not None and part.file is not None:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-    digits = len(str(flyer.points.count - 1))
-    return Plan(Job(study, base, hashes, digest, digits), flyer, content)
+    digits = len(str(runner.points.count - 1))
+    return Plan(Job(study, base, hashes, digest, digits), runner, content)
 
 
-def rehearse(plan: Plan) -> Row | None:
+def trial_run(plan: Plan) -> Row | None:
     """Fly the first run and take every metric from it: the row, if it flew.
 
     Where it does not fly, another one is tried; a study of which none of them flies is not
@@ -98,7 +98,7 @@ def rehearse(plan: Plan) -> Row | None:
     for run in dict.fromkeys((0, plan.count - 1, plan.count // 2)):
         began = time.perf_counter()
         try:
-            outcome, values = taken(plan.flyer, run)
+            outcome, values = run_and_measure(plan.runner, run)
         except CosimError as error:
             first = first or error
             continue
@@ -109,7 +109,7 @@ def rehearse(plan: Plan) -> Row | None:
     raise first
 
 
-def _check_not_designed(path: str, base: Base, where: str) -> None:
+def _check_not_designed(path: str, base: BaseScenario, where: str) -> None:
     """A gain that the design sets would be moved in vain."""
     part = base.scenario.design
     match split(path):
@@ -123,12 +123,12 @@ def _check_not_designed(path: str, base: Base, where: str) -> None:
                 )
 
 
-def _check_values(flyer: Flyer, place: Place) -> None:
+def _check_values(runner: StudyRunner, place: Place) -> None:
     """See that some run is a scenario: what no run can be is the study's fault, not a run's."""
     first: InputError | None = None
-    for run in dict.fromkeys((0, flyer.points.count - 1, flyer.points.count // 2)):
+    for run in dict.fromkeys((0, runner.points.count - 1, runner.points.count // 2)):
         try:
-            flyer.variations.scenario(flyer.points[run])
+            runner.variations.scenario(runner.points[run])
         except InputError as error:
             first = first or error
         else:
@@ -136,7 +136,7 @@ def _check_values(flyer: Flyer, place: Place) -> None:
     if first is not None:
         raise InputError(
             first.what,
-            where=_cause(flyer.study, str(first.where), place),
+            where=_cause(runner.study, str(first.where), place),
             expected=first.expected,
             got=first.got,
         )
@@ -153,7 +153,7 @@ def _cause(study: Study, key: str, place: Place) -> str:
     return f"{place('vary', 0)}: {key}"
 
 
-def _fmus(study: Study, base: Base) -> list[str]:
+def _fmus(study: Study, base: BaseScenario) -> list[str]:
     """Every FMU that some run may ask for."""
     names = {part.fmu for part in base.scenario.components.values()}
     for path, value in study.set.items():
@@ -177,7 +177,7 @@ def _given(axis: Axis) -> list[Any]:
     return list(axis.choice or []) if isinstance(axis, SampledAxis) else []
 
 
-def _system_file(base: Base) -> str | None:
+def _system_file(base: BaseScenario) -> str | None:
     """The text of the system that the design names by a file."""
     part = base.scenario.design
     if part is None or part.system is None or not is_file(part):

@@ -18,7 +18,7 @@ from scipy.special import ndtri
 
 from cosim.core import InputError
 from cosim.study.schema import (
-    MOST_RUNS,
+    MAX_RUNS,
     Axis,
     GridAxis,
     ReplicatesAxis,
@@ -61,11 +61,11 @@ class Points:
             self._strides[id(grid)], self._sizes[id(grid)] = stride, size
             stride *= size
         self.count = stride
-        if self.count > MOST_RUNS:
+        if self.count > MAX_RUNS:
             raise InputError(
                 "too many runs",
                 where=where,
-                expected=f"at most {MOST_RUNS}",
+                expected=f"at most {MAX_RUNS}",
                 got=f"{self.count}: the product of the axes",
             )
 

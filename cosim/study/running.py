@@ -10,16 +10,16 @@ from pathlib import Path
 
 from cosim.core import InputError, Progress
 from cosim.scenario import LoadedScenario, load
-from cosim.study.conduct import Finished, conduct
 from cosim.study.consistency import Place, nowhere
-from cosim.study.flight import Base
+from cosim.study.execution import StudyResult, execute_study
 from cosim.study.plan import Plan, make_plan
 from cosim.study.read import load_study
 from cosim.study.schema import Study
-from cosim.study.workers import Crew, cluster, here, local
+from cosim.study.study_runner import BaseScenario
+from cosim.study.workers import WorkerPool, cluster, in_process, local
 
 FMUS = Path("fmus")
-FLAVOUR = "native"
+STUDY_FLAVOUR = "native"
 """What flies where nobody says otherwise: a study is about many runs."""
 
 
@@ -31,10 +31,10 @@ def run_study(
     workers: int | str = 1,
     scheduler: str | None = None,
     fmus: Path = FMUS,
-    flavour: str = FLAVOUR,
+    flavour: str = STUDY_FLAVOUR,
     fresh: bool = False,
     progress: Progress | None = None,
-) -> Finished:
+) -> StudyResult:
     """Fly a study, or what is left of it, and write its table.
 
     Parameters
@@ -59,7 +59,7 @@ def run_study(
     else:
         base = scenario or load(study.scenario)
     plan = plan_of(study, scenario or base, place, fmus=fmus, flavour=flavour)
-    return conduct(plan, out, crew_of(workers, scheduler), fresh=fresh, progress=progress)
+    return execute_study(plan, out, pool_for(workers, scheduler), fresh=fresh, progress=progress)
 
 
 def plan_of(
@@ -68,7 +68,7 @@ def plan_of(
     place: Place = nowhere,
     *,
     fmus: Path = FMUS,
-    flavour: str = FLAVOUR,
+    flavour: str = STUDY_FLAVOUR,
 ) -> Plan:
     """A study and its scenario, checked.
 
@@ -77,7 +77,7 @@ def plan_of(
     InputError : see `make_plan`; or there is no compiler for native FMUs.
     """
     folder, root = base.folder.absolute(), fmus.absolute()
-    of = Base(base.name, base.scenario, base.text, folder, root, flavour)
+    of = BaseScenario(base.name, base.scenario, base.text, folder, root, flavour)
     try:
         return make_plan(study, of, place)
     except InputError as error:
@@ -92,9 +92,9 @@ def plan_of(
         ) from error
 
 
-def crew_of(
+def pool_for(
     workers: int | str, scheduler: str | None = None
-) -> Callable[[], AbstractContextManager[Crew]]:
+) -> Callable[[], AbstractContextManager[WorkerPool]]:
     """Who flies: see `run_study`.
 
     Raises
@@ -112,7 +112,7 @@ def crew_of(
         raise InputError(
             "not a number of workers", where="--workers", expected="1, 2, ... or all", got=text
         )
-    return here if number == 1 else partial(local, number)
+    return in_process if number == 1 else partial(local, number)
 
 
 def _cores() -> int:

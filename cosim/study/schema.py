@@ -24,7 +24,7 @@ ColumnName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Integer = Annotated[int, Field(ge=-(2**53), le=2**53)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
-MOST_RUNS = 10_000_000
+MAX_RUNS = 10_000_000
 
 _TRACES = re.compile(r"^(none|all|failed|worst:(?P<n>[1-9][0-9]{0,5}) by (?P<by>-?\S.*))$")
 RESERVED = ("run", "status", "reason")
@@ -155,7 +155,7 @@ class ReplicatesAxis(Axis):
 
     kind: Literal["replicates"]
     path: Text | None = None
-    count: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    count: Annotated[int, Field(ge=1, le=MAX_RUNS)]
     first: Seed = 1
 
     @model_validator(mode="before")
@@ -253,7 +253,7 @@ class Study(_Part):
     set: dict[str, Any] = {}
     vary: Annotated[list[AnyAxis], Field(min_length=1)]
     metrics: Annotated[dict[ColumnName, Metric], Field(min_length=1)]
-    samples: Annotated[int, Field(ge=1, le=MOST_RUNS)] = 1
+    samples: Annotated[int, Field(ge=1, le=MAX_RUNS)] = 1
     seed: Seed = 1
     traces: str = "none"
     stability: StabilityPart | None = None

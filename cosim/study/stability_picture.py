@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.study.boundary import Boundary, boundary
 from cosim.study.pictures import BLUE, GREEN, GREY, RED, edges, grid_of, numbers, save
 from cosim.study.schema import StabilityPart, Study
+from cosim.study.stability_boundary import Boundary, boundary
 from cosim.trace import pyplot
 
 _LOST, _DARK = "#ec7a63", "#7a0f1a"
@@ -112,8 +112,8 @@ def _over_delay_and_loss(
     if part.gain:
         settled = frame.assign(_figure=frame["_figure"].where(frame["_stable"] == 1.0))
         _, _, drawn = grid_of(settled, part.delay, loss, "_figure")
-        shown = np.where(stable == 1.0, drawn, np.nan)
-        mesh = axis.pcolormesh(bx, by, shown, cmap="YlGnBu")
+        stable_values = np.where(stable == 1.0, drawn, np.nan)
+        mesh = axis.pcolormesh(bx, by, stable_values, cmap="YlGnBu")
         figure.colorbar(mesh, ax=axis, label=f"{part.gain}, mean of the runs", pad=0.02)
     unstable = np.where(stable < 1.0, 1.0 - stable, np.nan)
     axis.pcolormesh(bx, by, unstable, cmap="Reds", vmin=-0.5, vmax=2.2)

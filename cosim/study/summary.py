@@ -218,5 +218,5 @@ def _interval(
             rng=np.random.default_rng(0),
         ).confidence_interval
         return float(found.low), float(found.high)
-    reach = float(stats.t.ppf(0.5 + 0.5 * confidence, x.size - 1)) * error
-    return mean - reach, mean + reach
+    half_width = float(stats.t.ppf(0.5 + 0.5 * confidence, x.size - 1)) * error
+    return mean - half_width, mean + half_width

@@ -12,7 +12,7 @@ from cosim.study.batch import Row
 from cosim.study.folder import RESULTS, read_manifest, read_rows
 from cosim.study.points import Points
 from cosim.study.schema import Study
-from cosim.study.varied import shown
+from cosim.study.varied import as_cell
 
 KEY = b"cosim.study"
 """The metadata entry that holds the manifest."""
@@ -34,7 +34,7 @@ def make_table(manifest: dict[str, Any], rows: Iterable[Row]) -> Any:
     columns: dict[str, Any] = {"run": pa.array([r.run for r in ordered], pa.int64())}
     values = [points[r.run] for r in ordered]
     for i, axis in enumerate(study.vary):
-        columns[axis.column] = _column([shown(v[i]) for v in values])
+        columns[axis.column] = _column([as_cell(v[i]) for v in values])
     columns["status"] = pa.array([r.status for r in ordered], pa.string())
     columns["reason"] = pa.array([r.reason for r in ordered], pa.string())
     for j, name in enumerate(study.metrics):

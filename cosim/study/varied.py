@@ -20,7 +20,7 @@ from cosim.study.schema import Axis, GridAxis, Study
 
 
 @dataclass(frozen=True)
-class Mover:
+class AxisSetter:
     """Sets in a scenario what one axis moves."""
 
     places: tuple[str, ...]
@@ -28,7 +28,7 @@ class Mover:
     zipped: bool
 
     @classmethod
-    def of(cls, axis: Axis) -> Mover:
+    def of(cls, axis: Axis) -> AxisSetter:
         """Of an axis."""
         texts = axis.apply or {}
         return cls(
@@ -37,7 +37,7 @@ class Mover:
             isinstance(axis, GridAxis) and axis.rows is not None,
         )
 
-    def move(self, data: dict[str, Any], value: Any) -> None:
+    def set_values(self, data: dict[str, Any], value: Any) -> None:
         """Put the value, or what it becomes, into every place."""
         for i, (place, expression) in enumerate(zip(self.places, self.expressions, strict=True)):
             own = value[i] if self.zipped else value
@@ -63,10 +63,10 @@ class Variations:
     """
 
     def __init__(self, study: Study, base: Scenario, where: Place = nowhere) -> None:
-        self._movers = [Mover.of(axis) for axis in study.vary]
+        self._setters = [AxisSetter.of(axis) for axis in study.vary]
         data = base.model_dump(by_alias=True, exclude_unset=True)
         self._known = base.model_dump(by_alias=True)
-        self._asked = _of_design(place for mover in self._movers for place in mover.places)
+        self._asked = _of_design(place for setter in self._setters for place in setter.places)
         give_way(data, _of_design(study.set))
         for place, value in study.set.items():
             check_place(self._known, place, where("set", place))
@@ -78,8 +78,8 @@ class Variations:
         """The scenario with these values of the axes, not validated."""
         data = copy.deepcopy(self._data)
         give_way(data, self._asked)
-        for mover, value in zip(self._movers, values, strict=True):
-            mover.move(data, value)
+        for setter, value in zip(self._setters, values, strict=True):
+            setter.set_values(data, value)
         return data
 
     def scenario(self, values: Iterable[Any]) -> Scenario:
@@ -178,7 +178,7 @@ def check_parameter(place: str, fmus: Mapping[str, FmuDescription], where: str) 
             fmus[component].port(name, where=f"{where}: component {component!r}")
 
 
-def shown(value: Any) -> Any:
+def as_cell(value: Any) -> Any:
     """A value of an axis as a cell of the table: numbers, words and truths; the rest as JSON."""
     if isinstance(value, (bool, int, float, str)):
         return value

@@ -19,8 +19,8 @@ from cosim.core import ComponentError, InputError
 from cosim.study.batch import Job
 
 Batch = list[int]
-Work = Callable[[Job, Batch], list[Any]]
-"""Done in a worker: `fly_batch`, or `record_batch`."""
+BatchFunction = Callable[[Job, Batch], list[Any]]
+"""Done in a worker: `run_batch`, or `record_batch`."""
 
 _ATTEMPTS = 2  # deaths of a worker under a batch, after which it is given back
 _AHEAD = 2  # batches in hand per worker: the next is there when one is done
@@ -31,49 +31,49 @@ _INSTALL = "pip install 'auv-cosim[study]'"
 
 
 @dataclass(frozen=True)
-class Died:
+class WorkerDied:
     """In place of rows: the processes that flew the batch died, again and again."""
 
     attempts: int
 
 
-class Crew(Protocol):
+class WorkerPool(Protocol):
     """Workers of whatever kind."""
 
     size: int
 
-    def work(
-        self, do: Work, job: Job, take: Callable[[], Batch | None]
-    ) -> Iterator[tuple[Batch, list[Any] | Died]]:
-        """Do what `take` gives until it gives None."""
+    def run_batches(
+        self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
+    ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
+        """Do what `next_batch` gives until it gives None."""
 
 
-class HereAlone:
+class InProcessPool:
     """The own process, one run after the other."""
 
     size = 1
 
-    def work(
-        self, do: Work, job: Job, take: Callable[[], Batch | None]
-    ) -> Iterator[tuple[Batch, list[Any] | Died]]:
-        """Do what `take` gives until it gives None."""
-        while (batch := take()) is not None:
+    def run_batches(
+        self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
+    ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
+        """Do what `next_batch` gives until it gives None."""
+        while (batch := next_batch()) is not None:
             # run by run: an interruption costs the one that is under way
             for run in batch:
-                yield [run], do(job, [run])
+                yield [run], function(job, [run])
 
 
-class OnDask:
+class DaskPool:
     """The workers of a Dask client."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
         self.size = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
 
-    def work(
-        self, do: Work, job: Job, take: Callable[[], Batch | None]
-    ) -> Iterator[tuple[Batch, list[Any] | Died]]:
-        """Do what `take` gives until it gives None."""
+    def run_batches(
+        self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
+    ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
+        """Do what `next_batch` gives until it gives None."""
         import distributed  # noqa: PLC0415 - optional: the extra `study`
 
         in_hand: dict[str, tuple[Any, Batch]] = {}
@@ -83,9 +83,9 @@ class OnDask:
 
         def fill() -> None:
             # a cluster may grow or shrink while a study goes
-            while len(in_hand) < _AHEAD * self.size and (batch := take()) is not None:
+            while len(in_hand) < _AHEAD * self.size and (batch := next_batch()) is not None:
                 key = f"{job.study.title[:20]}-{mark}-{next(number)}"
-                future = self._client.submit(do, job, batch, key=key, pure=False)
+                future = self._client.submit(function, job, batch, key=key, pure=False)
                 in_hand[key] = future, batch
                 done.add(future)
 
@@ -105,13 +105,13 @@ class OnDask:
                     self._client.cancel(left, force=True)
 
 
-def _result(future: Any) -> list[Any] | Died:
+def _result(future: Any) -> list[Any] | WorkerDied:
     from distributed import KilledWorker  # noqa: PLC0415 - optional
 
     try:
         rows: list[Any] = future.result()
     except KilledWorker:
-        return Died(_ATTEMPTS)
+        return WorkerDied(_ATTEMPTS)
     except Exception as error:
         raise ComponentError(
             "a batch of runs cannot be carried out on the cluster",
@@ -124,13 +124,13 @@ def _result(future: Any) -> list[Any] | Died:
 
 
 @contextlib.contextmanager
-def here() -> Iterator[Crew]:
+def in_process() -> Iterator[WorkerPool]:
     """The own process alone."""
-    yield HereAlone()
+    yield InProcessPool()
 
 
 @contextlib.contextmanager
-def local(workers: int) -> Iterator[Crew]:
+def local(workers: int) -> Iterator[WorkerPool]:
     """So many processes of this machine; one that dies is replaced.
 
     Raises
@@ -145,7 +145,7 @@ def local(workers: int) -> Iterator[Crew]:
         "distributed.deploy.lost-worker-timeout": "10000 days",
         # tasks that nobody is there for become errors: a study ends, and can be taken up again
         "distributed.scheduler.no-workers-timeout": _NO_WORKER,
-        "distributed.worker.preload": ["cosim.study.quiet"],
+        "distributed.worker.preload": ["cosim.study.worker_preload"],
         # it keeps an hour of samples of every thread's stack: memory that only grows
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.limit": "1h",
@@ -164,7 +164,7 @@ def local(workers: int) -> Iterator[Crew]:
         distributed.Client(cluster) as client,
     ):
         cluster.loop.add_callback(_watch, cluster, workers)
-        yield OnDask(client)
+        yield DaskPool(client)
 
 
 def _watch(cluster: Any, workers: int) -> None:
@@ -186,7 +186,7 @@ def _replace_lost(cluster: Any, workers: int) -> None:
 
 
 @contextlib.contextmanager
-def cluster(address: str) -> Iterator[Crew]:
+def cluster(address: str) -> Iterator[WorkerPool]:
     """The workers of the scheduler at an address, `tcp://HOST:PORT`.
 
     Raises
@@ -215,7 +215,7 @@ def cluster(address: str) -> Iterator[Crew]:
                     expected=f"a worker within {_PATIENCE_S} s",
                     hint=f"dask worker {address} --nthreads 1",
                 ) from error
-            yield OnDask(client)
+            yield DaskPool(client)
 
 
 def _dask() -> tuple[Any, Any]:

@@ -2,24 +2,21 @@ from .assertions import (
     AssertionResult as AssertionResult,
     Result as Result,
 )
+from .check_results import Check as Check
 from .content import (
     begins_with as begins_with,
     content_hash as content_hash,
 )
-from .diff import (
-    Diff as Diff,
-    diff as diff,
-)
 from .diff_context import Change as Change
-from .diff_json import (
+from .diff_format import (
     diff_json as diff_json,
+    diff_verdict as diff_verdict,
     differences as differences,
-    verdict as verdict,
 )
 from .diff_picture import draw_diff as draw_diff
-from .export import (
-    Written as Written,
-    export as export,
+from .diff_signals import (
+    Diff as Diff,
+    diff as diff,
 )
 from .hold import rows_in_force as rows_in_force
 from .info import describe as describe
@@ -44,15 +41,15 @@ from .live import (
     view_in_rerun as view_in_rerun,
 )
 from .picture import (
-    Labelled as Labelled,
-    compare_flights as compare_flights,
+    LabelledTrace as LabelledTrace,
+    compare_runs as compare_runs,
     pyplot as pyplot,
 )
 from .reader import (
     TopicInfo as TopicInfo,
     Trace as Trace,
 )
-from .recover import (
+from .recovery import (
     Recovery as Recovery,
     recover as recover,
 )
@@ -69,13 +66,16 @@ from .table import (
     Table as Table,
     series_of as series_of,
 )
+from .table_export import (
+    WrittenTable as WrittenTable,
+    export as export,
+)
 from .tolerance import (
     Tolerance as Tolerance,
     Tolerances as Tolerances,
 )
 from .traffic import link_names as link_names
-from .verdicts import Check as Check
-from .verify import (
+from .verification import (
     Verification as Verification,
     verify as verify,
 )

@@ -36,7 +36,7 @@ class AssertionResult:
         return self.result in (self.expected, "undecided")
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """Passed, failed or undecided; and what it was, where that is not what one would think."""
         if self.result == "undecided":
             return "undecided: the run ended before"

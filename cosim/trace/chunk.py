@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Sealed:
+class ClosedChunk:
     """A chunk that is closed.
 
     Attributes
@@ -67,7 +67,7 @@ class OpenChunk:
         self.count += len(block.data)
         self.messages += block.size
 
-    def seal(self) -> Sealed:
+    def seal(self) -> ClosedChunk:
         """The chunk as it is written; it has a message."""
         columns: list[tuple[Any, Any, Any]] = []
         single: list[tuple[int, int, int]] = []
@@ -92,7 +92,9 @@ class OpenChunk:
         data = self._pieces[0][0]
         if len(self._pieces) > 1:
             data = b"".join([piece[0] for piece in self._pieces])
-        return Sealed(data, int(times.min()), int(times.max()), _index(channels, times, starts))
+        return ClosedChunk(
+            data, int(times.min()), int(times.max()), _index(channels, times, starts)
+        )
 
 
 def _index(channels: Integers, times: Integers, starts: Integers) -> list[tuple[int, int, bytes]]:

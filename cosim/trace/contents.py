@@ -16,7 +16,7 @@ RECORD = struct.Struct("<BQ")
 
 
 @dataclass(slots=True)
-class Stretch:
+class Segment:
     """A chunk, or messages outside chunks that follow each other.
 
     Attributes
@@ -56,7 +56,7 @@ class Contents:
 
     library: str = ""
     declared: Declarations = field(default_factory=Declarations)
-    stretches: list[Stretch] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     spans: dict[int, tuple[int, int]] | None = None
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)

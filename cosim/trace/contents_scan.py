@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from mcap.opcode import Opcode
 
-from cosim.trace.contents import RECORD, Contents, Stretch, declared_only
+from cosim.trace.contents import RECORD, Contents, Segment, declared_only
 from cosim.trace.messages import Others, find_messages
 from cosim.trace.records import Cursor, DamageError, chunk_data, outer_records
 
@@ -27,7 +27,7 @@ def by_scan(path: Path) -> Contents:
 class _Scan:
     def __init__(self, path: Path) -> None:
         self.contents = Contents(spans={}, scanned=True)
-        self._pending: tuple[int, bytes] | None = None  # a chunk whose indexes are still to come
+        self._open_chunk: tuple[int, bytes] | None = None  # a chunk whose indexes are still to come
         self._index: list[bytes] = []
         self._loose: list[bytes] = []
         self._loose_at, self._loose_end = 0, 0
@@ -41,7 +41,7 @@ class _Scan:
             self.contents.damage = str(error)
 
     def _take(self, opcode: int, position: int, content: bytes) -> None:
-        if opcode == Opcode.MESSAGE_INDEX and self._pending is not None:
+        if opcode == Opcode.MESSAGE_INDEX and self._open_chunk is not None:
             self._index.append(content)
             return
         if opcode == Opcode.MESSAGE:
@@ -54,7 +54,7 @@ class _Scan:
         self._settle()
         known = self.contents
         if opcode == Opcode.CHUNK:
-            self._pending = position, content
+            self._open_chunk = position, content
         elif opcode == Opcode.METADATA:
             fields = Cursor(content)
             known.metadata.append((fields.text(), fields.mapping()))
@@ -81,21 +81,21 @@ class _Scan:
 
     def _settle(self) -> None:
         """Take note of the messages that came together."""
-        if self._pending is not None:
-            (position, content), self._pending = self._pending, None
+        if self._open_chunk is not None:
+            (position, content), self._open_chunk = self._open_chunk, None
             index, self._index = self._index, []
-            stretch = Stretch(position, RECORD.size + len(content), True)  # noqa: FBT003
-            stretch.index_size = sum(RECORD.size + len(entry) for entry in index)
+            segment = Segment(position, RECORD.size + len(content), True)  # noqa: FBT003
+            segment.index_size = sum(RECORD.size + len(entry) for entry in index)
             try:
-                self._note(stretch, chunk_data(content), index)
+                self._note(segment, chunk_data(content), index)
             except DamageError as error:
                 raise DamageError(f"record at byte {position}: {error}") from None
         if self._loose:
             loose, self._loose = self._loose, []
-            stretch = Stretch(self._loose_at, self._loose_end - self._loose_at, False)  # noqa: FBT003
-            self._note(stretch, b"".join(loose), [])
+            segment = Segment(self._loose_at, self._loose_end - self._loose_at, False)  # noqa: FBT003
+            self._note(segment, b"".join(loose), [])
 
-    def _note(self, stretch: Stretch, data: bytes, index: list[bytes]) -> None:
+    def _note(self, segment: Segment, data: bytes, index: list[bytes]) -> None:
         messages, others, damage = find_messages(data, index)
         try:
             self._declare(others)
@@ -103,13 +103,13 @@ class _Scan:
             damage, messages = error, messages.part(np.arange(0))
         messages, stranger = declared_only(messages, self.contents.declared)
         damage = stranger or damage
-        stretch.damaged = damage is not None
+        segment.damaged = damage is not None
         heads = messages.heads
         if len(messages):
-            stretch.start_ns, stretch.end_ns = int(heads["log"].min()), int(heads["log"].max())
+            segment.start_ns, segment.end_ns = int(heads["log"].min()), int(heads["log"].max())
         ids = np.unique(heads["channel"]).tolist()
-        stretch.channels = frozenset(ids)
-        self.contents.stretches.append(stretch)
+        segment.channels = frozenset(ids)
+        self.contents.segments.append(segment)
         counts, spans = self.contents.counts, self.contents.spans or {}
         for channel in ids:
             times = heads["log"][heads["channel"] == channel]

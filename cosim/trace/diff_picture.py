@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.trace.diff import Diff, SignalDiff
-from cosim.trace.hold import held, rows_in_force
+from cosim.trace.diff_signals import Diff, SignalDiff
+from cosim.trace.hold import rows_in_force, sample_and_hold
 from cosim.trace.picture import pyplot
 from cosim.trace.reader import Trace
 from cosim.trace.table import Series
 
-MOST = 6
+MAX_SIGNALS = 6
 _COLOURS = ("#0b6e99", "#d1495b")
 
 
 def worst(found: Diff) -> list[SignalDiff]:
     """The signals for a picture: the first to part, then those furthest apart for their size.
 
-    At most `MOST`; what components send comes before its copies on links and at receivers.
+    At most `MAX_SIGNALS`; what components send comes before its copies on links and at receivers.
     """
     drawable = [signal for signal in found.parted if signal.max_abs is not None]
     first, rest = drawable[:1], drawable[1:]
     rest.sort(key=lambda s: (not s.topic.endswith("/output"), -(s.max_rel or 0.0)))
-    return [*first, *rest][:MOST]
+    return [*first, *rest][:MAX_SIGNALS]
 
 
 def draw_diff(found: Diff, target: Path) -> Path | None:
@@ -91,6 +91,6 @@ def _difference(a: Series, b: Series) -> tuple[Any, Any]:
     instants = np.union1d(a.delivered_ns, b.delivered_ns)
     values = []
     for one in (a, b):
-        value, there = held(one.values, rows_in_force(one.delivered_ns, instants))
+        value, there = sample_and_hold(one.values, rows_in_force(one.delivered_ns, instants))
         values.append(np.where(there, value.astype(np.float64), np.nan))
     return instants / 1e9, values[1] - values[0]

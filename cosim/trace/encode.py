@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.trace.columns import Column, columns_of_doubles, columns_of_rows
 from cosim.trace.layout import field_names
-from cosim.trace.wire import FIXED64, alike, field_tag
+from cosim.trace.wire import FIXED64, equal_rows, field_tag
 
 if TYPE_CHECKING:
     from cosim.trace.layout import Signal
@@ -194,4 +194,4 @@ def _shapes(columns: Sequence[Column], count: int) -> list[tuple[Mine, int]]:
     varying = [column.size for column in columns if isinstance(column.size, np.ndarray)]
     if not varying:
         return [(slice(None), count)]
-    return [(mine, mine.size) for mine in alike(np.column_stack(varying))]
+    return [(mine, mine.size) for mine in equal_rows(np.column_stack(varying))]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.trace.hold import held, rows_in_force
+from cosim.trace.hold import rows_in_force, sample_and_hold
 from cosim.trace.readable import Readable
 from cosim.trace.table import Table, pandas, rows_frame, with_gaps
 
@@ -77,7 +77,7 @@ def _joined(
         values, there = table[own], table.present[own]
         rows = rows_in_force(table.log_time_ns[there], base)
         name = full.get((table.topic, own), f"{table.topic}:{own}")
-        columns[name] = with_gaps(*held(values[there], rows))
+        columns[name] = with_gaps(*sample_and_hold(values[there], rows))
         if (unit := table.signals[own].unit) is not None:
             units[name] = unit
     frame = pd.DataFrame(columns, index=pd.Index(base / 1e9, name="time_s"))

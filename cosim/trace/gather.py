@@ -27,7 +27,7 @@ def decoder_of(channel: Channel) -> RowDecoder:
     return RowDecoder(channel.schema.name, channel.schema.data, channel.metadata)
 
 
-class Gathered:
+class TopicRows:
     """Rows of a topic as they are found.
 
     Parameters

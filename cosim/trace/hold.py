@@ -26,7 +26,7 @@ def rows_in_force(times_ns: Integers, at_ns: Integers) -> Integers:
     return np.searchsorted(times_ns, at_ns, side="right") - 1
 
 
-def held(values: NDArray[Any], rows: Integers) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def sample_and_hold(values: NDArray[Any], rows: Integers) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Values in force, and where there were any; as `Table`, blanks are NaN, 0, False or "".
 
     rows : as `rows_in_force` gives them.

@@ -80,7 +80,7 @@ def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
         yield "reason", result["reason"]
     for each in assertions:
         at = "" if each.at_s is None else f" at {each.at_s:g} s"
-        yield f"assertion {each.name or each.words}", each.told + at
+        yield f"assertion {each.name or each.words}", each.summary + at
     if description["start_ns"] is not None:
         yield "time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s"
     yield from ((key, run[key]) for key in _HEADLINES if key in run)

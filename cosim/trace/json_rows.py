@@ -1,6 +1,6 @@
 """JSON messages of other tools to columns.
 
-Objects inside objects get dotted names, lists of at most `MOST_ITEMS` entries `name[0]`,
+Objects inside objects get dotted names, lists of at most `MAX_ITEMS` entries `name[0]`,
 `name[1]`, ... A column is of the kind of all its values; where they are of several, numbers
 become doubles and everything else text.
 """
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-MOST_ITEMS = 64
+MAX_ITEMS = 64
 """Longer lists are left out; they are pictures or point clouds, not signals."""
 MAX_DEPTH = 8
 _INT64 = range(-(2**63), 2**63)
@@ -57,7 +57,7 @@ def _leaves(value: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}" if name else key, depth + 1)
     elif isinstance(value, list) and depth < MAX_DEPTH:
-        for i, inner in enumerate(value if len(value) <= MOST_ITEMS else ()):
+        for i, inner in enumerate(value if len(value) <= MAX_ITEMS else ()):
             yield from _leaves(inner, f"{name}[{i}]", depth + 1)
     elif value is not None and not isinstance(value, dict | list):
         yield name, value

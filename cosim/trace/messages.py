@@ -82,7 +82,7 @@ class Messages:
     def _matrix(self, places: Integers, size: int) -> NDArray[np.uint8]:
         if size == 0:
             return np.zeros((places.size, 0), np.uint8)
-        found = gathered(self.data, places + HEAD.itemsize, np.dtype(f"V{size}"))
+        found = structs_at(self.data, places + HEAD.itemsize, np.dtype(f"V{size}"))
         return found.view(np.uint8).reshape(places.size, size)
 
 
@@ -94,7 +94,7 @@ def on_channels(messages: Messages, channels: Iterable[int]) -> NDArray[np.bool_
     return found
 
 
-def gathered(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[Any]:
+def structs_at(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[Any]:
     """What lies at some places of a buffer, each `dtype.itemsize` bytes; all must lie inside."""
     count = len(data) - dtype.itemsize + 1
     if count < 1:
@@ -116,10 +116,10 @@ def find_messages(
     """
     places = _indexed(index)
     if places is not None:
-        found = _tiled(data, places)
+        found = _from_index(data, places)
         if found is not None:
             return *found, None
-    return _walked(data)
+    return _from_scan(data)
 
 
 def entries_of(content: bytes | memoryview) -> tuple[int, NDArray[np.uint64]] | None:
@@ -141,12 +141,12 @@ def _indexed(index: Sequence[bytes | memoryview]) -> NDArray[np.uint64] | None:
     return places
 
 
-def _tiled(data: bytes, told: NDArray[np.uint64]) -> tuple[Messages, Others] | None:
+def _from_index(data: bytes, places_in_index: NDArray[np.uint64]) -> tuple[Messages, Others] | None:
     """Messages at these places, if they and declarations are all there is."""
-    if told.size == 0 or int(told[-1]) > len(data) - HEAD.itemsize:
+    if places_in_index.size == 0 or int(places_in_index[-1]) > len(data) - HEAD.itemsize:
         return None
-    places = told.astype(np.int64)
-    heads = gathered(data, places, HEAD)
+    places = places_in_index.astype(np.int64)
+    heads = structs_at(data, places, HEAD)
     lengths = heads["length"]
     strange = (heads["opcode"] != Opcode.MESSAGE) | (lengths > len(data))
     if (strange | (lengths < HEAD.itemsize - _BEFORE)).any():
@@ -169,7 +169,7 @@ def _tiled(data: bytes, told: NDArray[np.uint64]) -> tuple[Messages, Others] | N
     return Messages(data, places, heads), others
 
 
-def _walked(data: bytes) -> tuple[Messages, Others, DamageError | None]:
+def _from_scan(data: bytes) -> tuple[Messages, Others, DamageError | None]:
     places: list[int] = []
     others: Others = []
     damage = None
@@ -182,4 +182,4 @@ def _walked(data: bytes) -> tuple[Messages, Others, DamageError | None]:
     except DamageError as error:
         damage = error
     found = np.array(places, np.int64)
-    return Messages(data, found, gathered(data, found, HEAD)), others, damage
+    return Messages(data, found, structs_at(data, found, HEAD)), others, damage

@@ -19,21 +19,21 @@ _FORCES = ("force.x", "force.y", "force.z", "moment.z")
 
 
 @dataclass(frozen=True)
-class Labelled:
+class LabelledTrace:
     """A trace and what to call it in a picture."""
 
     label: str
     path: Path
 
 
-def compare_flights(
-    flights: Sequence[Labelled], target: Path, *, age_limit_s: float | None = None
+def compare_runs(
+    runs: Sequence[LabelledTrace], target: Path, *, age_limit_s: float | None = None
 ) -> Path:
     """One picture of several flights of the vehicle: path, states, thrust, message age.
 
     Parameters
     ----------
-    flights : at most four traces of `AuvPlant` and `HinfController` scenarios.
+    runs : at most four traces of `AuvPlant` and `HinfController` scenarios.
     target : PNG, SVG or PDF file.
     age_limit_s : designed age of the measurements, drawn as a line.
 
@@ -50,10 +50,10 @@ def compare_flights(
         states = [figure.add_subplot(grid[i, 1]) for i in range(4)]
         thrust = [figure.add_subplot(grid[i, 2]) for i in range(4)]
         # the first flight is what the picture is about: it is drawn last, on top
-        for place, flight in reversed(list(enumerate(flights))):
+        for place, run in reversed(list(enumerate(runs))):
             style = {"color": _COLOURS[place], "lw": 1.4 if place == 0 else 0.8}
-            _draw(_Flight(flight), style, path, states, thrust, age)
-        _dress(path, states, thrust, age, age_limit_s)
+            _draw(_RunRows(run), style, path, states, thrust, age)
+        _label_axes(path, states, thrust, age, age_limit_s)
         figure.savefig(target, dpi=110)
         plt.close(figure)
     return target
@@ -66,17 +66,17 @@ def pyplot() -> Any:
     return optional("matplotlib.pyplot", **needed)
 
 
-class _Flight:
+class _RunRows:
     """The rows of one trace that a picture needs."""
 
-    def __init__(self, flight: Labelled) -> None:
-        trace = Trace(flight.path)
-        self.label = flight.label
+    def __init__(self, run: LabelledTrace) -> None:
+        trace = Trace(run.path)
+        self.label = run.label
         for topic in ("/plant/output", "/controller/output"):
             if topic not in trace.topics:
                 raise InputError(
                     "this trace is not of a flight of the vehicle",
-                    where=str(flight.path),
+                    where=str(run.path),
                     expected="components called plant and controller",
                     got=", ".join(trace.topics) or "no topics",
                 )
@@ -119,7 +119,9 @@ class _Flight:
         return None
 
 
-def _draw(f: _Flight, style: dict[str, Any], path: Any, states: Any, thrust: Any, age: Any) -> None:
+def _draw(
+    f: _RunRows, style: dict[str, Any], path: Any, states: Any, thrust: Any, age: Any
+) -> None:
     path.plot(f.plant["eta.y"], f.plant["eta.x"], label=f.label, **style)
     path.plot(f.plant["eta.y"][0], f.plant["eta.x"][0], "o", color=style["color"], ms=5)
     if f.reference is not None and "reference.x" in f.reference.columns:
@@ -135,7 +137,7 @@ def _draw(f: _Flight, style: dict[str, Any], path: Any, states: Any, thrust: Any
         age.plot(*sawtooth, color=style["color"], lw=0.5)
 
 
-def _dress(path: Any, states: Any, thrust: Any, age: Any, age_limit_s: float | None) -> None:
+def _label_axes(path: Any, states: Any, thrust: Any, age: Any, age_limit_s: float | None) -> None:
     path.set(
         xlabel="east y [m]", ylabel="north x [m]", title="Path (dots: start, dashed: reference)"
     )

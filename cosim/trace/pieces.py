@@ -87,7 +87,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Attached:
+class AttachmentRecord:
     """Fields of an attachment record."""
 
     log_ns: int
@@ -188,7 +188,7 @@ def metadata_of(content: bytes | memoryview) -> tuple[str, dict[str, str]]:
     return name, entries
 
 
-def attachment_of(content: bytes | memoryview) -> Attached:
+def attachment_of(content: bytes | memoryview) -> AttachmentRecord:
     """Attachment record; `DamageError` if it is none, or its checksum is wrong."""
     given = int.from_bytes(content[-4:], "little")
     if given not in (0, zlib.crc32(memoryview(content)[:-4])):
@@ -196,7 +196,9 @@ def attachment_of(content: bytes | memoryview) -> Attached:
     fields = Cursor(content)
     log_ns, create_ns = fields.number(8), fields.number(8)
     name, media_type = fields.text(), fields.text()
-    return Attached(log_ns, create_ns, name, media_type, bytes(fields.take(fields.number(8))))
+    return AttachmentRecord(
+        log_ns, create_ns, name, media_type, bytes(fields.take(fields.number(8)))
+    )
 
 
 def declarations(file: McapFile, piece: Piece) -> list[Schema | Channel]:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.wire import alike, put_varints, varint_lengths
+from cosim.trace.wire import equal_rows, put_varints, varint_lengths
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -46,7 +46,7 @@ def pose_messages(
     # what protobuf takes for zero is all bits zero: -0.0 is written
     there = doubles.view("<u8").reshape(doubles.shape) != 0
     shape = np.column_stack([_length(seconds), _length(nanos), there])
-    for mine in alike(shape):
+    for mine in equal_rows(shape):
         of_seconds, of_nanos, *given = shape[mine[0]].tolist()
         stamp = [_varint(0x08, seconds[mine], of_seconds), _varint(0x10, nanos[mine], of_nanos)]
         place = [_double(9 + 8 * j, doubles[mine, j]) for j in range(3) if given[j]]

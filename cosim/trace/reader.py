@@ -16,8 +16,8 @@ from cosim.core import InputError, LossError
 from cosim.trace import frames, layout, traffic
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
-from cosim.trace.gather import Gathered
-from cosim.trace.opening import attachment_data, opened, seen_to_the_end, times_of
+from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
+from cosim.trace.gather import TopicRows
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
@@ -184,7 +184,7 @@ class Trace:
         first, last = window_ns(start, end)
         gathered = {topic: self._gathered(topic) for topic in topics}
         wanted = {number for each in gathered.values() for number in each.channels}
-        for messages in self._stretches(wanted, first, last):
+        for messages in self._segments(wanted, first, last):
             log = messages.heads["log"]
             inside = None if start is None and end is None else (log >= first) & (log <= last)
             for each in gathered.values():
@@ -236,7 +236,7 @@ class Trace:
 
     def blocks(self) -> Iterator[Messages]:
         """The messages in file order, a chunk at a time; `LossError` where one is damaged."""
-        return self._stretches(None, 0, 2**64 - 1)
+        return self._segments(None, 0, 2**64 - 1)
 
     @property
     def channels(self) -> Mapping[int, Channel]:
@@ -251,30 +251,30 @@ class Trace:
         if self._contents.scanned:
             return
         try:
-            seen_to_the_end(self.path)
+            check_outer_records(self.path)
         except DamageError as error:
             raise self._lost(str(error)) from error
 
-    def _stretches(self, wanted: set[int] | None, first: int, last: int) -> Iterator[Messages]:
+    def _segments(self, wanted: set[int] | None, first: int, last: int) -> Iterator[Messages]:
         """Messages of the stretches with one of these channels and some time in the window."""
         declared = self._contents.declared
         with open_trace(self.path) as stream:
-            for stretch in self._contents.stretches:
-                if stretch.end_ns < first or stretch.start_ns > last:
+            for segment in self._contents.segments:
+                if segment.end_ns < first or segment.start_ns > last:
                     continue
-                there = stretch.channels
+                there = segment.channels
                 if wanted is not None and there is not None and not there & wanted:
                     continue
                 try:
-                    yield opened(stream, stretch, declared)
+                    yield read_segment(stream, segment, declared)
                 except DamageError as error:
                     raise self._lost(str(error)) from error
 
-    def _gathered(self, topic: str) -> Gathered:
+    def _gathered(self, topic: str) -> TopicRows:
         if topic not in self.topics:
             raise InputError.unknown("topic", topic, self.topics, where=str(self.path))
         channels = self._contents.declared.of_topic(topic)
-        return Gathered(f"{self.path}, {topic}", topic, channels)
+        return TopicRows(f"{self.path}, {topic}", topic, channels)
 
     def _check_count(self, topic: str, found: int) -> None:
         if found != self.topics[topic].count:

@@ -34,7 +34,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 
 from cosim.trace.block import Block
-from cosim.trace.chunk import OpenChunk, Sealed
+from cosim.trace.chunk import ClosedChunk, OpenChunk
 from cosim.trace.compress import Compressor, Data
 
 if TYPE_CHECKING:
@@ -249,12 +249,12 @@ class McapStream:
                 sealed, self._chunk = self._chunk.seal(), OpenChunk()
                 self._write_chunks([sealed])
 
-    def _write_chunks(self, chunks: Sequence[Sealed]) -> None:
+    def _write_chunks(self, chunks: Sequence[ClosedChunk]) -> None:
         packed = self._compress([chunk.data for chunk in chunks])
         for chunk, data in zip(chunks, packed, strict=True):
             self._write_chunk(chunk, data)
 
-    def _write_chunk(self, chunk: Sealed, packed: Data) -> None:
+    def _write_chunk(self, chunk: ClosedChunk, packed: Data) -> None:
         start = self.position
         name = self._compress.name
         head = _bytes_of(

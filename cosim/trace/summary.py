@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
-from cosim.trace.contents import RECORD, Contents, Stretch
+from cosim.trace.contents import RECORD, Contents, Segment
 from cosim.trace.records import MAGIC, Cursor, DamageError, check_start, open_trace
 
 _FOOTER = struct.Struct("<QQI")
@@ -108,8 +108,8 @@ class _Summary:
             channels.add(offsets.number(2))
             offsets.take(8)
         index = fields.number(8)
-        told = frozenset(channels) if index else None
-        self._known.stretches.append(Stretch(at, size, True, index, told, first, last))  # noqa: FBT003
+        indexed = frozenset(channels) if index else None
+        self._known.segments.append(Segment(at, size, True, index, indexed, first, last))  # noqa: FBT003
         self._named.append((at, at + size + index))
 
     def _adds_up(self, end: int) -> bool:
@@ -119,14 +119,14 @@ class _Summary:
             len(known.declared.channels),
             len(known.attachments),
             len(self._metadata),
-            len(known.stretches),
+            len(known.segments),
         )
         if found != self._numbers or not known.counts.keys() <= known.declared.channels.keys():
             return False
-        known.stretches.sort(key=lambda stretch: stretch.position)
-        for stretch in known.stretches:
-            head = RECORD.unpack(_read(self._stream, stretch.position, RECORD.size))
-            if head != (Opcode.CHUNK, stretch.size - RECORD.size):
+        known.segments.sort(key=lambda segment: segment.position)
+        for segment in known.segments:
+            head = RECORD.unpack(_read(self._stream, segment.position, RECORD.size))
+            if head != (Opcode.CHUNK, segment.size - RECORD.size):
                 return False
         for at in sorted(self._metadata):
             opcode, length = RECORD.unpack(_read(self._stream, at, RECORD.size))

@@ -152,7 +152,7 @@ class _Reader:
         here = (*path, found)
         leaf = None if found.is_repeated else self._numbers.get(here)
         if wire == _LENGTH:
-            return self._delimited(found, here, leaf, at, end)
+            return self._length_field(found, here, leaf, at, end)
         if not found.is_repeated and here in self._inner:
             raise _NotAlikeError
         after = self._varint(at) if wire == _VARINT else at + _WIDTHS.get(wire, end)
@@ -162,7 +162,7 @@ class _Reader:
             self._slot(leaf, found, wire, at, after - at)
         return after
 
-    def _delimited(
+    def _length_field(
         self, found: FieldDescriptor, here: Path, leaf: int | None, at: int, end: int
     ) -> int:
         at, size = self._length(at, end)

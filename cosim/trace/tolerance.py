@@ -69,7 +69,7 @@ def _covers(key: str, name: str) -> bool:
     return name == key or name.startswith((f"{key}.", f"{key}["))
 
 
-def apart(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
+def distances(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
     """|a - b| and |a - b| / max(|a|, |b|), elementwise; of what is no number 0, or inf if unlike.
 
     a, b : of any kind; two NaN are alike.
@@ -92,6 +92,6 @@ def apart(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
     return distance, relative
 
 
-def beyond(tolerance: Tolerance, distance: Floats, relative: Floats) -> NDArray[np.bool_]:
+def exceeds(tolerance: Tolerance, distance: Floats, relative: Floats) -> NDArray[np.bool_]:
     """Where values are further apart than they may be."""
     return (distance > tolerance.absolute) & (relative > tolerance.relative)

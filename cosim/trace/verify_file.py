@@ -10,10 +10,10 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from cosim.trace.check_results import Check, Verdict, check_result
 from cosim.trace.pieces import HEAD_BYTES, McapFile, Piece
 from cosim.trace.records import Cursor, DamageError, chunk_data, inner_records
 from cosim.trace.scan import Scan
-from cosim.trace.verdicts import Check, Verdict, judged
 
 
 @dataclass
@@ -29,7 +29,7 @@ class _Chunk:
 
 
 @dataclass
-class _Census:
+class _FileStatistics:
     """Who is there, counted while the file is read once more."""
 
     counts: Counter[int] = field(default_factory=Counter)
@@ -46,20 +46,20 @@ class _Census:
 
 def checks_of_file(file: McapFile, found: Scan) -> Iterator[Check]:
     """Name, verdict and detail of each check that any MCAP file can pass."""
-    yield _ending(file, found)
+    yield _end_of_file(file, found)
     yield _records(file, found)
-    census = _census(file, found)
-    yield judged(
+    statistics = _collect_statistics(file, found)
+    yield check_result(
         "declarations",
-        [*found.conflicts, *census.declarations],
+        [*found.conflicts, *statistics.declarations],
         f"{len(found.schemas)} schemas, {len(found.channels)} channels",
     )
-    yield _checksums(file, found, census)
-    yield _message_indexes(census)
-    yield _summary(file, found, census)
+    yield _checksums(file, found, statistics)
+    yield _message_indexes(statistics)
+    yield _summary(file, found, statistics)
 
 
-def _ending(file: McapFile, found: Scan) -> Check:
+def _end_of_file(file: McapFile, found: Scan) -> Check:
     if found.whole:
         return Check("end of file", "ok", "data end, summary, footer and closing magic are there")
     missing = "the end of the data" if found.ended is None else "the footer"
@@ -76,64 +76,70 @@ def _records(file: McapFile, found: Scan) -> Check:
     if damage and not found.whole and damage[-1].position + damage[-1].length == file.size:
         damage = damage[:-1]
     problems = [f"byte {d.position}, {d.length} bytes: {d.reason}" for d in damage]
-    return judged("records", problems, f"{len(found.pieces) + len(found.summary)} whole records")
+    return check_result(
+        "records", problems, f"{len(found.pieces) + len(found.summary)} whole records"
+    )
 
 
-def _census(file: McapFile, found: Scan) -> _Census:
-    census = _Census()
+def _collect_statistics(file: McapFile, found: Scan) -> _FileStatistics:
+    statistics = _FileStatistics()
     expected: dict[int, list[tuple[int, int]]] = {}
     seen: set[int] = set()
     for piece in found.pieces:
-        if piece.opcode == Opcode.MESSAGE_INDEX and census.chunks:
-            _compare_index(file, piece, expected, seen, census)
+        if piece.opcode == Opcode.MESSAGE_INDEX and statistics.chunks:
+            _compare_index(file, piece, expected, seen, statistics)
             continue
-        _end_of_indexes(expected, seen, census)
+        _end_of_indexes(expected, seen, statistics)
         expected, seen = {}, set()
         if piece.opcode == Opcode.MESSAGE:
-            _count(file.content(piece), census)
+            _count(file.content(piece), statistics)
         elif piece.opcode == Opcode.CHUNK:
-            expected = _chunk(file, piece, census)
+            expected = _chunk(file, piece, statistics)
     if found.ended is not None:  # else the last of them may be cut off
-        _end_of_indexes(expected, seen, census)
-    for number in census.counts:
+        _end_of_indexes(expected, seen, statistics)
+    for number in statistics.counts:
         channel = found.channels.get(number)
         if channel is None:
-            census.declarations.append(f"messages on channel {number}, which is not declared")
+            statistics.declarations.append(f"messages on channel {number}, which is not declared")
         elif channel.schema and channel.schema not in found.schemas:
-            census.declarations.append(f"schema {channel.schema} of {channel.topic} is missing")
-    return census
+            statistics.declarations.append(f"schema {channel.schema} of {channel.topic} is missing")
+    return statistics
 
 
-def _count(content: bytes | memoryview, census: _Census) -> tuple[int, int]:
+def _count(content: bytes | memoryview, statistics: _FileStatistics) -> tuple[int, int]:
     number = int.from_bytes(content[:2], "little")
     log = int.from_bytes(content[6:14], "little")
-    census.counts[number] += 1
-    census.first = log if census.first is None or log < census.first else census.first
-    census.last = max(census.last, log)
+    statistics.counts[number] += 1
+    statistics.first = (
+        log if statistics.first is None or log < statistics.first else statistics.first
+    )
+    statistics.last = max(statistics.last, log)
     return number, log
 
 
-def _chunk(file: McapFile, piece: Piece, census: _Census) -> dict[int, list[tuple[int, int]]]:
+def _chunk(
+    file: McapFile, piece: Piece, statistics: _FileStatistics
+) -> dict[int, list[tuple[int, int]]]:
     """Take note of a chunk; (log time, offset) of its messages by channel."""
     content = file.content(piece)
     fields = Cursor(content)
     first, last, size, crc = (fields.number(n) for n in (8, 8, 8, 4))
     compression = fields.text()
     packed = fields.number(8)
-    census.unchecked += crc == 0
+    statistics.unchecked += crc == 0
     expected: dict[int, list[tuple[int, int]]] = {}
     low, high = None, 0
     for opcode, place, inside in inner_records(chunk_data(content)):
         if opcode == Opcode.MESSAGE:
-            number, log = _count(inside, census)
+            number, log = _count(inside, statistics)
             expected.setdefault(number, []).append((log, place))
             low, high = log if low is None else min(low, log), max(high, log)
     if (first, last) != (low or 0, high):
-        census.indexes.append(
+        statistics.indexes.append(
             f"the chunk at byte {piece.position} says {first} to {last} ns, "
             f"and holds {low or 0} to {high} ns"
         )
-    census.chunks.append(_Chunk(piece, (first, last), (packed, size), compression))
+    statistics.chunks.append(_Chunk(piece, (first, last), (packed, size), compression))
     return expected
 
 
@@ -142,22 +148,22 @@ def _compare_index(
     piece: Piece,
     expected: dict[int, list[tuple[int, int]]],
     seen: set[int],
-    census: _Census,
+    statistics: _FileStatistics,
 ) -> None:
     fields = Cursor(file.content(piece))
     number = fields.number(2)
     seen.add(number)
-    chunk = census.chunks[-1]
+    chunk = statistics.chunks[-1]
     chunk.indexes[number] = piece.position
     chunk.index_bytes += piece.end - piece.position
     try:
         entries = np.frombuffer(fields.take(fields.number(4)), "<u8").reshape(-1, 2)
     except (DamageError, ValueError):
-        census.indexes.append(f"the index at byte {piece.position} is no list of messages")
+        statistics.indexes.append(f"the index at byte {piece.position} is no list of messages")
         return
     true = np.array(expected.get(number, []), np.uint64).reshape(-1, 2)
     if entries.shape != true.shape or not np.array_equal(_sorted(entries), _sorted(true)):
-        census.indexes.append(
+        statistics.indexes.append(
             f"the index at byte {piece.position}, channel {number}, does not lead to its messages"
         )
 
@@ -167,38 +173,40 @@ def _sorted(pairs: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _end_of_indexes(
-    expected: dict[int, list[tuple[int, int]]], seen: set[int], census: _Census
+    expected: dict[int, list[tuple[int, int]]], seen: set[int], statistics: _FileStatistics
 ) -> None:
     if seen:
-        census.indexed += 1
+        statistics.indexed += 1
         for number in sorted(set(expected) - seen):
-            at = census.chunks[-1].piece.position
-            census.indexes.append(f"the chunk at byte {at} has no index of channel {number}")
+            at = statistics.chunks[-1].piece.position
+            statistics.indexes.append(f"the chunk at byte {at} has no index of channel {number}")
 
 
-def _checksums(file: McapFile, found: Scan, census: _Census) -> Check:
+def _checksums(file: McapFile, found: Scan, statistics: _FileStatistics) -> Check:
     problems = [d.reason for d in found.damage if "checksum" in d.reason]
     covered = []
-    if census.chunks:
-        checked = len(census.chunks) - census.unchecked
-        covered.append(f"{checked} of {len(census.chunks)} chunks")
+    if statistics.chunks:
+        checked = len(statistics.chunks) - statistics.unchecked
+        covered.append(f"{checked} of {len(statistics.chunks)} chunks")
     if found.ended is not None and any(file.content(found.ended)[:4]):
         covered.append("the data")
     if found.proved:
         covered.append("the summary")
     if not covered and not problems:
         return Check("checksums", "not checked", "the file has none")
-    return judged("checksums", problems, "of " + ", ".join(covered))
+    return check_result("checksums", problems, "of " + ", ".join(covered))
 
 
-def _message_indexes(census: _Census) -> Check:
-    if not census.indexed and not census.indexes:
+def _message_indexes(statistics: _FileStatistics) -> Check:
+    if not statistics.indexed and not statistics.indexes:
         return Check("message indexes", "not checked", "the file has none")
-    fine = f"of {census.indexed} chunks: every entry leads to its message, every message has one"
-    return judged("message indexes", census.indexes, fine)
+    fine = (
+        f"of {statistics.indexed} chunks: every entry leads to its message, every message has one"
+    )
+    return check_result("message indexes", statistics.indexes, fine)
 
 
-def _summary(file: McapFile, found: Scan, census: _Census) -> Check:
+def _summary(file: McapFile, found: Scan, statistics: _FileStatistics) -> Check:
     if found.footer is None or not found.summary:
         verdict: Verdict = "not checked" if found.whole else "incomplete"
         return Check("summary", verdict, "the file has none")
@@ -221,44 +229,48 @@ def _summary(file: McapFile, found: Scan, census: _Census) -> Check:
         problems.append(f"the footer says that the summary's offsets begin at byte {offsets}")
     try:
         for piece in of_kind[Opcode.STATISTICS]:
-            problems += _statistics(Cursor(file.content(piece)), found, census)
-        problems += _chunk_indexes(file, of_kind[Opcode.CHUNK_INDEX], census)
+            problems += _statistics(Cursor(file.content(piece)), found, statistics)
+        problems += _chunk_indexes(file, of_kind[Opcode.CHUNK_INDEX], statistics)
         problems += _other_indexes(file, found, of_kind)
         for piece in groups:
             problems += _group(Cursor(file.content(piece)), found)
     except DamageError as error:
         problems.append(f"a record of the summary cannot be read: {error}")
-    total = sum(census.counts.values())
-    return judged("summary", problems, f"{total} messages, {len(census.chunks)} chunks, as found")
+    total = sum(statistics.counts.values())
+    return check_result(
+        "summary", problems, f"{total} messages, {len(statistics.chunks)} chunks, as found"
+    )
 
 
-def _statistics(fields: Cursor, found: Scan, census: _Census) -> Iterator[str]:
+def _statistics(fields: Cursor, found: Scan, statistics: _FileStatistics) -> Iterator[str]:
     kinds = Counter(piece.opcode for piece in found.pieces)
     true = {
-        "messages": (8, sum(census.counts.values())),
+        "messages": (8, sum(statistics.counts.values())),
         "schemas": (2, len(found.schemas)),
         "channels": (4, len(found.channels)),
         "attachments": (4, kinds[Opcode.ATTACHMENT]),
         "metadata records": (4, kinds[Opcode.METADATA]),
-        "chunks": (4, len(census.chunks)),
-        "ns, first log time": (8, census.first or 0),
-        "ns, last log time": (8, census.last),
+        "chunks": (4, len(statistics.chunks)),
+        "ns, first log time": (8, statistics.first or 0),
+        "ns, last log time": (8, statistics.last),
     }
     for what, (size, number) in true.items():
-        said = fields.number(size)
-        if said != number:
-            yield f"the statistics say {said} {what}, found {number}"
+        stated = fields.number(size)
+        if stated != number:
+            yield f"the statistics say {stated} {what}, found {number}"
     inner = Cursor(fields.take(fields.number(4)))
-    said_counts = {}
+    stated_counts = {}
     while inner.left:
         channel = inner.number(2)
-        said_counts[channel] = inner.number(8)
-    if {k: v for k, v in said_counts.items() if v} != dict(census.counts):
+        stated_counts[channel] = inner.number(8)
+    if {k: v for k, v in stated_counts.items() if v} != dict(statistics.counts):
         yield "the statistics' counts by channel are not those found"
 
 
-def _chunk_indexes(file: McapFile, pieces: list[Piece], census: _Census) -> Iterator[str]:
-    chunks = {chunk.piece.position: chunk for chunk in census.chunks}
+def _chunk_indexes(
+    file: McapFile, pieces: list[Piece], statistics: _FileStatistics
+) -> Iterator[str]:
+    chunks = {chunk.piece.position: chunk for chunk in statistics.chunks}
     for piece in pieces:
         fields = Cursor(file.content(piece))
         times = fields.number(8), fields.number(8)

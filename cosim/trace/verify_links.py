@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.trace.check_results import Check, check_result
 from cosim.trace.layout import output_topic
 from cosim.trace.reader import Table
-from cosim.trace.verdicts import Check, judged
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,15 @@ def checks_of_links(
     for name, check, fine in (
         ("link delays", _early, "nothing came before it was sent and the link's delay was over"),
         ("link sequence", _sequence, "numbers as the order of the link has them"),
-        ("link fates", _fates, "every message was delivered, dropped or in flight, once"),
+        ("link fates", _accounting, "every message was delivered, dropped or in flight, once"),
     ):
         problems = [f"{link.name}: {what}" for link in links for what in check(link)]
-        yield judged(name, problems, f"{names}: {fine}")
+        yield check_result(name, problems, f"{names}: {fine}")
     problems = [f"{link.name}: {what}" for link in links for what in _values(link, tables)]
-    yield judged("link values", problems, f"{names}: what was delivered is what was sent")
+    yield check_result("link values", problems, f"{names}: what was delivered is what was sent")
     if whole:
         problems = [f"{link.name}: {what}" for link in links for what in _figures(link)]
-        yield judged("link counts", problems, f"{names}: as many as the result says")
+        yield check_result("link counts", problems, f"{names}: as many as the result says")
 
 
 def _numbers(table: Table | None) -> NDArray[np.int64]:
@@ -84,37 +84,37 @@ def _sequence(link: Link) -> Iterator[str]:
         yield "a message of a higher number was sent before one of a lower"
 
 
-def _fates(link: Link) -> Iterator[str]:
+def _accounting(link: Link) -> Iterator[str]:
     """A message has one fate, and its copy one, too."""
     most = 2 if link.declared.get("duplicate") else 1
-    fates = np.concatenate([_numbers(link.delivered), _numbers(link.dropped)])
-    found, counts = np.unique(fates, return_counts=True)
+    numbers = np.concatenate([_numbers(link.delivered), _numbers(link.dropped)])
+    found, counts = np.unique(numbers, return_counts=True)
     if (counts > most).any():
         number, count = found[counts > most][0], counts[counts > most][0]
         yield f"message {number} was delivered or dropped {count} times"
 
 
 def _figures(link: Link) -> Iterator[str]:
-    said = {key: int(v) for key, v in link.figures.items() if v.isdecimal()}
+    stated = {key: int(v) for key, v in link.figures.items() if v.isdecimal()}
     delivered, dropped = _numbers(link.delivered), _numbers(link.dropped)
-    if not {"sent", "delivered", "dropped", "in_flight"} <= set(said):
+    if not {"sent", "delivered", "dropped", "in_flight"} <= set(stated):
         if delivered.size + dropped.size:  # a run that ends where it begins has none
             yield "the result has no figures of it"
         return
-    if delivered.size != said["delivered"]:
-        yield f"{delivered.size} messages delivered, the result says {said['delivered']}"
-    if dropped.size != said["dropped"]:
-        yield f"{dropped.size} messages dropped, the result says {said['dropped']}"
-    total = said["delivered"] + said["dropped"] + said["in_flight"]
-    if said["sent"] + said.get("duplicated", 0) != total:
-        yield f"of {said['sent']} messages sent the result has the fates of {total}"
+    if delivered.size != stated["delivered"]:
+        yield f"{delivered.size} messages delivered, the result says {stated['delivered']}"
+    if dropped.size != stated["dropped"]:
+        yield f"{dropped.size} messages dropped, the result says {stated['dropped']}"
+    total = stated["delivered"] + stated["dropped"] + stated["in_flight"]
+    if stated["sent"] + stated.get("duplicated", 0) != total:
+        yield f"of {stated['sent']} messages sent the result has the fates of {total}"
     known = np.union1d(delivered, dropped)
-    missing = np.setdiff1d(np.arange(said["sent"]), known).size
+    missing = np.setdiff1d(np.arange(stated["sent"]), known).size
     copies = bool(link.declared.get("duplicate"))  # of which some may be in flight alone
-    if missing > said["in_flight"] or (missing < said["in_flight"] and not copies):
-        yield f"{missing} messages without a fate, the result says {said['in_flight']}"
-    if known.size and known[-1] >= said["sent"]:
-        yield f"message {known[-1]}, where the result says {said['sent']} were sent"
+    if missing > stated["in_flight"] or (missing < stated["in_flight"] and not copies):
+        yield f"{missing} messages without a fate, the result says {stated['in_flight']}"
+    if known.size and known[-1] >= stated["sent"]:
+        yield f"message {known[-1]}, where the result says {stated['sent']} were sent"
 
 
 def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:

@@ -13,11 +13,11 @@ from mcap.opcode import Opcode
 
 from cosim.core import CosimError, InputError
 from cosim.trace import layout
+from cosim.trace.check_results import Check, check_result, with_missing
 from cosim.trace.pieces import McapFile, attachment_of, metadata_of
 from cosim.trace.reader import Table, Trace
 from cosim.trace.records import Cursor
 from cosim.trace.scan import Scan
-from cosim.trace.verdicts import Check, complete, judged
 from cosim.trace.verify_links import Link, checks_of_links
 
 _HASHED = {
@@ -81,8 +81,8 @@ def _beginning(
             missing.append(f"{name} is not attached")
         elif hashlib.sha256(attached[name]).hexdigest() != run[key]:
             problems.append(f"{name} is not the file of the SHA-256 that cosim.run names")
-    check = judged("run", problems, f"cosim.run first; {named} attached files as named")
-    return complete(check, missing, cut=found.ended is None)
+    check = check_result("run", problems, f"cosim.run first; {named} attached files as named")
+    return with_missing(check, missing, cut=found.ended is None)
 
 
 def _fmus(
@@ -114,8 +114,8 @@ def _fmus(
     if not hashes and not problems:
         yield Check("FMUs", "not checked", "cosim.run names none")
         return
-    check = judged("FMUs", problems, f"{', '.join(hashes)}: named by SHA-256, described")
-    yield complete(check, missing, cut=cut)
+    check = check_result("FMUs", problems, f"{', '.join(hashes)}: named by SHA-256, described")
+    yield with_missing(check, missing, cut=cut)
     if folder is None:
         return
     if not folder.is_dir():
@@ -127,7 +127,7 @@ def _fmus(
     }
     absent = [f"{n}: no file of SHA-256 {h}" for n, h in hashes.items() if h not in there]
     found = ", ".join(f"{n}: {there[h]}" for n, h in hashes.items() if h in there)
-    yield judged("FMU files", absent, found)
+    yield check_result("FMU files", absent, found)
 
 
 def _certificate(run: Mapping[str, str], attached: Mapping[str, bytes], *, cut: bool) -> Check:
@@ -137,7 +137,7 @@ def _certificate(run: Mapping[str, str], attached: Mapping[str, bytes], *, cut: 
     data = attached.get(layout.CERTIFICATE_ATTACHMENT)
     if data is None:
         missing = [f"{layout.CERTIFICATE_ATTACHMENT} is not attached"]
-        return complete(judged("certificate", [], ""), missing, cut=cut)
+        return with_missing(check_result("certificate", [], ""), missing, cut=cut)
     if hashlib.sha256(data).hexdigest() != certificate["sha256"]:
         return Check(
             "certificate", "failed", "it is not the file of the SHA-256 that cosim.run names"
@@ -204,7 +204,9 @@ def _steps(
     if status in ("finished", "limit_cycle") and "end_ns" in run:
         late = [t for t, times in topics.items() if str(int(times[-1])) != run["end_ns"]]
         problems += [f"{topic} does not reach the end, {run['end_ns']} ns" for topic in late]
-    return judged("rows", problems, f"{len(topics)} topics, up to {most} communication points")
+    return check_result(
+        "rows", problems, f"{len(topics)} topics, up to {most} communication points"
+    )
 
 
 def _links(

@@ -46,7 +46,7 @@ def put_varints(into: Bytes, values: Integers) -> None:
         into[:, j] = (unsigned >> np.uint64(7 * j) & np.uint64(0x7F)) | np.uint64(more)
 
 
-def alike(shapes: Integers) -> list[NDArray[np.intp]]:
+def equal_rows(shapes: Integers) -> list[NDArray[np.intp]]:
     """Which rows of `shapes`, (m, k), are the same, in order of their entries; none negative."""
     sizes = shapes.max(axis=0, initial=0).tolist()
     code, room = np.zeros(len(shapes), np.int64), 1

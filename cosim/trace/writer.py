@@ -17,7 +17,7 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from cosim.core import CosimError, InputError
-from cosim.trace import layout, leaving
+from cosim.trace import layout, process_exit
 from cosim.trace.block import HEAD, Records, in_order
 from cosim.trace.disk import Guard, PartialFile
 from cosim.trace.encode import RowEncoder
@@ -112,7 +112,7 @@ class TraceWriter:
         self._guard = Guard(self._file, self._stream)
         self._flusher = Flusher(self._guard, self._flush, flush_interval_s)
         self._foxglove = FoxgloveTopics(self._register)
-        leaving.opened(self)
+        process_exit.register(self)
         with self._guard:
             self._stream.start("auv-cosim")
             self._stream.metadata(layout.RUN, entries)
@@ -332,7 +332,7 @@ class TraceWriter:
     def _ended(self) -> None:
         self.ended = True
         self._flusher.stop()
-        leaving.closed(self)
+        process_exit.unregister(self)
 
     def _register(
         self,

@@ -220,7 +220,7 @@ def feedback_spec(
             "mapped": False,
         },
         certificate=certificate,
-        notes=_feedback_notes(m, n, limited=bool(limits)),
+        notes=_feedback_notes(m, n, with_limits=bool(limits)),
         scenario=loop_scenario(
             plant,
             controller or f"{name}.fmu",
@@ -234,8 +234,8 @@ def feedback_spec(
     )
 
 
-def _feedback_notes(m: int, n: int, *, limited: bool) -> str:
-    bounds = ", held within ± `limit.u[i]`" if limited else ", without limits"
+def _feedback_notes(m: int, n: int, *, with_limits: bool) -> str:
+    bounds = ", held within ± `limit.u[i]`" if with_limits else ", without limits"
     return (
         "\n## This controller\n\nFor a system in the letters of Eq. (7): "
         f"{n} measured state{'s' * (n != 1)} `x[j]`, {m} command{'s' * (m != 1)} `u[i]`{bounds}.\n"

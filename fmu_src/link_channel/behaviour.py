@@ -21,11 +21,11 @@ class LinkChannel:
     Attributes
     ----------
     name : of the link; its random streams depend on it.
-    lanes : number of signals.
+    signals : number of signals.
     kind : "packet" or "transport".
     """
 
     def __init__(self, constants: dict[str, Any]) -> None:
         self.name: str = constants["link"]
-        self.lanes: int = constants["lanes"]
+        self.signals: int = constants["lanes"]
         self.kind: str = constants["kind"]

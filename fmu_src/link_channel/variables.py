@@ -17,7 +17,7 @@ MOST_BITS = 2.0**53
 
 
 @dataclass(frozen=True)
-class Lane:
+class LinkSignal:
     """A signal that passes the link.
 
     unit : of the signal; one that `cosim.fmu.export.units` does not have is left out.
@@ -31,7 +31,11 @@ class Lane:
 
 
 def packet_spec(
-    name: str, link: str, lanes: Sequence[Lane], starts: dict[str, float], step: float = 0.05
+    name: str,
+    link: str,
+    signals: Sequence[LinkSignal],
+    starts: dict[str, float],
+    step: float = 0.05,
 ) -> ComponentSpec:
     """A packet link.
 
@@ -39,11 +43,11 @@ def packet_spec(
     ----------
     name : of the FMU.
     link : of the link: its random streams depend on it.
-    lanes : the signals.
+    signals : the signals.
     starts : start values of parameters, those of `PACKET_PARAMETERS`.
     step : of the default experiment [s].
     """
-    table = _lanes(lanes)
+    table = _signal_variables(signals)
     table += [
         Variable("age", "output", "time since what is delivered was sent", "s"),
         _integer("sequence", "output", "number of the message in use; -1: none yet, -2: lost", -1),
@@ -62,34 +66,34 @@ def packet_spec(
         )
         for v in PACKET_PARAMETERS
     ]
-    return _spec(name, link, lanes, table, "packet", step)
+    return _spec(name, link, signals, table, "packet", step)
 
 
 def transport_spec(
-    name: str, link: str, lanes: Sequence[Lane], delay: float, step: float = 0.05
+    name: str, link: str, signals: Sequence[LinkSignal], delay: float, step: float = 0.05
 ) -> ComponentSpec:
     """A transport link of a constant `delay` [s]; the others as for `packet_spec`."""
-    table = _lanes(lanes)
+    table = _signal_variables(signals)
     table += [
         Variable("age", "output", "time since what is delivered was sent", "s"),
         _time("delay", "from sending to receiving", delay),
     ]
-    return _spec(name, link, lanes, table, "transport", step)
+    return _spec(name, link, signals, table, "transport", step)
 
 
-def _lanes(lanes: Sequence[Lane]) -> list[Variable]:
-    known = [lane.unit if lane.unit in UNITS else None for lane in lanes]
+def _signal_variables(signals: Sequence[LinkSignal]) -> list[Variable]:
+    known = [signal.unit if signal.unit in UNITS else None for signal in signals]
     table = [
-        Variable(f"u[{i}]", "input", f"{lane.text}, as sent", unit, lane.initial)
-        for i, (lane, unit) in enumerate(zip(lanes, known, strict=True), 1)
+        Variable(f"u[{i}]", "input", f"{signal.text}, as sent", unit, signal.initial)
+        for i, (signal, unit) in enumerate(zip(signals, known, strict=True), 1)
     ]
     table += [
-        Variable(f"y[{i}]", "output", f"{lane.text}, as received", unit, lane.initial)
-        for i, (lane, unit) in enumerate(zip(lanes, known, strict=True), 1)
+        Variable(f"y[{i}]", "output", f"{signal.text}, as received", unit, signal.initial)
+        for i, (signal, unit) in enumerate(zip(signals, known, strict=True), 1)
     ]
     return table + [
-        Variable(f"initial[{i}]", "parameter", f"y[{i}] until something arrives", u, lane.initial)
-        for i, (lane, u) in enumerate(zip(lanes, known, strict=True), 1)
+        Variable(f"initial[{i}]", "parameter", f"y[{i}] until something arrives", u, signal.initial)
+        for i, (signal, u) in enumerate(zip(signals, known, strict=True), 1)
     ]
 
 
@@ -155,7 +159,12 @@ PACKET_PARAMETERS = (
 
 
 def _spec(
-    name: str, link: str, lanes: Sequence[Lane], table: list[Variable], kind: str, step: float
+    name: str,
+    link: str,
+    signals: Sequence[LinkSignal],
+    table: list[Variable],
+    kind: str,
+    step: float,
 ) -> ComponentSpec:
     return ComponentSpec(
         name=name,
@@ -166,5 +175,5 @@ def _spec(
         readme=Path(__file__).with_name(f"{kind}.md"),
         stop_time=200 * step,
         step_size=step,
-        constants={"link": link, "lanes": len(lanes), "kind": kind},
+        constants={"link": link, "lanes": len(signals), "kind": kind},
     )

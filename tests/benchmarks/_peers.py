@@ -152,12 +152,12 @@ class ByPeer:
     """
 
     def __init__(self, name: str, fmu: Path, n: int) -> None:
-        self._said = tempfile.TemporaryFile("w+")  # noqa: SIM115 - read when the process has ended
+        self._output = tempfile.TemporaryFile("w+")  # noqa: SIM115 - read when the process has ended
         self._process = subprocess.Popen(  # noqa: S603 - this file
             [sys.executable, str(Path(__file__).resolve()), name, str(fmu), str(n)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._said,
+            stderr=self._output,
             text=True,
         )
 
@@ -173,7 +173,7 @@ class ByPeer:
         finally:
             self._process.kill()
             self._process.communicate()
-            self._said.close()
+            self._output.close()
 
     def _answer(self, steps: int) -> str:
         stdin, stdout = self._process.stdin, self._process.stdout
@@ -185,8 +185,8 @@ class ByPeer:
         found = stdout.readline()
         if not found:
             self._process.wait()
-            self._said.seek(0)
-            raise RuntimeError(self._said.read().strip()[-2000:])
+            self._output.seek(0)
+            raise RuntimeError(self._output.read().strip()[-2000:])
         return found
 
 

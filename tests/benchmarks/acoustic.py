@@ -26,7 +26,7 @@ from rich.table import Table
 from cosim.fmu import FmuSlave
 from cosim.master import EngineName, Run, Session, System
 from cosim.master.engine.calls import exchange_2, step_2
-from cosim.scenario.assemble import Hangar, assemble
+from cosim.scenario.assembly import FmuCache, assemble
 from cosim.scenario.execute import prepare
 from cosim.scenario.gain import gain_parameters
 from cosim.scenario.read import load
@@ -42,7 +42,7 @@ def the_system(folder: Path, end: float = END) -> System:
     loaded = load("auv-acoustic")
     run = loaded.scenario.run.model_copy(update={"end": end, "step": STEP})
     shortened = loaded.scenario.model_copy(update={"run": run})
-    prepared = prepare(loaded, Hangar(folder, loaded.folder, flavour="native"))
+    prepared = prepare(loaded, FmuCache(folder, loaded.folder, flavour="native"))
     if prepared.design is None or loaded.scenario.design is None:
         raise SystemExit("the scenario has no design")
     controller = loaded.scenario.design.controller
@@ -57,13 +57,13 @@ def the_loop(system: System, engine: EngineName) -> tuple[float, Run]:
         session.run_until()
         spent = time.process_time() - began
         run = session.result()
-    if run.ending != "finished":
-        raise SystemExit(f"the run {run.ending}: {run.reason}")
+    if run.status != "finished":
+        raise SystemExit(f"the run {run.status}: {run.reason}")
     return spent, run
 
 
 @njit  # type: ignore[untyped-decorator]
-def _fly(
+def _run_once(
     calls: Any,
     component: int,
     references: Any,
@@ -90,29 +90,31 @@ class Alone:
     def __init__(self, system: System, run: Run, name: str) -> None:
         self._name = name
         self._component = system.components[name]
-        (station,) = (s for s in run.stations if s.name == name)
+        (instance,) = (s for s in run.instances if s.name == name)
         none = np.zeros(0, np.uint32)
-        self._references = np.concatenate([none, *(group.references for group in station.takes)])
-        self._inputs = np.ascontiguousarray(station.inputs(run.points_ns.size))
+        self._references = np.concatenate(
+            [none, *(group.references for group in instance.connected_inputs)]
+        )
+        self._inputs = np.ascontiguousarray(instance.inputs(run.points_ns.size))
         self._seconds = run.points_ns / 1e9
         self._sizes = np.diff(run.points_ns) / 1e9
-        self._end: NDArray[np.float64] = station.outputs[run.points_ns.size - 1]
-        self._outputs = [column.name for column in station.output_columns]
+        self._end: NDArray[np.float64] = instance.outputs[run.points_ns.size - 1]
+        self._outputs = [column.name for column in instance.output_columns]
 
     def seconds(self) -> float:
         """What its doSteps take."""
-        both, ended = self._flown(stepping=True)
+        both, ended = self._run(stepping=True)
         if [ended[name] for name in self._outputs] != self._end.tolist():
             raise SystemExit(f"alone, {self._name} ends elsewhere")
-        setting, _ = self._flown(stepping=False)
+        setting, _ = self._run(stepping=False)
         return both - setting
 
-    def _flown(self, *, stepping: bool) -> tuple[float, dict[str, Any]]:
+    def _run(self, *, stepping: bool) -> tuple[float, dict[str, Any]]:
         with FmuSlave(self._component.description, self._name, lambda *_: None) as slave:
             slave.initialise(self._component.parameters, 0.0, float(self._seconds[-1]))
             calls = np.array([slave.address("set", "Real"), slave.address("step")])
             began = time.process_time()
-            refused = _fly(
+            refused = _run_once(
                 calls,
                 slave.component,
                 self._references,

@@ -69,8 +69,8 @@ def one_run(system: System, engine: EngineName, trace: Path | None) -> None:
         with TraceWriter(trace, run={}) as writer:
             run = simulate(system, [TraceRecorder(writer, system)], engine=engine)
             writer.finish({})
-    if run.ending != "finished":
-        raise SystemExit(f"the run {run.ending}: {run.reason}")
+    if run.status != "finished":
+        raise SystemExit(f"the run {run.status}: {run.reason}")
 
 
 def kinds(folder: Path) -> dict[str, Callable[[], None]]:
@@ -113,7 +113,7 @@ def repeated(run: Callable[[], None], runs: int) -> dict[str, Any]:
 
 def long_run(system: System, engine: EngineName) -> dict[str, Any]:
     """One long run, tenth by tenth."""
-    points = system.timetable.points_ns.size
+    points = system.comm_schedule.points_ns.size
     gc.collect()
     before = psutil.Process().memory_info().rss
     with Session(system, engine=engine) as session:
@@ -127,7 +127,7 @@ def long_run(system: System, engine: EngineName) -> dict[str, Any]:
         run = session.result()
     return {
         "points": points,
-        "mib_of_rows": run.stations[0].rows.nbytes / _MIB,
+        "mib_of_rows": run.instances[0].rows.nbytes / _MIB,
         "mib_grown": grown / _MIB,
         "us_per_step": tenths,
     }

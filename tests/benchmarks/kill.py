@@ -90,11 +90,11 @@ def one_kill(number: int, folder: Path) -> Loss:
         killed = time.monotonic()
         child.kill()
         lines = [first, *child.stdout.read().splitlines()]
-    told = [line.split() for line in lines if len(line.split()) == 2]
-    written = int(told[-1][0])
+    words = [line.split() for line in lines if len(line.split()) == 2]
+    written = int(words[-1][0])
     result = recover(path.with_name(path.name + ".partial"))
     kept = _rows(result.output)
-    lost = [float(when) for count, when in told if int(count) > kept]
+    lost = [float(when) for count, when in words if int(count) > kept]
     return Loss(mode, written, kept, max(0.0, killed - lost[0]) if lost else 0.0, result.lost_bytes)
 
 

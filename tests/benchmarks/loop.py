@@ -44,10 +44,10 @@ from cosim.master import (
     Session,
     System,
     TraceRecorder,
-    make_timetable,
+    make_schedule,
     simulate,
 )
-from cosim.master.stations import Station
+from cosim.master.component_instance import ComponentInstance
 from cosim.network import Jitter, PacketLink
 from cosim.trace import TraceWriter
 from tests.benchmarks._peers import PEERS, ByPeer
@@ -158,9 +158,9 @@ def system_of(fmu: Path, n: int, *, steps: int, links: bool) -> System:
         for i in range(1, n + 1)
     ]
     # on the grid, so that a step is a step
-    timetable = make_timetable(channels, _MS, _MS * steps, "grid")
+    comm_schedule = make_schedule(channels, _MS, _MS * steps, "grid")
     components = {name: Component(described) for name in ("a", "b")}
-    return System(components, connections, channels, {}, timetable, 1e9)
+    return System(components, connections, channels, {}, comm_schedule, 1e9)
 
 
 def ours(
@@ -176,7 +176,7 @@ def ours(
                 session.step(steps)
                 yield (time.perf_counter() - began) / steps
             run = session.result()
-        if run.ending == "stopped" and not links and run.signal("a", "x[1]")[-1] != 1.0:
+        if run.status == "stopped" and not links and run.signal("a", "x[1]")[-1] != 1.0:
             raise SystemExit("the FMUs were not coupled")
 
 
@@ -201,14 +201,14 @@ class Stopwatch(Observer):
 
     began = 0.0
 
-    def begin(self, stations: Sequence[Station]) -> None:
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Start."""
         # memory is handed out when it is first touched: not the master's cost
-        for station in stations:
-            station.rows[:] = station.rows.copy()
+        for instance in instances:
+            instance.rows[:] = instance.rows.copy()
         self.began = time.perf_counter()
 
-    def span(self, first: int, last: int) -> None:
+    def rows_complete(self, first: int, last: int) -> None:
         """Look on."""
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:

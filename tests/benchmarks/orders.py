@@ -84,12 +84,12 @@ def with_packets() -> Any:
             heapq.heappush(events, (sent, next(order), i, None))
     x, u, now = list(START), [0.0, 0.0], 0
     while events and events[0][0] <= ns(STOP):
-        at, _, i, carried = heapq.heappop(events)
+        at, _, i, value = heapq.heappop(events)
         x, now = _advanced(x, u, (at - now) / 1e9), at
-        if carried is None:  # sender i sends; the other one will get it
+        if value is None:  # sender i sends; the other one will get it
             heapq.heappush(events, (at + PACKETS[i].delay_ns, next(order), i, x[i]))
         else:
-            u[1 - i] = carried
+            u[1 - i] = value
     return np.array(_advanced(x, u, (ns(STOP) - now) / 1e9))
 
 

@@ -29,12 +29,12 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from cosim.study.conduct import conduct
-from cosim.study.flight import Base
+from cosim.study.execution import execute_study
 from cosim.study.plan import Plan, make_plan
 from cosim.study.read import load_study
 from cosim.study.schema import Study
-from cosim.study.workers import HereAlone, local
+from cosim.study.study_runner import BaseScenario
+from cosim.study.workers import InProcessPool, local
 
 WORKERS = 2
 ROUNDS = 3
@@ -57,13 +57,13 @@ def plan_of(runs: int, seed: int, fmus: Path) -> Plan:
             "rms": {"signal": ["plant.x[1]", "plant.x[2]"], "reduce": "rms"},
         },
     )
-    of = Base(base.name, base.scenario, base.text, base.folder, fmus, "native")
+    of = BaseScenario(base.name, base.scenario, base.text, base.folder, fmus, "native")
     return make_plan(study, of)
 
 
-def processes(crew: Any) -> list[psutil.Process]:
+def processes(pool: Any) -> list[psutil.Process]:
     """The worker processes."""
-    return [psutil.Process(pid) for pid in crew._client.run(os.getpid).values()]
+    return [psutil.Process(pid) for pid in pool._client.run(os.getpid).values()]
 
 
 def cpu(workers: list[psutil.Process]) -> float:
@@ -72,9 +72,9 @@ def cpu(workers: list[psutil.Process]) -> float:
     return sum(t.user + t.system for t in times)
 
 
-def memory_over_runs(plan: Plan, crew: Any, folder: Path) -> dict[str, Any]:
+def memory_over_runs(plan: Plan, pool: Any, folder: Path) -> dict[str, Any]:
     """Fly a study and look at the workers' memory as it goes."""
-    workers = processes(crew)
+    workers = processes(pool)
     seen: list[tuple[int, float]] = []
 
     def look(_what: str, share: float) -> None:
@@ -83,7 +83,7 @@ def memory_over_runs(plan: Plan, crew: Any, folder: Path) -> dict[str, Any]:
             seen.append((round(share * plan.count), round(size, 1)))
 
     began = time.perf_counter()
-    conduct(plan, folder, lambda: contextlib.nullcontext(crew), progress=look)
+    execute_study(plan, folder, lambda: contextlib.nullcontext(pool), progress=look)
     spent = time.perf_counter() - began
     half = [size for _, size in seen[len(seen) // 2 :]]
     done = seen[-1][0] - seen[len(seen) // 2][0]
@@ -96,28 +96,28 @@ def memory_over_runs(plan: Plan, crew: Any, folder: Path) -> dict[str, Any]:
     }
 
 
-def efficiency(runs: int, crew: Any, fmus: Path, folder: Path) -> dict[str, float]:
+def efficiency(runs: int, pool: Any, fmus: Path, folder: Path) -> dict[str, float]:
     """Two processes against one, in turns."""
-    workers = processes(crew)
-    crews: dict[str, Any] = {"one": HereAlone(), "two": crew}
+    workers = processes(pool)
+    pools: dict[str, Any] = {"one": InProcessPool(), "two": pool}
     wall: dict[str, list[float]] = {"one": [], "two": []}
     used: dict[str, list[float]] = {"one": [], "two": []}
     for turn in range(ROUNDS):
         plan = plan_of(runs, 100 + turn, fmus)
         # the same design for all, made before the clock starts
-        plan.flyer.problem_and_design(0)
-        for name, who in crews.items():
+        plan.runner.problem_and_design(0)
+        for name, who in pools.items():
             out = folder / f"{name}-{turn}"
             began, before = time.perf_counter(), cpu(workers)
-            conduct(plan, out, lambda who=who: contextlib.nullcontext(who))
+            execute_study(plan, out, lambda who=who: contextlib.nullcontext(who))
             wall[name].append(time.perf_counter() - began)
             used[name].append(cpu(workers) - before)
     middle = {name: statistics.median(times) for name, times in wall.items()}
-    work = {name: statistics.median(times) for name, times in used.items()}
+    run_batches = {name: statistics.median(times) for name, times in used.items()}
     return {
         "wall": round(middle["one"] / middle["two"] / WORKERS, 3),
-        "cpu": round(work["one"] / work["two"], 3),
-        "ms_per_run_here": round(1e3 * work["one"] / runs, 2),
+        "cpu": round(run_batches["one"] / run_batches["two"], 3),
+        "ms_per_run_here": round(1e3 * run_batches["one"] / runs, 2),
     }
 
 
@@ -131,14 +131,14 @@ def scratch() -> Iterator[Path]:
 def main() -> None:
     """Measure, print."""
     runs = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else 10_000
-    with scratch() as folder, local(WORKERS) as crew:
+    with scratch() as folder, local(WORKERS) as pool:
         fmus = folder / "fmus"
         found = {
             "workers": WORKERS,
             "cores": os.cpu_count(),
             "load_before": round(os.getloadavg()[0], 2),
-            "efficiency": efficiency(max(runs // 5, 20), crew, fmus, folder),
-            "study": memory_over_runs(plan_of(runs, 1, fmus), crew, folder / "long"),
+            "efficiency": efficiency(max(runs // 5, 20), pool, fmus, folder),
+            "study": memory_over_runs(plan_of(runs, 1, fmus), pool, folder / "long"),
         }
     if "--json" in sys.argv:
         print(json.dumps(found, indent=1))

@@ -16,7 +16,7 @@ from unittest.mock import patch
 import typer.main
 from shared import fmu_store, made_once
 
-from cosim.cli.main import main
+from cosim.cli.application import main
 
 BUILT_IN = (
     "auv-acoustic",
@@ -84,20 +84,20 @@ def cosim(*arguments: str | Path, cwd: Path) -> Result:
 
 
 @cache
-def flight(name: str) -> Result:
+def shared_run(name: str) -> Result:
     """`cosim run NAME --json`, once per session; the trace is `trace_of(NAME)`."""
     return Result(**json.loads((_flight(name) / "result.json").read_text("utf-8")))
 
 
 def trace_of(name: str) -> Path:
     """The trace of the shared flight."""
-    assert flight(name).code == 0, flight(name).err
+    assert shared_run(name).code == 0, shared_run(name).err
     return _flight(name) / "traces" / f"{name}.mcap"
 
 
 def _flight(name: str) -> Path:
-    def fly(folder: Path) -> None:
+    def run_to(folder: Path) -> None:
         result = cosim("run", name, "--json", "--fmus", fmu_store(), cwd=folder)
         (folder / "result.json").write_text(json.dumps(asdict(result)), "utf-8")
 
-    return made_once(f"flights/{name}", fly)
+    return made_once(f"flights/{name}", run_to)

@@ -83,7 +83,7 @@ def test_what_is_not_certified_is_a_result(folder: Path) -> None:
         assert "not certified" in cosim("analyse", *words, cwd=folder).out
 
 
-def test_a_search_that_reaches_its_limit_says_so(folder: Path) -> None:
+def test_a_search_that_ends_at_its_limit_reports_it(folder: Path) -> None:
     """The printed loop is stable for every delay."""
     words = ("analyse", "paper-example", "--max-delay", "--delay-limit", "30")
     found = cosim(*words, "--json", cwd=folder).json
@@ -109,13 +109,13 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "said"), REFUSED, ids=str)
-def test_analyse_refuses(arguments: list[str], said: str, folder: Path) -> None:
+@pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=str)
+def test_analyse_refuses(arguments: list[str], message: str, folder: Path) -> None:
     """Bad input: exit 2, one JSON object, and what is wrong."""
     result = cosim("analyse", *arguments, "--json", cwd=folder)
     assert result.code == 2
     error = result.error
-    assert said in " ".join(str(value) for value in error.values())
+    assert message in " ".join(str(value) for value in error.values())
 
 
 def test_an_analysis_is_no_design(folder: Path) -> None:

@@ -59,7 +59,7 @@ def test_everything_at_once_is_proved_and_checked_from_its_file(tmp_path: Path) 
         assert word in people
 
 
-def test_without_demands_nothing_is_said(tmp_path: Path) -> None:
+def test_without_design_constraints_nothing_is_reported(tmp_path: Path) -> None:
     """All of them null."""
     found = cosim(*PAPER, "--json", cwd=tmp_path).json
     names = ("decay", "gain_limit", "peak_control", "offset", "energy", "weights")
@@ -104,5 +104,5 @@ def test_what_cannot_be_asked_is_named(
     """Exit code 2 for what makes no sense, 5 for what cannot be had."""
     done = cosim(*PAPER, *options, "--json", cwd=tmp_path)
     assert done.code == code
-    told = done.error
-    assert word in " ".join(str(told[key]) for key in ("what", "where", "expected", "got"))
+    reported = done.error
+    assert word in " ".join(str(reported[key]) for key in ("what", "where", "expected", "got"))

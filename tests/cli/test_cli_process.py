@@ -59,9 +59,9 @@ def readable_rows(folder: Path) -> int:
     """Rows of the plant in what an interrupted run left."""
     assert not (folder / "t.mcap").exists()
     path = folder / "t.mcap.partial"
-    told = cosim("trace", "info", path, "--json", cwd=folder)
-    assert told.code == 0, told.err
-    assert told.json["finished"] is False
+    reported = cosim("trace", "info", path, "--json", cwd=folder)
+    assert reported.code == 0, reported.err
+    assert reported.json["finished"] is False
     rows = Trace(path).read("/plant/output")
     assert (rows.log_time_ns[1:] > rows.log_time_ns[:-1]).all()
     return len(rows)
@@ -137,10 +137,10 @@ def test_reader_that_leaves_early(tmp_path: Path, more: list[str]) -> None:
         assert process.stdout is not None
         assert process.stderr is not None
         process.stdout.close()
-        said = process.stderr.read().decode()
+        message = process.stderr.read().decode()
     assert process.returncode == 141
-    assert "Traceback" not in said
-    assert "Exception" not in said
+    assert "Traceback" not in message
+    assert "Exception" not in message
 
 
 def test_command_gives_its_error_as_json(tmp_path: Path) -> None:

@@ -57,13 +57,13 @@ DESIGNS = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "code", "said"), DESIGNS, ids=str)
-def test_design_refuses(arguments: list[str], code: int, said: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("arguments", "code", "message"), DESIGNS, ids=str)
+def test_design_refuses(arguments: list[str], code: int, message: str, tmp_path: Path) -> None:
     """A system, scalar or bound that cannot be: the message names it, the code says which kind."""
     (tmp_path / "folder.toml").mkdir()
     result = cosim("design", *arguments, "--json", cwd=tmp_path)
     assert result.code == code
-    assert said in result.err
+    assert message in result.err
     assert result.error["what"]
 
 
@@ -87,7 +87,7 @@ TRACES = {
 @pytest.mark.parametrize("kind", TRACES)
 def test_rerun_refuses_what_is_no_whole_trace(kind: str, tmp_path: Path) -> None:
     """Missing, empty, something else: bad input; cut or damaged: loss. Never a traceback."""
-    code, said = TRACES[kind]
+    code, message = TRACES[kind]
     path = tmp_path / "t.mcap"
     whole = trace_of("paper-example").read_bytes()
     if kind == "folder":
@@ -99,15 +99,15 @@ def test_rerun_refuses_what_is_no_whole_trace(kind: str, tmp_path: Path) -> None
         path.write_bytes(contents.get(kind, bytes(flipped)))
     result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
     assert result.code == code
-    assert said in result.error["what"]
-    told = cosim("trace", "info", path, "--json", cwd=tmp_path)
+    assert message in result.error["what"]
+    reported = cosim("trace", "info", path, "--json", cwd=tmp_path)
     if code == 3:
-        assert told.code == 0
-        assert told.json["complete"] is False
-        assert told.json["damage"]
+        assert reported.code == 0
+        assert reported.json["complete"] is False
+        assert reported.json["damage"]
     else:
-        assert told.code == 2
-        assert said in told.error["what"]
+        assert reported.code == 2
+        assert message in reported.error["what"]
 
 
 @pytest.mark.parametrize("cut", [1, 8, 9, 20, 200, 5000, -1, -9, -100])

@@ -9,7 +9,7 @@ import jsonschema
 from cli.shell import cosim
 
 
-def test_new_scenario_is_right_and_flies(fmus: Path, tmp_path: Path) -> None:
+def test_new_scenario_is_valid_and_runs(fmus: Path, tmp_path: Path) -> None:
     """A template without and with a base: both pass the check, the first one flies."""
     for arguments in (("mine",), ("slower", "--from", "auv-acoustic")):
         made = cosim("scenario", "new", *arguments, "--json", cwd=tmp_path)
@@ -17,9 +17,9 @@ def test_new_scenario_is_right_and_flies(fmus: Path, tmp_path: Path) -> None:
         file = made.json["file"]
         checked = cosim("scenario", "check", file, "--fmus", fmus.parent, cwd=tmp_path)
         assert checked.code == 0, checked.out
-    flown = cosim("run", "mine.toml", "--json", "--fmus", fmus.parent, cwd=tmp_path)
-    assert flown.code == 0
-    assert flown.json["assertions"][0]["result"] == "holds"
+    ran = cosim("run", "mine.toml", "--json", "--fmus", fmus.parent, cwd=tmp_path)
+    assert ran.code == 0
+    assert ran.json["assertions"][0]["result"] == "holds"
     again = cosim("scenario", "new", "mine", "--json", cwd=tmp_path)
     assert (again.code, again.error["where"]) == (2, "mine.toml")
     assert cosim("scenario", "new", "a b", "--json", cwd=tmp_path).code == 2
@@ -31,12 +31,12 @@ def test_show_is_the_whole_scenario(tmp_path: Path) -> None:
         'extends = "auv-acoustic"\nwithout = ["reference"]\n[run]\nend = "1 min"\n'
         '[links.uplink]\nkind = "transport"\ndelay = "0.3 s"\n'
     )
-    shown = cosim(
+    displayed = cosim(
         *("scenario", "show", "mine.toml", "--set", "links.downlink.loss=5 %"),
         *("--set", "components.plant.parameters.initial.eta.x=2.5"),
         cwd=tmp_path,
     )
-    data = tomllib.loads(shown.out)
+    data = tomllib.loads(displayed.out)
     assert data["run"] == {"end": 60.0, "step": 0.05, "seed": 7, "events": "align"}
     assert data["links"]["uplink"] == {"kind": "transport", "delay": 0.3}
     assert data["links"]["downlink"]["loss"] == 0.05

@@ -59,9 +59,9 @@ def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
     assert back.json["components"] == {"plant": "plant", "controller": "controller"}
     assert back.json["links"] == ["uplink"]
     assert back.json["unsupported"] == []
-    flown = cosim("run", "back.toml", "--json", cwd=folder)
-    assert flown.code == 0, flown.err
-    assert flown.json["links"]["uplink"]["sent"] == 26
+    ran = cosim("run", "back.toml", "--json", cwd=folder)
+    assert ran.code == 0, ran.err
+    assert ran.json["links"]["uplink"]["sent"] == 26
 
 
 def test_people_read_what_was_written(folder: Path) -> None:
@@ -76,7 +76,7 @@ def test_people_read_what_was_written(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("export", "none.toml"), "none.toml"),
         (("export", "paper-exampel"), "no scenario"),
@@ -89,10 +89,12 @@ def test_people_read_what_was_written(folder: Path) -> None:
         (("import", "short.toml", "--step", "0"), "--step"),
     ],
 )
-def test_bad_use_is_refused_in_one_object(folder: Path, words: tuple[str, ...], said: str) -> None:
+def test_bad_use_is_refused_in_one_object(
+    folder: Path, words: tuple[str, ...], message: str
+) -> None:
     done = cosim("ssp", *words, "--json", cwd=folder)
     assert done.code == 2
-    assert said in str(done.error)
+    assert message in str(done.error)
 
 
 def test_help_teaches(folder: Path) -> None:

@@ -10,7 +10,7 @@ from cli.shell import cosim
 from study.deadly import folder
 
 from cosim.study import batch, workers
-from cosim.study.flight import Flyer
+from cosim.study.study_runner import StudyRunner
 
 STUDY = """
 title = "x follows u"
@@ -43,23 +43,23 @@ def test_studies_are_listed_and_checked(tmp_path: Path) -> None:
     assert {"delay-loss", "delay-margin", "sea-states"} <= {row["name"] for row in rows}
     assert "delay-margin" in cosim("study", "list", cwd=tmp_path).out
     study(tmp_path)
-    told = cosim("study", "check", "follows.toml", "--json", cwd=tmp_path).json
-    assert told["runs"] == 6
-    assert told["first"] == {"u": 0.0, "seed": 1}
+    reported = cosim("study", "check", "follows.toml", "--json", cwd=tmp_path).json
+    assert reported["runs"] == 6
+    assert reported["first"] == {"u": 0.0, "seed": 1}
     assert not (tmp_path / "studies").exists()
     assert "6 runs" in cosim("study", "check", "follows.toml", cwd=tmp_path).out
 
 
-def test_a_study_is_run_resumed_and_shown(tmp_path: Path) -> None:
+def test_a_study_is_run_resumed_and_displayed(tmp_path: Path) -> None:
     """One JSON object each; the second time nothing is flown."""
     study(tmp_path)
     done = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json
-    assert (done["runs"], done["flown"], done["resumed"]) == (6, 6, 0)
+    assert (done["runs"], done["executed"], done["resumed"]) == (6, 6, 0)
     assert done["statuses"] == {"finished": 6}
     again = cosim(
         "study", "run", "follows.toml", "--traces", "worst:1 by x", "--json", cwd=tmp_path
     )
-    assert (again.json["flown"], again.json["resumed"]) == (0, 6)
+    assert (again.json["executed"], again.json["resumed"]) == (0, 6)
     assert list(again.json["traces"]) == ["4"]
     found = cosim("study", "show", "studies/follows", "--json", cwd=tmp_path).json
     assert found["complete"] is True
@@ -104,7 +104,7 @@ def test_bad_usage_is_named(
     assert words in result.error["what"]
 
 
-def test_what_does_not_belong_together_is_said(tmp_path: Path) -> None:
+def test_options_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
     """Options of `show`, an axis that is none, a picture of its own where there is none."""
     study(tmp_path)
     cosim("study", "run", "follows.toml", cwd=tmp_path)
@@ -129,10 +129,10 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on(
     study(tmp_path)
     original = batch.taken
 
-    def interrupted(flyer: Flyer, run: int) -> Any:
+    def interrupted(runner: StudyRunner, run: int) -> Any:
         if run == 4:
             raise KeyboardInterrupt
-        return original(flyer, run)
+        return original(runner, run)
 
     with monkeypatch.context() as patched:
         patched.setattr(batch, "taken", interrupted)
@@ -142,4 +142,4 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on(
     assert stopped.error["hint"] == "the same command goes on"
     part = cosim("study", "show", "studies/follows", cwd=tmp_path)
     assert "4 runs of 6: the study is not finished" in part.out
-    assert cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json["flown"] == 2
+    assert cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json["executed"] == 2

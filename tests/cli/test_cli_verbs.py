@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli.shell import BUILT_IN, cosim, flight, trace_of
+from cli.shell import BUILT_IN, cosim, shared_run, trace_of
 from shared import fmu_store
 
 from cosim.hinf import check_certificate
@@ -31,9 +31,9 @@ def test_the_former_name_of_the_list_is_hidden_and_serves(tmp_path: Path) -> Non
     for options in ([], ["--json"]):
         now = cosim("scenario", "list", *options, cwd=tmp_path)
         assert cosim("scenarios", *options, cwd=tmp_path).out == now.out
-    shown = cosim("--help", cwd=tmp_path).out
-    assert "cosim scenario list" in shown
-    assert not re.search(r"\bscenarios\b", shown.replace("look at scenarios", ""))
+    displayed = cosim("--help", cwd=tmp_path).out
+    assert "cosim scenario list" in displayed
+    assert not re.search(r"\bscenarios\b", displayed.replace("look at scenarios", ""))
 
 
 def test_design_of_the_paper(tmp_path: Path) -> None:
@@ -78,25 +78,25 @@ def test_a_design_of_an_order(tmp_path: Path) -> None:
     assert far["limit_reached"] is True
 
 
-def test_design_of_a_scenario_is_the_one_it_flies_with(tmp_path: Path) -> None:
+def test_design_of_a_scenario_is_the_one_it_runs_with(tmp_path: Path) -> None:
     """The name of a scenario designs what its [design] says: the printed gain, analysed."""
     found = cosim("design", "paper-example", "--json", cwd=tmp_path).json
     assert found["K"] == [[0.6432, -0.5679]]
-    assert found["gamma"] == flight("paper-example").json["metrics"]["gamma"]
+    assert found["gamma"] == shared_run("paper-example").json["metrics"]["gamma"]
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_info_says_what_run_said(name: str, tmp_path: Path) -> None:
+def test_info_agrees_with_the_output_of_run(name: str, tmp_path: Path) -> None:
     """Status, metrics, links and hash in the trace are those that were printed."""
-    ran = flight(name).json
-    told = cosim("trace", "info", trace_of(name), "--json", cwd=tmp_path).json
-    assert told["finished"] is True
-    assert told["complete"] is True
-    assert told["content_hash"] == ran["content_hash"]
-    assert told["result"]["status"] == ran["status"]
-    assert told["result"]["metrics"] == ran["metrics"]
-    assert told["result"]["final"] == ran["final"]
-    assert set(told["links"]) == set(ran["links"])
+    ran = shared_run(name).json
+    reported = cosim("trace", "info", trace_of(name), "--json", cwd=tmp_path).json
+    assert reported["finished"] is True
+    assert reported["complete"] is True
+    assert reported["content_hash"] == ran["content_hash"]
+    assert reported["result"]["status"] == ran["status"]
+    assert reported["result"]["metrics"] == ran["metrics"]
+    assert reported["result"]["final"] == ran["final"]
+    assert set(reported["links"]) == set(ran["links"])
 
 
 def test_people_read_the_same_figures(tmp_path: Path) -> None:
@@ -105,11 +105,11 @@ def test_people_read_the_same_figures(tmp_path: Path) -> None:
     assert seen.code == 0
     assert "uplink" in seen.out
     words = ("run", "paper-example", "--out", "seen.mcap", "--fmus", fmu_store())
-    flown = cosim(*words, cwd=tmp_path)
-    assert flown.code == 0
-    assert "finished" in flown.out
-    assert "not met" in flown.out
-    assert "seen.mcap" in flown.out
+    ran = cosim(*words, cwd=tmp_path)
+    assert ran.code == 0
+    assert "finished" in ran.out
+    assert "not met" in ran.out
+    assert "seen.mcap" in ran.out
 
 
 def test_percentages_in_the_table_of_a_run_are_those_of_the_record(
@@ -117,25 +117,25 @@ def test_percentages_in_the_table_of_a_run_are_those_of_the_record(
 ) -> None:
     """Shares of the run, its envelope and the norm are printed in hundredths."""
 
-    def flown(name: str) -> tuple[str, Any]:
+    def ran(name: str) -> tuple[str, Any]:
         where = ("--flavour", "native", "--fmus", native_fmus.parent, "--out", f"{name}.mcap")
         seen = cosim("run", name, *where, cwd=tmp_path)
         assert seen.code == 0, seen.err
-        told = cosim("trace", "info", f"{name}.mcap", "--json", cwd=tmp_path)
-        return seen.out, told.json["result"]["metrics"]
+        reported = cosim("trace", "info", f"{name}.mcap", "--json", cwd=tmp_path)
+        return seen.out, reported.json["result"]["metrics"]
 
     def percent(text: str, line: str) -> float:
         found = re.search(rf"{line}\D* ([\d.]+) %", text)
         assert found is not None, text
         return float(found[1])
 
-    text, metrics = flown("auv-acoustic-naive")
+    text, metrics = ran("auv-acoustic-naive")
     assert 0.5 < metrics["saturated_fraction"] < 1.0 < max(metrics["envelope_use"].values())
     at_limit = pytest.approx(100 * metrics["saturated_fraction"], abs=0.0501)
     assert percent(text, "time at a limit") == at_limit
     use = pytest.approx(100 * max(metrics["envelope_use"].values()), abs=0.0501)
     assert percent(text, "largest use of envelope") == use
-    text, metrics = flown("paper-worst-case")
+    text, metrics = ran("paper-worst-case")
     reached = pytest.approx(100 * metrics["gain"] / metrics["exact_norm"], abs=0.00501)
     assert percent(text, r"worst case at [\d.]+ rad/s,") == reached
 
@@ -150,14 +150,14 @@ def test_no_verb_prints_help(verb: list[str], tmp_path: Path) -> None:
     assert "Traceback" not in result.out + result.err
 
 
-def test_demo_is_the_two_flights_and_a_picture(tmp_path: Path) -> None:
+def test_demo_is_two_runs_and_a_picture(tmp_path: Path) -> None:
     """The demo flies the same runs as `run` does, and draws them."""
     result = cosim("demo", "--json", "--out", "demo", "--fmus", fmu_store(), cwd=tmp_path)
     assert result.code == 0, result.err
     runs = result.json["runs"]
     hashes = [run["content_hash"] for run in runs.values()]
     assert hashes == [
-        flight(name).json["content_hash"] for name in ("auv-acoustic", "auv-acoustic-naive")
+        shared_run(name).json["content_hash"] for name in ("auv-acoustic", "auv-acoustic-naive")
     ]
     picture = tmp_path / result.json["picture"]
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -42,7 +42,7 @@ def test_error_leaves_with_its_code(
     def fails(*_: object) -> None:
         raise kind("this went wrong")
 
-    monkeypatch.setattr("cosim.cli.fly.answer", fails)
+    monkeypatch.setattr("cosim.cli.run.answer", fails)
     monkeypatch.delenv("COSIM_DEBUG", raising=False)
     result = cosim("scenarios", "--json", cwd=tmp_path)
     assert result.code == code

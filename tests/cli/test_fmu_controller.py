@@ -50,13 +50,13 @@ def pack(folder: Path, *arguments: str | Path) -> Any:
 @pytest.mark.parametrize("name", ["paper", "three", "vehicle"])
 def test_a_design_is_packed_with_its_proof(name: str, folder: Path) -> None:
     """Valid for another tool's eyes; its certificate is the design's, and is proved in place."""
-    said = pack(folder, f"{name}.json")
+    reply = pack(folder, f"{name}.json")
     fmu = folder / f"{name}.fmu"
-    assert said["fmu"] == fmu.name
-    assert said["model"] == name
+    assert reply["fmu"] == fmu.name
+    assert reply["model"] == name
     saved = json.loads((folder / f"{name}.json").read_text())
-    assert said["K"] == saved["K"]
-    assert said["claim"] == saved["claim"]
+    assert reply["K"] == saved["K"]
+    assert reply["claim"] == saved["claim"]
     assert validate_fmu(str(fmu)) == []
     with zipfile.ZipFile(fmu) as archive:
         assert archive.read("resources/certificate.json") == certificate_bytes(saved)
@@ -67,15 +67,15 @@ def test_a_design_is_packed_with_its_proof(name: str, folder: Path) -> None:
     assert "What is certified" in page
     checked = cosim("certificate", "check", fmu, "--json", cwd=folder)
     assert checked.code == 0
-    assert checked.json["sha256"] == said["certificate_sha256"]
+    assert checked.json["sha256"] == reply["certificate_sha256"]
 
 
 def test_the_vehicle_form_is_that_of_the_catalogue(folder: Path) -> None:
     """A design for the vehicle: the variables of HinfController, other limits and sample time."""
-    said = pack(
+    reply = pack(
         folder, "vehicle.json", "-o", "v.fmu", "--limits", "1800,900", "--sample-time", "0.1"
     )
-    assert said["form"] == "vehicle"
+    assert reply["form"] == "vehicle"
     model = read_model_description(str(folder / "v.fmu"))
     start = {v.name: v.start for v in model.modelVariables}
     assert list(start) == [v.name for v in SPEC.variables]
@@ -86,9 +86,9 @@ def test_the_vehicle_form_is_that_of_the_catalogue(folder: Path) -> None:
 
 def test_commands_are_the_gain_times_the_state_within_the_limits(folder: Path) -> None:
     """Three states, two commands, in another tool's hands: u = K x, held within +-0.05 and +-9."""
-    said = pack(folder, "three.json", "--out", "made/held.fmu", "--limits", "0.05,9")
-    assert said["form"] == "system"
-    K = np.array(said["K"])
+    reply = pack(folder, "three.json", "--out", "made/held.fmu", "--limits", "0.05,9")
+    assert reply["form"] == "system"
+    K = np.array(reply["K"])
     assert K.shape == (2, 3)
     x = np.array([0.3, -0.2, 0.7])
     result = simulate_fmu(
@@ -112,14 +112,14 @@ def test_twice_gives_the_same_bytes(folder: Path) -> None:
     assert sorted(p.name for p in (folder / "a").iterdir()) == ["same.fmu"]
 
 
-def test_the_gain_that_flew_is_packed_from_its_trace(folder: Path) -> None:
+def test_the_gain_of_a_run_is_exported_from_its_trace(folder: Path) -> None:
     """A trace carries its certificate: its gain becomes an FMU; so does that of an FMU."""
-    said = pack(folder, trace_of("paper-example"), "-o", "flown.fmu")
-    assert said["K"] == [[0.6432, -0.5679]]
+    reply = pack(folder, trace_of("paper-example"), "-o", "flown.fmu")
+    assert reply["K"] == [[0.6432, -0.5679]]
     run = Trace(trace_of("paper-example")).run
-    assert said["certificate_sha256"] == run["certificate.sha256"]
+    assert reply["certificate_sha256"] == run["certificate.sha256"]
     again = pack(folder, "flown.fmu", "-o", "again.fmu")
-    assert again["certificate_sha256"] == said["certificate_sha256"]
+    assert again["certificate_sha256"] == reply["certificate_sha256"]
     refused = cosim("fmu", "controller", "flown.fmu", "--json", cwd=folder)
     assert refused.code == 2
     assert "would replace" in refused.error["what"]
@@ -151,12 +151,12 @@ k2 = [0.2]
 """
 
 
-def test_it_flies_with_its_own_gain(folder: Path) -> None:
+def test_it_runs_with_its_own_gain(folder: Path) -> None:
     """Nobody sets K: every command is K x of the sample before, K of the design."""
     fmu = Path(pack(folder, "paper.json", "-o", "own.fmu")["fmu"])
     (folder / "own.toml").write_text(SCENARIO.format(fmu=fmu), "utf-8")
-    flown = cosim("run", "own.toml", "--fmus", fmu_store(), "--json", cwd=folder)
-    assert flown.code == 0, flown.err
+    ran = cosim("run", "own.toml", "--fmus", fmu_store(), "--json", cwd=folder)
+    assert ran.code == 0, ran.err
     trace = Trace(folder / "traces" / "own.mcap")
     x, u = trace.read("/controller/input"), trace.read("/controller/output")
     K = json.loads((folder / "paper.json").read_text())["K"][0]
@@ -165,15 +165,15 @@ def test_it_flies_with_its_own_gain(folder: Path) -> None:
     assert np.abs(expected).max() > 0.1
 
 
-def test_reaching_its_limit_is_an_assumption_not_met(folder: Path) -> None:
+def test_a_command_at_its_limit_is_an_assumption_not_met(folder: Path) -> None:
     """A packed limit counts like the vehicle's: the summary names it, and how long it held."""
     pack(folder, "paper.json", "-o", "tight.fmu", "--limits", "0.5")
     K = json.loads((folder / "paper.json").read_text())["K"][0]
     text = SCENARIO.format(fmu="tight.fmu") + DESIGN.format(gain=", ".join(map(repr, K)))
     (folder / "tight.toml").write_text(text, "utf-8")
-    flown = cosim("run", "tight.toml", "--fmus", fmu_store(), "--json", cwd=folder)
-    assert flown.code == 0, flown.err
-    metrics = flown.json["metrics"]
+    ran = cosim("run", "tight.toml", "--fmus", fmu_store(), "--json", cwd=folder)
+    assert ran.code == 0, ran.err
+    metrics = ran.json["metrics"]
     assert metrics["largest_command"] == {"u[1]": 0.5}
     assert metrics["saturated_fraction"] > 0.1
     assert metrics["assumptions"]["limits_not_reached"] is False
@@ -196,8 +196,8 @@ NAMES = {"my-design.v2": "my_design_v2", "2nd": "M_2nd", "class": "M_class", "__
 @pytest.mark.parametrize("stem", NAMES)
 def test_any_file_name_gives_a_model_name(stem: str, folder: Path) -> None:
     """What FMI, C and Python take, made from what the file is called; it loads and steps."""
-    said = pack(folder, "paper.json", "-o", f"{stem}.fmu")
-    assert said["model"] == NAMES[stem]
+    reply = pack(folder, "paper.json", "-o", f"{stem}.fmu")
+    assert reply["model"] == NAMES[stem]
     result = simulate_fmu(str(folder / f"{stem}.fmu"), stop_time=0.02, output_interval=0.01)
     assert len(result) == 3
 
@@ -220,8 +220,8 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "said"), REFUSED, ids=str)
-def test_what_cannot_be_packed_is_refused(arguments: list[str], said: str, folder: Path) -> None:
+@pytest.mark.parametrize(("arguments", "reply"), REFUSED, ids=str)
+def test_what_cannot_be_packed_is_refused(arguments: list[str], reply: str, folder: Path) -> None:
     """Exit 2, in words, and no file."""
     (folder / "text.json").write_text("{", "utf-8")
     (folder / "taken").mkdir(exist_ok=True)
@@ -233,5 +233,5 @@ def test_what_cannot_be_packed_is_refused(arguments: list[str], said: str, folde
     before = set(folder.rglob("*.fmu"))
     result = cosim("fmu", "controller", *arguments, "--json", cwd=folder)
     assert result.code == 2
-    assert said in result.error["what"]
+    assert reply in result.error["what"]
     assert set(folder.rglob("*.fmu")) == before

@@ -145,20 +145,20 @@ def test_the_plant_is_the_solution_of_its_equation(folder: Path, flavour: str) -
 
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
-def test_plant_and_controller_fly_from_their_paths(folder: Path, flavour: str) -> None:
+def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -> None:
     """A scenario names both files: the flight is u = K x, sampled, late, through the equation."""
     K = json.loads((folder / "my-design.json").read_text())["K"]
     name = f"loop-{flavour}"
     (folder / f"{name}.toml").write_text(LOOP.format(flavour=flavour, gain=K), "utf-8")
-    flown = cosim("run", f"{name}.toml", "--json", cwd=folder)
-    assert flown.code == 0, flown.err
-    assert flown.json["metrics"]["assumptions"] == {
+    ran = cosim("run", f"{name}.toml", "--json", cwd=folder)
+    assert ran.code == 0, ran.err
+    assert ran.json["metrics"]["assumptions"] == {
         "certificate_verified": True,
         "message_age_within_design": True,
         "plant_as_designed": True,
     }
     trace = Trace(folder / "traces" / f"{name}.mcap")
-    pushed, x = trace.read("/plant/input"), trace.read("/plant/output")
+    inputs, x = trace.read("/plant/input"), trace.read("/plant/output")
     command, seen = trace.read("/controller/output"), trace.read("/controller/input")
     # sampled at 0, 0.5, ..., commanded from the point after, held over two
     expected = K[0] @ np.array([seen[f"x[{j}]"] for j in (1, 2, 3)])
@@ -166,7 +166,7 @@ def test_plant_and_controller_fly_from_their_paths(folder: Path, flavour: str) -
     np.testing.assert_array_equal(command["u[1]"][2::2], command["u[1]"][1:-1:2])
     # the link's delay and the exchange: what is seen is two points old
     np.testing.assert_array_equal(seen["x[1]"][2:], x["x[1]"][1:-1])
-    u = Hold([0.0, *(0.25 + 0.5 * k for k in range(6))], [0.0, *pushed["u[1]"][1::2]])
+    u = Hold([0.0, *(0.25 + 0.5 * k for k in range(6))], [0.0, *inputs["u[1]"][1::2]])
     exact = truth(u, Hold([0.0], [0.0]), 3.0).sample(x.log_time_ns / 1e9)
     got = np.column_stack([x[f"x[{i}]"] for i in (1, 2, 3)])
     np.testing.assert_allclose(got, exact, atol=1e-6)
@@ -185,9 +185,9 @@ def test_another_plant_is_not_as_designed(folder: Path) -> None:
         text = text.replace("[components.controller]", f"parameters = {{ {parameter} }}\n\\g", 1)
         text = text.replace("\\g", "[components.controller]")
         (folder / f"{name}.toml").write_text(text, "utf-8")
-        flown = cosim("run", f"{name}.toml", "--json", cwd=folder)
-        assert flown.code == 0, flown.err
-        assert flown.json["metrics"]["assumptions"]["plant_as_designed"] is as_designed
+        ran = cosim("run", f"{name}.toml", "--json", cwd=folder)
+        assert ran.code == 0, ran.err
+        assert ran.json["metrics"]["assumptions"]["plant_as_designed"] is as_designed
 
 
 @pytest.mark.parametrize("flavour", EVERY)
@@ -243,10 +243,10 @@ def test_variables_start_with_the_numbers_of_the_file(folder: Path) -> None:
 def test_twice_gives_the_same_bytes(folder: Path, flavour: str) -> None:
     """One system, one name, one file; what is said is what is done."""
     arguments = ("my-system.toml", "--flavour", flavour, "--json", "0,0,0")
-    said = made(folder, "build", *arguments[:1], "-o", "a/same.fmu", *arguments[1:])
+    reply = made(folder, "build", *arguments[:1], "-o", "a/same.fmu", *arguments[1:])
     made(folder, "build", *arguments[:1], "-o", "b/same.fmu", *arguments[1:])
     assert (folder / "a" / "same.fmu").read_bytes() == (folder / "b" / "same.fmu").read_bytes()
-    assert said == {
+    assert reply == {
         "fmu": "a/same.fmu",
         "model": "same",
         "flavour": flavour,
@@ -280,8 +280,8 @@ def test_what_a_system_does_not_have_is_not_there(tmp_path: Path, name: str, fla
     """Sizes of zero, no delays; a solution in closed form: exp, or the method of steps."""
     text, delays = SMALL[name]
     (tmp_path / "s.toml").write_text(f"[system]\n{text}\n", "utf-8")
-    said = made(tmp_path, "build", "s.toml", "--flavour", flavour, "--json", "1")
-    assert list(said["delays"]) == delays
+    reply = made(tmp_path, "build", "s.toml", "--flavour", flavour, "--json", "1")
+    assert list(reply["delays"]) == delays
     names = {v.name for v in read_model_description(str(tmp_path / "s.fmu")).modelVariables}
     assert ("F.amplitude" in names) is (name == "an uncertainty")
     result = simulate_fmu(
@@ -351,10 +351,10 @@ def test_the_names_of_the_built_in_systems_serve(tmp_path: Path) -> None:
 
     listed = [(v.name, float(v.start)) for v in model.modelVariables]
     assert listed == [(v.name, v.start) for v in spec.variables]
-    said = made(tmp_path, "build", "auv", "-o", "v.fmu", "--json", ",".join("0" * 8))
-    assert said["sizes"]["x"] == 8
-    assert list(said["delays"].values()) == [0.5]
-    assert said["feedback_delay"] == 1.25
+    reply = made(tmp_path, "build", "auv", "-o", "v.fmu", "--json", ",".join("0" * 8))
+    assert reply["sizes"]["x"] == 8
+    assert list(reply["delays"].values()) == [0.5]
+    assert reply["feedback_delay"] == 1.25
 
 
 def programs(page: str, language: str) -> list[str]:
@@ -366,25 +366,29 @@ def programs(page: str, language: str) -> list[str]:
 def test_what_the_pages_show_runs(folder: Path) -> None:
     """The FMPy program and the scenario of a user's own plant and controller, as they stand."""
     for name in ("plant", "controller"):  # what the pages call them
-        shown = folder / "shown"
-        shown.mkdir(exist_ok=True)
+        displayed = folder / "shown"
+        displayed.mkdir(exist_ok=True)
         content = (folder / "native" / f"my-{name}.fmu").read_bytes()
-        (shown / f"{name}.fmu").write_bytes(content)
-        (shown / f"my_{name}.fmu").write_bytes(content)
+        (displayed / f"{name}.fmu").write_bytes(content)
+        (displayed / f"my_{name}.fmu").write_bytes(content)
     for name in ("plant", "controller"):
-        with zipfile.ZipFile(shown / f"{name}.fmu") as archive:
+        with zipfile.ZipFile(displayed / f"{name}.fmu") as archive:
             page = archive.read("documentation/index.html").decode()
         (program,) = programs(page, "python")
         done = subprocess.run(  # noqa: S603 - what the page tells people to type
-            [sys.executable, "-c", program], cwd=shown, capture_output=True, text=True, check=False
+            [sys.executable, "-c", program],
+            cwd=displayed,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.split()) == 2
         (scenario,) = programs(page, "toml")
-        (shown / f"{name}.toml").write_text(scenario, "utf-8")
-        flown = cosim("run", f"{name}.toml", "--json", cwd=shown)
-        assert flown.code == 0, flown.err
-        assert flown.json["status"] == "finished"
+        (displayed / f"{name}.toml").write_text(scenario, "utf-8")
+        ran = cosim("run", f"{name}.toml", "--json", cwd=displayed)
+        assert ran.code == 0, ran.err
+        assert ran.json["status"] == "finished"
         assert ("transport" in scenario) is True
 
 
@@ -433,14 +437,14 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "said"), REFUSED, ids=str)
-def test_what_cannot_be_built_is_refused(arguments: list[str], said: str, folder: Path) -> None:
+@pytest.mark.parametrize(("arguments", "reply"), REFUSED, ids=str)
+def test_what_cannot_be_built_is_refused(arguments: list[str], reply: str, folder: Path) -> None:
     """Exit 2, in words, and no file; the system's file stays what it was."""
     (folder / "broken.toml").write_text("[system\n", "utf-8")
     before = set(folder.rglob("*.fmu"))
     result = cosim("fmu", "build", *arguments, "--json", cwd=folder)
     assert result.code == 2
-    assert said in result.error["what"]
+    assert reply in result.error["what"]
     assert set(folder.rglob("*.fmu")) == before
     assert (folder / "my-system.toml").read_text("utf-8") == SYSTEM
 

@@ -43,8 +43,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a reader types: what is flown before is there, and the files that are shown."""
     folder = tmp_path_factory.mktemp("reader")
     copied(fmu_store("python", "native", "native-fmi3"), folder / "fmus")
-    flown = trace_of("auv-acoustic")
-    copied(flown.parent, folder / flown.parent.name)
+    ran = trace_of("auv-acoustic")
+    copied(ran.parent, folder / ran.parent.name)
     for name, text in files().items():
         (folder / name).write_text(text, "utf-8")
     shutil.copy(ROOT / "build_fmu.py", folder)

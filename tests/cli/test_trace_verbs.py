@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from cli.shell import cosim, flight, trace_of
+from cli.shell import cosim, shared_run, trace_of
 from shared import copied
 
 from cosim.trace import Trace
@@ -51,7 +51,7 @@ def test_a_trace_is_identical_to_its_copy(tmp_path: Path) -> None:
     assert result.code == 0
     data = result.json
     assert (data["identical"], data["equal"], data["first"]) == (True, True, None)
-    assert data["content_hash"]["a"] == flight(AWARE).json["content_hash"]
+    assert data["content_hash"]["a"] == shared_run(AWARE).json["content_hash"]
     assert "identical" in cosim("trace", "diff", trace_of(AWARE), "copy.mcap", cwd=tmp_path).out
 
 
@@ -68,7 +68,7 @@ def test_tolerances_decide_the_exit_code(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("--signal", "plant.eta.x"), "not a tolerance"),
         (("--signal", "=1"), "no signal"),
@@ -80,11 +80,11 @@ def test_tolerances_decide_the_exit_code(tmp_path: Path) -> None:
         (("--picture", "a.doc"), "cannot be written"),
     ],
 )
-def test_diff_refuses(tmp_path: Path, arguments: tuple[str, str], said: str) -> None:
+def test_diff_refuses(tmp_path: Path, arguments: tuple[str, str], message: str) -> None:
     words = ("trace", "diff", trace_of(AWARE), trace_of(NAIVE), *arguments, "--json")
     result = cosim(*words, cwd=tmp_path)
     assert result.code == 2
-    assert said in result.error["what"]
+    assert message in result.error["what"]
 
 
 def test_diff_of_what_is_no_trace(tmp_path: Path) -> None:
@@ -101,9 +101,9 @@ def test_export_says_what_it_wrote(tmp_path: Path) -> None:
     assert result.code == 0, result.err
     files = {one["topic"]: one for one in result.json["files"]}
     table = Trace(source).read("/plant/output")
-    told = files["/plant/output"]
-    assert (told["rows"], told["columns"][3:]) == (len(table), list(table.columns))
-    with (tmp_path / told["path"]).open(newline="") as stream:
+    reported = files["/plant/output"]
+    assert (reported["rows"], reported["columns"][3:]) == (len(table), list(table.columns))
+    with (tmp_path / reported["path"]).open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [float(row["x[1]"]) for row in rows] == table["x[1]"].tolist()
     words = ("trace", "export", source, "--to", "parquet", "--signal", "plant.x", "--wide")
@@ -118,7 +118,7 @@ def test_export_says_what_it_wrote(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("--topic", "/nothing"), "there is no topic"),
         (("--signal", "nothing"), "there is no signal"),
@@ -126,11 +126,11 @@ def test_export_says_what_it_wrote(tmp_path: Path) -> None:
         (("--to", "xls"), "xls"),
     ],
 )
-def test_export_refuses(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
+def test_export_refuses(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     words = ("trace", "export", trace_of("paper-example"), *arguments, "--json")
     result = cosim(*words, cwd=tmp_path)
     assert result.code == 2
-    assert said in result.error["what"]
+    assert message in result.error["what"]
 
 
 @pytest.mark.parametrize("verb", ["diff", "export", "inject"])

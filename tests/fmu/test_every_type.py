@@ -204,7 +204,7 @@ def test_ports_of_fmi3(described: FmuDescription) -> None:
     assert not described.can_interpolate_inputs
 
 
-def test_what_cannot_be_exchanged_is_said(described: FmuDescription) -> None:
+def test_what_cannot_be_exchanged_is_reported(described: FmuDescription) -> None:
     """Binary and Clock variables; an unknown name with the nearest."""
     with started(described) as slave:
         for name in ("blob", "clock"):
@@ -214,7 +214,7 @@ def test_what_cannot_be_exchanged_is_said(described: FmuDescription) -> None:
             slave.read(["Float64.oot"])
 
 
-def test_start_value_that_is_not_taken_is_said(described: FmuDescription) -> None:
+def test_start_value_that_is_not_taken_is_reported(described: FmuDescription) -> None:
     """An exact start is what the run begins with, or bad input."""
     with started(described, x=6.5) as slave:
         assert slave.read(["x"]) == {"x": 6.5}

@@ -18,7 +18,7 @@ from macholib.ptypes import Structure, p_uint32
 from cosim.fmu import component_module
 from cosim.fmu.export.model_description import fmi2_xml
 from cosim.fmu.inspect import inspect_fmu, macho
-from cosim.fmu.inspect.functions import functions
+from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.library import Binary, read_binary
 from cosim.fmu.inspect.platforms import Platform, named_by_tuple, this_libc, this_machine
 
@@ -91,10 +91,10 @@ def test_exports_of_a_new_mach_o_library_are_read_off_its_trie(
 
 
 @pytest.mark.parametrize(
-    ("slip", "said"), [(None, "TypeError"), ({}.__getitem__, "KeyError")], ids=["type", "key"]
+    ("slip", "symbols"), [(None, "TypeError"), ({}.__getitem__, "KeyError")], ids=["type", "key"]
 )
 def test_a_mistake_of_a_reader_is_no_fault_of_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slip: Any, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slip: Any, symbols: str
 ) -> None:
     """It is told as what it is, as a warning; a cut file is damaged all the same."""
     files = described(FMI3, "documentation/index.html")
@@ -105,7 +105,7 @@ def test_a_mistake_of_a_reader_is_no_fault_of_the_file(
     found = {f.code: f for f in inspect_fmu(pack(files, tmp_path / "New.fmu")).findings}
     assert found["binary-unread"].level == "warning"
     assert found["binary-unread"].where == "binaries/x86_64-darwin/New.dylib"
-    assert found["binary-unread"].what.startswith(said)
+    assert found["binary-unread"].what.startswith(symbols)
     assert found["binary-damaged"].where == "binaries/aarch64-darwin/New.dylib"
 
 
@@ -129,7 +129,7 @@ def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
     )
     path = compiled(tmp_path, source, "small", "-lm")
 
-    def said(option: str) -> set[str]:
+    def symbols(option: str) -> set[str]:
         line = [nm, "-D", option, "--format=posix", str(path)]
         done = subprocess.run(line, check=True, capture_output=True, text=True)  # noqa: S603 - nm
         rows = [row.split() for row in done.stdout.splitlines()]
@@ -137,8 +137,8 @@ def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
 
     (image,) = read(path).images
     assert {"f", "h"} <= image.exports
-    assert image.exports == said("--defined-only")
-    assert image.imports == said("--undefined-only")
+    assert image.exports == symbols("--defined-only")
+    assert image.imports == symbols("--undefined-only")
     assert image.libraries == ("libm.so.6", "libc.so.6")
 
 
@@ -172,14 +172,14 @@ def test_missing_functions_are_named(tmp_path: Path) -> None:
     assert found["function-optional"] == ["1 functions are not exported: fmi2CancelStep"]
 
 
-def test_python_symbols_without_a_python_are_told(tmp_path: Path) -> None:
+def test_python_symbols_without_a_python_are_reported(tmp_path: Path) -> None:
     """The cause of `undefined symbol: _Py_NoneStruct` in tools without Python."""
     source = EMPTY + "extern int _Py_NoneStruct; int *take(void) { return &_Py_NoneStruct; }"
     found = packed(tmp_path, compiled(tmp_path, source, "py"))
     assert found["needs-python"] == ["it takes 1 functions from a Python interpreter"]
 
 
-def test_a_library_beside_must_be_reachable(tmp_path: Path) -> None:
+def test_a_library_beside_must_be_on_the_search_path(tmp_path: Path) -> None:
     """Absent, packed but not found, packed and found by $ORIGIN, an absolute path."""
     helper = compiled(tmp_path, "int help(void) { return 1; }", "libhelp")
     source = EMPTY + "int help(void); int use(void) { return help(); }"

@@ -494,7 +494,7 @@ def test_what_is_no_fmu_is_an_input_error(tmp_path: Path, content: bytes) -> Non
         inspect_fmu(path)
 
 
-def test_an_fmu_packed_with_its_folder_is_told_so(fmus: Path, tmp_path: Path) -> None:
+def test_an_fmu_packed_with_its_folder_is_reported(fmus: Path, tmp_path: Path) -> None:
     """The usual mistake: the folder was packed, not its content."""
     files = {f"WaveField/{n}": c for n, c in files_of(fmus / "WaveField.fmu").items()}
     with pytest.raises(InputError, match="packed from the wrong folder"):

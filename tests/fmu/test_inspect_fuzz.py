@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from cosim.core.errors import InputError
 from cosim.fmu.inspect import inspect_fmu
-from cosim.fmu.inspect.facts import facts
+from cosim.fmu.inspect.inspection_facts import fmu_facts
 from cosim.fmu.inspect.library import read_binary
 
 CONTAINER = Path(fmpy.__file__).parent / "container_fmu" / "binaries"
@@ -45,7 +45,7 @@ def answered(path: Path) -> None:
     except InputError:
         return
     assert report.valid == (not any(f.level == "error" for f in report.findings))
-    assert facts(report)["bytes"] == path.stat().st_size
+    assert fmu_facts(report)["bytes"] == path.stat().st_size
 
 
 @SLOW

@@ -10,7 +10,7 @@ from fmu.packed import compiled, files_of, pack, with_file
 
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.inspect import Finding, inspect_fmu
-from cosim.fmu.inspect.functions import functions
+from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.platforms import FMI2, this_machine
 from cosim.fmu.inspect.run import run_findings
 
@@ -160,7 +160,7 @@ __attribute__((constructor)) static void hello(void) {{ fclose(fopen("{mark}", "
     assert mark.exists()
 
 
-def test_messages_of_the_fmu_are_told_with_their_numbers(tmp_path: Path) -> None:
+def test_messages_of_the_fmu_are_reported_with_their_numbers(tmp_path: Path) -> None:
     """The FMU's printf-like message, formatted, with its status."""
     logged = [f for f in run(tiny(tmp_path, "INIT")) if f.code == "run-log"]
     assert [(f.level, f.what) for f in logged] == [("warning", "error: p = 2 is too small")]

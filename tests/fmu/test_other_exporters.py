@@ -62,9 +62,9 @@ def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
         with pytest.raises(ComponentError, match=r"step from t = 0\.5 s returned fmi2Discard"):
             slave.step(0.5, 0.25)
         assert not slave.asked_to_end()
-    departure, *said = log.lines
+    departure, *messages = log.lines
     assert departure == ("warning", f"modelDescription.xml: {described.departures[0]}", "")
-    assert said == [("info", "100 %s %d %n %s%s", "logAll")] * 3
+    assert messages == [("info", "100 %s %d %n %s%s", "logAll")] * 3
 
 
 def test_slave_that_does_not_pass_its_environment_on(tmp_path: Path) -> None:

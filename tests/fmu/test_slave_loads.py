@@ -49,7 +49,7 @@ def _no_code(files: Files) -> None:
         (_no_code, "talker_fmi2", None),
     ],
 )
-def test_library_that_does_not_load_is_said(
+def test_library_that_does_not_load_is_reported(
     intact: Path, tmp_path: Path, damage: Callable[[Files], None], got: str, hint: str | None
 ) -> None:
     """None for this machine, one of another name, none at all, one that is no library."""
@@ -63,7 +63,7 @@ def test_library_that_does_not_load_is_said(
     assert hint is None or hint in str(caught.value.hint)
 
 
-def test_damaged_content_is_said(intact: Path, tmp_path: Path) -> None:
+def test_damaged_content_is_reported(intact: Path, tmp_path: Path) -> None:
     """An archive whose description can be read, but not the rest."""
     content = bytearray(intact.read_bytes())
     place = content.rindex(b"everything is lost")
@@ -74,7 +74,7 @@ def test_damaged_content_is_said(intact: Path, tmp_path: Path) -> None:
         FmuSlave(describe_fmu(path), "it", silent)
 
 
-def test_fmu_that_changed_since_it_was_read_is_said(intact: Path, tmp_path: Path) -> None:
+def test_fmu_that_changed_since_it_was_read_is_reported(intact: Path, tmp_path: Path) -> None:
     """What runs is what was described; a file that is gone is said too."""
     path = tmp_path / "x.fmu"
     files = files_of(intact)
@@ -106,7 +106,7 @@ def test_refusal_to_be_instantiated_names_the_tool(intact: Path, tmp_path: Path)
     assert caught.value.hint == "it needs a program to run in, made by: A tool"
 
 
-def test_library_without_the_functions_is_said(tmp_path: Path) -> None:
+def test_library_without_the_functions_is_reported(tmp_path: Path) -> None:
     """One that lacks even those that every slave needs."""
     path = c_fmu("every_fmi3.c", every(), tmp_path, text="int nothing;\n")
     with pytest.raises(ComponentError, match="lacks a function") as caught:

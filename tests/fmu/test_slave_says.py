@@ -45,7 +45,7 @@ def test_messages_of_fmi2_arrive_put_together(fmi2: FmuDescription) -> None:
     ]
 
 
-def test_messages_reach_the_log_of_their_own_instance(
+def test_messages_go_to_the_log_of_their_own_instance(
     fmi2: FmuDescription, fmi3: FmuDescription
 ) -> None:
     """Several instances, also of one name, each with its own log; none after the end."""
@@ -69,7 +69,7 @@ def test_messages_reach_the_log_of_their_own_instance(
     ]
 
 
-def test_log_categories_restrict_what_is_said(fmi2: FmuDescription, fmi3: FmuDescription) -> None:
+def test_log_categories_restrict_what_is_logged(fmi2: FmuDescription, fmi3: FmuDescription) -> None:
     """The FMU is told, and what it says all the same is left out, but nothing that is wrong."""
     log = Log()
     with FmuSlave(fmi2, "it", log, categories=["logStep"]) as slave:
@@ -105,11 +105,11 @@ def test_slave_of_fmi2_asks_for_the_end(fmi2: FmuDescription, mode: int, *, asks
 
 
 @pytest.mark.parametrize(
-    ("mode", "status", "said"),
+    ("mode", "status", "expected"),
     [(2, "Discard", None), (3, "Fatal", "lost"), (4, "Discard", "broke")],
 )
 def test_slave_of_fmi2_fails(
-    fmi2: FmuDescription, mode: int, status: str, said: str | None
+    fmi2: FmuDescription, mode: int, status: str, expected: str | None
 ) -> None:
     """By Discard without asking for the end, by an error, by Fatal: nothing is called then."""
     log = Log()
@@ -124,7 +124,7 @@ def test_slave_of_fmi2_fails(
         assert (
             f"component 'it' (talker_fmi2.fmu): step from t = 0.75 s returned fmi2{status}" in text
         )
-        assert said is None or said in str(caught.value.got)
+        assert expected is None or expected in str(caught.value.got)
         with pytest.raises(ComponentError, match="fmi2DoStep is called after the end"):
             slave.step(0.75, 0.25)
         if status == "Fatal":

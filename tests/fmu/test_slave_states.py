@@ -16,7 +16,7 @@ def silent(_level: str, _message: str, _category: str) -> None:
     """Hear nothing."""
 
 
-def flown(slave: FmuSlave, first: int, last: int) -> list[dict[str, float]]:
+def outputs_of_steps(slave: FmuSlave, first: int, last: int) -> list[dict[str, float]]:
     """Outputs of the steps first to last - 1, with inputs that move."""
     ports = slave.description.ports.values()
     inputs = [p.name for p in ports if p.causality == "input"]
@@ -39,23 +39,23 @@ def test_restored_slave_goes_on_bit_for_bit(
     with FmuSlave(described, "one", silent) as one, FmuSlave(described, "two", silent) as two:
         one.initialise({}, 0.0, 10.0)
         two.initialise({}, 0.0, 10.0)
-        flown(one, 0, 20)
+        outputs_of_steps(one, 0, 20)
         state = one.snapshot()
-        content = one.serialised(state)
-        onward = flown(one, 20, 40)
+        content = one.serialise(state)
+        onward = outputs_of_steps(one, 20, 40)
         one.restore(state)
-        assert flown(one, 20, 40) == onward
+        assert outputs_of_steps(one, 20, 40) == onward
         one.free(state)
         one.free(state)
         two.restore(two.deserialise(content))
-        assert flown(two, 20, 40) == onward
+        assert outputs_of_steps(two, 20, 40) == onward
         with pytest.raises(InputError, match="a state that was freed"):
             one.restore(state)
         with pytest.raises(InputError, match="a state of another slave"):
             one.restore(two.snapshot())
 
 
-def test_slave_is_told_that_there_is_a_way_back(tmp_path: Path) -> None:
+def test_slave_is_informed_that_a_state_may_be_restored(tmp_path: Path) -> None:
     """As long as a state is kept; what is kept to the end is freed then."""
     lines = []
     described = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
@@ -95,7 +95,9 @@ def test_state_of_a_phase_brings_the_phase_back(tmp_path: Path) -> None:
         ('canGetAndSetFMUstate="true"', "canSerializeFMUstate"),
     ],
 )
-def test_fmu_that_cannot_go_back_is_said(tmp_path: Path, flags: str, capability: str) -> None:
+def test_fmu_that_cannot_restore_a_state_is_reported(
+    tmp_path: Path, flags: str, capability: str
+) -> None:
     """With its name and the capability that is missing."""
     described = describe_fmu(c_fmu("talker_fmi2.c", talker(flags=flags), tmp_path))
     with FmuSlave(described, "it", silent) as slave:

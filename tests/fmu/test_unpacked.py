@@ -13,7 +13,7 @@ import pytest
 from foreign.c_fmu import c_fmu, talker
 
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
-from cosim.fmu.unpacked import PREFIX, leave, unpacked
+from cosim.fmu.unpacking import PREFIX, remove_unpacked, unpack_fmu
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A place of its own for what processes unpack."""
     folder = tmp_path / "scratch"
     folder.mkdir()
-    leave()
+    remove_unpacked()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     return folder
 
@@ -42,13 +42,13 @@ def test_instances_share_what_is_unpacked(described: FmuDescription, scratch: Pa
         (room,) = scratch.iterdir()
         assert room.name.startswith(f"{PREFIX}{os.getpid()}-")
         assert [p.name for p in room.iterdir() if p.is_dir()] == [described.sha256]
-    folder = unpacked(described)
+    folder = unpack_fmu(described)
     assert (folder / "resources").is_dir()
-    leave()
+    remove_unpacked()
     assert list(scratch.iterdir()) == []
-    assert unpacked(described).parent != folder.parent
+    assert unpack_fmu(described).parent != folder.parent
     assert (folder.parent / described.sha256).is_dir() is False
-    leave()
+    remove_unpacked()
 
 
 _CODE = """
@@ -81,12 +81,12 @@ def other_process(described: FmuDescription, scratch: Path, what: str) -> subpro
 def test_what_a_process_unpacked_goes_with_it(described: FmuDescription, scratch: Path) -> None:
     """At its end, by a signal that it handles; after it was killed, at the next one's start."""
     ended = other_process(described, scratch, "ends")
-    told = other_process(described, scratch, "waits")
+    handling = other_process(described, scratch, "waits")
     killed = other_process(described, scratch, "waits")
     assert len(list(scratch.iterdir())) == 3
     ended.communicate(b"")
-    told.send_signal(signal.SIGTERM)
-    told.communicate()
+    handling.send_signal(signal.SIGTERM)
+    handling.communicate()
     killed.kill()
     killed.communicate()
     (left,) = scratch.iterdir()
@@ -94,10 +94,10 @@ def test_what_a_process_unpacked_goes_with_it(described: FmuDescription, scratch
     living = other_process(described, scratch, "ends")
     (room,) = scratch.iterdir()
     assert room.name.startswith(f"{PREFIX}{living.pid}-")
-    unpacked(described)  # sweeps, and leaves alone what is in use
+    unpack_fmu(described)  # sweeps, and leaves alone what is in use
     assert {p.name.split("-")[2] for p in scratch.iterdir()} == {str(living.pid), str(os.getpid())}
     living.communicate(b"")
-    leave()
+    remove_unpacked()
     assert list(scratch.iterdir()) == []
 
 
@@ -105,7 +105,7 @@ _FORK = """
 import os, sys
 from pathlib import Path
 from cosim.fmu import describe_fmu
-from cosim.fmu.unpacked import leave, unpacked
+from cosim.fmu.unpacking import leave, unpacked
 described = describe_fmu(Path(sys.argv[1]))
 folder = unpacked(described)
 child = os.fork()

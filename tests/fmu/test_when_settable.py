@@ -15,7 +15,7 @@ from packed import XML, pack
 from cosim.core.errors import InputError
 from cosim.fmu import FmuSlave, describe_fmu
 from cosim.fmu.phase import Phase, may_be_set
-from cosim.master import Component, Session, System, make_timetable
+from cosim.master import Component, Session, System, make_schedule
 from cosim.trace import Trace
 
 PHASES: tuple[Phase, ...] = ("instantiated", "initialising", "stepping", "failed", "closed")
@@ -130,8 +130,8 @@ def test_calculated_parameter_with_an_approximate_start_is_set(tmp_path: Path) -
 def test_session_sets_what_may_be_set_at_points(tmp_path: Path) -> None:
     """Tunable parameters and free inputs take effect; all else is refused and changes nothing."""
     fmu = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
-    timetable = make_timetable({}, 5 * 10**8, 2 * 10**9, "align")
-    system = System({"it": Component(fmu)}, [], {}, {}, timetable, 1e9)
+    comm_schedule = make_schedule({}, 5 * 10**8, 2 * 10**9, "align")
+    system = System({"it": Component(fmu)}, [], {}, {}, comm_schedule, 1e9)
     refused = (("end_at", 1.0), ("n", 3), ("x", 1.0), ("seven", 7.0), ("Int8.out", 1))
     with Session(system) as session:
         for _ in range(2):

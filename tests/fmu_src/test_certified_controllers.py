@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.export.certified import certified_section
+from cosim.fmu.export.certificate_section import certified_section
 from cosim.hinf import (
     certificate_bytes,
     characteristic_roots,
@@ -24,7 +24,7 @@ from cosim.hinf import (
 from cosim.hinf.system_json import system_from_json
 from cosim.models.paper_example import PRINTED_K
 
-CARRIERS = {"HinfController": "auv", "PaperController": "paper"}
+CONTROLLERS = {"HinfController": "auv", "PaperController": "paper"}
 
 
 def certificate_of(name: str) -> bytes:
@@ -33,7 +33,7 @@ def certificate_of(name: str) -> bytes:
     return certificate
 
 
-@pytest.mark.parametrize("name", CARRIERS)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_proof_holds(name: str) -> None:
     """Checked again from its bytes: rational arithmetic, no solver."""
     data = json.loads(certificate_of(name))
@@ -41,7 +41,7 @@ def test_the_proof_holds(name: str) -> None:
     assert certificate_of(name) == certificate_bytes(data)  # one certificate, one SHA-256
 
 
-@pytest.mark.parametrize("name", CARRIERS)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_start_values_are_the_gain_of_the_proof(name: str) -> None:
     """K[i,j] of the specification, double by double."""
     K = json.loads(certificate_of(name))["K"]
@@ -49,11 +49,11 @@ def test_the_start_values_are_the_gain_of_the_proof(name: str) -> None:
     assert starts == {f"K[{i},{j}]": v for i, row in enumerate(K, 1) for j, v in enumerate(row, 1)}
 
 
-@pytest.mark.parametrize("name", CARRIERS)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_it_is_about_the_built_in_system(name: str) -> None:
     """Every matrix and delay, to the last digits that libraries may differ in."""
     proved = system_from_json(json.loads(certificate_of(name))["system"])
-    own = system_by_name(CARRIERS[name]).system
+    own = system_by_name(CONTROLLERS[name]).system
     for letter in ("A", "B", "C", "D", "D1", "D2", "E", "H"):
         np.testing.assert_allclose(
             getattr(proved, letter), getattr(own, letter), rtol=1e-12, atol=0, err_msg=letter
@@ -64,11 +64,11 @@ def test_it_is_about_the_built_in_system(name: str) -> None:
         np.testing.assert_array_equal(mine.H, theirs.H)
 
 
-@pytest.mark.parametrize("name", CARRIERS)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_the_exact_norm_lies_below_gamma(name: str) -> None:
     """By means that do not know the inequality: roots to the left, norm of the nominal loop."""
     data = json.loads(certificate_of(name))
-    loop = close(system_by_name(CARRIERS[name]).system, data["K"])
+    loop = close(system_by_name(CONTROLLERS[name]).system, data["K"])
     norm = hinf_norm(loop)
     p, q = map(int, data["claim"]["gamma"].split("/"))
     assert norm is not None
@@ -83,25 +83,25 @@ def test_the_paper_controller_has_the_printed_gain() -> None:
     assert eval(data["claim"]["gamma"]) == pytest.approx(5.0455, abs=1e-4)  # noqa: S307 - p/q
 
 
-@pytest.mark.parametrize("name", CARRIERS)
-def test_the_fmu_carries_it_and_its_page_says_so(fmus: Path, name: str) -> None:
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_the_fmu_contains_it_and_its_page_says_so(fmus: Path, name: str) -> None:
     """resources/certificate.json byte by byte; gamma, delays, hash and what voids it in words."""
     with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
-        carried = archive.read("resources/certificate.json")
+        embedded = archive.read("resources/certificate.json")
         page = archive.read("documentation/index.html").decode()
-    assert carried == certificate_of(name)
-    claim = json.loads(carried)["claim"]
+    assert embedded == certificate_of(name)
+    claim = json.loads(embedded)["claim"]
     p, q = map(int, claim["gamma"].split("/"))
     assert f"gamma = {p / q!r}" in page
     for delay in claim["delays"]:
         assert f"d = {delay['d']:g} s, age {delay['age']}" in page
-    assert hashlib.sha256(carried).hexdigest() in page
+    assert hashlib.sha256(embedded).hexdigest() in page
     assert "Any other K voids this" in page
     assert ("feedback without any delay" in page) == (name == "PaperController")
 
 
-@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - set(CARRIERS)))
-def test_nothing_else_carries_one(fmus: Path, name: str) -> None:
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - set(CONTROLLERS)))
+def test_nothing_else_contains_one(fmus: Path, name: str) -> None:
     """A plant or a sea claims nothing."""
     with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
         assert "resources/certificate.json" not in archive.namelist()

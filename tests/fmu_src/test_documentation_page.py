@@ -83,8 +83,8 @@ def test_every_start_value_can_be_read_off_exactly(name: str) -> None:
         else:
             row = page[page.index(f"<code>{v.name}</code></td>") :]
             cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
-            shown = float(cells[1].replace("−", "-"))
-            assert shown == pytest.approx(v.start, rel=5e-6, abs=0)
+            printed = float(cells[1].replace("−", "-"))
+            assert printed == pytest.approx(v.start, rel=5e-6, abs=0)
             assert (cells[0] != "–") == (v.unit is not None)
 
 
@@ -106,14 +106,14 @@ def test_the_fmpy_program_runs(name: str, native_fmus: Path) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_scenario_flies(name: str, fmus: Path, tmp_path: Path) -> None:
+def test_the_scenario_runs(name: str, fmus: Path, tmp_path: Path) -> None:
     """As it stands but for a second of it, with the built-in FMUs that it names."""
     (scenario,) = programs(page_of(name), "toml")
     short = re.sub(r"end = [\d.]+", "end = 1.0", scenario)
     (tmp_path / "my-scenario.toml").write_text(short, "utf-8")
-    flown = cosim("run", "my-scenario.toml", "--fmus", fmus.parent, "--json", cwd=tmp_path)
-    assert flown.code == 0, flown.err
-    assert flown.json["status"] == "finished"
+    run = cosim("run", "my-scenario.toml", "--fmus", fmus.parent, "--json", cwd=tmp_path)
+    assert run.code == 0, run.err
+    assert run.json["status"] == "finished"
 
 
 def test_the_page_is_in_every_flavour(fmus: Path, native_fmus: Path) -> None:

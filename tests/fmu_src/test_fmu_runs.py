@@ -63,7 +63,7 @@ def test_declared_starts_are_the_initial_outputs(fmus: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("h", [0.5, 0.125, 0.07])
-def test_vehicle_with_held_forces_against_the_reference(fmus: Path, h: float) -> None:
+def test_vehicle_with_zero_order_hold_forces_against_the_reference(fmus: Path, h: float) -> None:
     """AuvPlant under stepwise forces and accelerations is the delay equation's solution."""
     end = 2.8
     count = round(end / h + 0.499)

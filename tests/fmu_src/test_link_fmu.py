@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from link_flights import INITIAL, Channel, build, expected, signal
+from link_runs import INITIAL, Channel, build, expected, signal
 
 from cosim.core.errors import InputError
 from cosim.fmu import component_module
@@ -20,7 +20,7 @@ from cosim.network import (
 )
 from cosim.scenario.ssp.link_fmu import link_spec, packet_parameters
 
-Lane = component_module("link_channel.variables").Lane
+LinkSignal = component_module("link_channel.variables").LinkSignal
 
 MS = 1_000_000
 STEP = 50 * MS
@@ -144,7 +144,7 @@ def test_steps_that_are_added_up_do_not_shift_a_message(channel: Path) -> None:
 
 def test_message_that_arrives_where_it_was_sent_is_one_step_late(channel: Path) -> None:
     link = PacketLink("uplink", STEP)
-    _, warnings = link_spec("Channel", link, [Lane()], STEP)
+    _, warnings = link_spec("Channel", link, [LinkSignal()], STEP)
     assert len(warnings) == 1
     assert "'uplink'" in warnings[0]
     with Channel(channel) as raw:
@@ -178,7 +178,7 @@ def test_transport_link_fmu_reads_the_past(tmp_path: Path, delay_ns: int) -> Non
     values = (1 - weight[:, None]) * sent[index] + weight[:, None] * np.append(sent, sent[-1:], 0)[
         index + 1
     ]
-    _, warnings = link_spec("Channel", link, [Lane()], STEP)
+    _, warnings = link_spec("Channel", link, [LinkSignal()], STEP)
     assert bool(warnings) == (delay_ns < STEP)
     with Channel(build(link, tmp_path, STEP)) as raw:
         rows = raw.begin().run(STEP, 0, 200)
@@ -192,7 +192,7 @@ def test_transport_link_fmu_reads_the_past(tmp_path: Path, delay_ns: int) -> Non
 
 
 @pytest.mark.parametrize(
-    ("parameters", "said"),
+    ("parameters", "expected"),
     [
         ({"data_rate": 10.5, "frame_size": 1.0}, "whole numbers"),
         ({"data_rate": 10.0}, "both or neither"),
@@ -206,12 +206,12 @@ def test_transport_link_fmu_reads_the_past(tmp_path: Path, delay_ns: int) -> Non
     ],
 )
 def test_parameters_without_a_meaning_are_refused(
-    channel: Path, parameters: dict[str, float], said: str
+    channel: Path, parameters: dict[str, float], expected: str
 ) -> None:
     with Channel(channel) as raw:
         with pytest.raises(Exception, match=r"failed with status 3"):
             raw.begin(parameters)
-        assert said in raw.messages
+        assert expected in raw.messages
 
 
 def test_far_too_many_messages_discard_the_step(channel: Path) -> None:
@@ -230,4 +230,4 @@ def test_link_that_no_fmu_can_be_is_refused_by_name() -> None:
         PacketLink("up", MS, delay_ns=MS, seed=2**40),
     ):
         with pytest.raises(InputError, match="'up'"):
-            link_spec("Up", link, [Lane()], MS)
+            link_spec("Up", link, [LinkSignal()], MS)

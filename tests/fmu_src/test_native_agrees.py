@@ -16,7 +16,7 @@ from raw_fmu import RawFmu
 from truth.dde import Hold, solve
 
 from cosim.fmu.export.catalogue import CATALOGUE
-from cosim.fmu.export.native.model import behaviour_of
+from cosim.fmu.export.native.c_model import behaviour_of
 from cosim.fmu.export.native.package import build_native_fmu
 from cosim.fmu.export.spec import ComponentSpec
 
@@ -63,9 +63,9 @@ def differing(
         raw.initialise(reals)
         outputs = raw.outputs()
         for k, h in enumerate(sizes):
-            pushed = {port: moving(port, k) for port in ports}
-            v.update(pushed)
-            raw.put(pushed)
+            values = {port: moving(port, k) for port in ports}
+            v.update(values)
+            raw.put(values)
             behaviour.advance(v, t + h)
             raw.step(t, h)
             t += h

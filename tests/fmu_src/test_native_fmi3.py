@@ -199,9 +199,9 @@ def test_event_mode_and_other_types_give_no_instance(native_fmus_of_fmi3: Path) 
     with RawFmu3(native_fmus_of_fmi3 / "WaveField.fmu") as raw:
         kept = raw.fmu.component
         name, token = b"it", raw.model.guid.encode()
-        shown, logging = ctypes.c_bool(), ctypes.c_bool()
+        visible, logging = ctypes.c_bool(), ctypes.c_bool()
         assert not raw.fmu.fmi3InstantiateModelExchange(
-            name, token, None, shown, logging, None, raw.callback
+            name, token, None, visible, logging, None, raw.callback
         )
         assert "this FMU is for co-simulation" in raw.messages
         with pytest.raises(Exception, match=r"instantiate|NULL|None"):

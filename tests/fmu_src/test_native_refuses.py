@@ -236,11 +236,11 @@ def test_step_that_cannot_be_computed_is_discarded_and_undone(
         raw.initialise(own)
         saved = raw.saved()
         raw.put({"u[1]": 50.0})
-        pushed = raw.saved()
+        changed = raw.saved()
         assert attempt(raw.step, 0.0, 1.0) == DISCARD
         assert message in raw.messages
         assert raw.logged[-1][0] == DISCARD
-        assert raw.saved() == pushed
+        assert raw.saved() == changed
         value = ctypes.c_double()
         kind = fmi2.fmi2LastSuccessfulTime
         assert raw.fmu.fmi2GetRealStatus(raw.fmu.component, kind, ctypes.byref(value)) == 0
@@ -319,7 +319,7 @@ def test_instance_of_something_else_is_refused(native_fmus: Path, wrong: str) ->
         assert reason[wrong] in raw.messages
 
 
-def test_log_categories_choose_what_is_told(native_fmus: Path) -> None:
+def test_log_categories_choose_what_is_logged(native_fmus: Path) -> None:
     """All, one, none; switched by name."""
     with fresh(native_fmus) as raw:
         for on, categories, heard in (

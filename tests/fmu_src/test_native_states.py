@@ -79,7 +79,7 @@ def test_states_replace_each_other(native_fmus: Path) -> None:
             assert raw.saved() == long
 
 
-def test_history_that_no_delay_reaches_is_forgotten(native_fmus: Path) -> None:
+def test_history_older_than_every_delay_is_dropped(native_fmus: Path) -> None:
     """The state of a long run is as large as that of a short one."""
     with started(native_fmus, "AuvPlant") as raw:
         drive(raw, "AuvPlant", 0, 30)

@@ -40,12 +40,12 @@ def sampled_at(sample_time: str, step: str, count: int, first: int = 0) -> list[
 def expected(sample_time: str, step: str, count: int, first: int = 0) -> list[float]:
     """Do the same in exact arithmetic: a sample at m T lies in the step [k h, k h + h)."""
     T, h = Fraction(sample_time), Fraction(step)
-    seen, held, done = [], 0.0, 0
+    seen, last, done = [], 0.0, 0
     for k in range(first, first + count):
         due = ceil(h * (k + 1 - first) / T)  # instants before the end of this step
         if due > done:
-            held, done = float(k), due
-        seen.append(held)
+            last, done = float(k), due
+        seen.append(last)
     return seen
 
 

@@ -19,7 +19,7 @@ import flint
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre, Polynomial
-from solved import Array, benchmark, random_system
+from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
@@ -146,19 +146,19 @@ def test_the_certified_delay_climbs_and_stays_below_the_truth(order: int) -> Non
     found = certified_delay(benchmark(1.0), order=order)
     ladder = (4.472, 6.059, 6.1689, 6.1725, 6.1725, 6.1725)
     assert found.d is not None
-    assert found.not_beyond is not None
-    assert ladder[order] <= found.d < min(found.not_beyond, EXACT_BOUND)
-    assert found.not_beyond - found.d < 1e-5 * found.d
+    assert found.not_certified_at is not None
+    assert ladder[order] <= found.d < min(found.not_certified_at, EXACT_BOUND)
+    assert found.not_certified_at - found.d < 1e-5 * found.d
     assert not found.limit_reached
-    assert found.analysis.up_to or order > 3
+    assert found.analysis.covers_smaller_delays or order > 3
     assert check_certificate(found.analysis.certificate).valid
 
 
-def test_a_loop_that_bears_every_delay_reaches_the_limit() -> None:
+def test_a_loop_stable_for_every_delay_stops_at_the_limit() -> None:
     """The printed loop is stable for every delay, at gamma 6 as well: the search says so."""
     for gamma in (None, 6.0):
         found = certified_delay(paper_example.system(), PRINTED, gamma, limit=50.0)
-        assert (found.d, found.limit_reached, found.not_beyond) == (50.0, True, None)
+        assert (found.d, found.limit_reached, found.not_certified_at) == (50.0, True, None)
         assert check_certificate(found.analysis.certificate).valid
 
 
@@ -186,10 +186,10 @@ def test_a_loop_that_needs_its_delay() -> None:
     assert analyse(system, order=2).certified
     found = certified_delay(system, order=4)
     assert found.d is not None
-    assert found.analysis.up_to is False
+    assert found.analysis.covers_smaller_delays is False
     assert 1.7178 < found.d < end
-    assert found.not_beyond is not None
-    assert found.d < found.not_beyond
+    assert found.not_certified_at is not None
+    assert found.d < found.not_certified_at
     assert check_certificate(found.analysis.certificate).valid
 
 
@@ -342,7 +342,7 @@ def test_a_box_of_delays_is_proved_at_its_corners() -> None:
     tight = analyse(system, K, order=1)
     assert tight.gamma is not None
     found = analyse(system, K, 1.3 * tight.gamma, order=1)
-    assert found.up_to
+    assert found.covers_smaller_delays
     proof = check_certificate(found.certificate)
     assert [delay["age"] for delay in proof.claim["delays"]] == ["constant, up to d"] * 2
     v = _variables(system, json.loads(json.dumps(found.certificate))["variables"])
@@ -353,12 +353,12 @@ def test_a_box_of_delays_is_proved_at_its_corners() -> None:
         assert first_bad_pivot(lower) is None
 
 
-def test_a_box_that_reaches_too_far_down_is_refused() -> None:
+def test_a_delay_box_with_too_small_a_lower_end_is_refused() -> None:
     """The loop that needs its delay: proved from 0.4 on, and not from 0.1 on."""
     system = DelaySystem([[0.0, 1.0], [-2.0, 0.1]], delays=[Delay(1.5, [[0, 0], [1, 0]])])
     found = analyse(system, order=2)
     assert found.certified
-    assert not found.up_to
+    assert not found.covers_smaller_delays
     data: Any = json.loads(json.dumps(found.certificate))
     assert "lower" not in data["variables"]
 
@@ -440,7 +440,7 @@ def test_what_does_not_fit_is_bad_input() -> None:
         lambda: analyse(system, PRINTED, order=-1),
         lambda: analyse(system, PRINTED, order=13),
         lambda: analyse(benchmark(1.0), gamma=1.0),
-        lambda: certified_delay(system, PRINTED, which=1),
+        lambda: certified_delay(system, PRINTED, delay_index=1),
         lambda: certified_delay(system, PRINTED, order=13),
         lambda: certified_delay(system, PRINTED, limit=0.0),
         lambda: certified_delay(benchmark(1.0), gamma=1.0),

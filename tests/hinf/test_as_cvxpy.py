@@ -70,12 +70,12 @@ def test_a_constraint_is_kept_and_the_gain_is_proved() -> None:
     free = asked.problem.solve(solver=cp.CLARABEL)
     size = float(np.trace(asked.X.value))
     mine = cp.trace(asked.X) <= size / 2
-    held = cp.Problem(asked.problem.objective, [*asked.constraints, mine]).solve(solver=cp.CLARABEL)
-    assert held > free * (1 + 1e-6)
+    kept = cp.Problem(asked.problem.objective, [*asked.constraints, mine]).solve(solver=cp.CLARABEL)
+    assert kept > free * (1 + 1e-6)
     assert np.trace(asked.X.value) <= size / 2 * (1 + 1e-6)
     found = asked.design()
     assert found.gamma is not None
-    assert free * (1 - 1e-6) < found.gamma < held * (1 + 1e-3)
+    assert free * (1 - 1e-6) < found.gamma < kept * (1 + 1e-3)
     assert check_certificate(found.certificate).valid
     np.testing.assert_allclose(found.K, asked.Y.value @ np.linalg.inv(asked.X.value), rtol=1e-4)
     assert asked.design(6.0).gamma == 6.0

@@ -10,7 +10,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from solved import random_system
+from solver_points import random_system
 
 from cosim.hinf.assembly import Scalars, Structure
 from cosim.hinf.conic import Constraint, solve

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cosim.core.errors import InputError
-from cosim.hinf import AuvDesign, Design, auv_system, design
+from cosim.hinf import AuvDesignSettings, Design, auv_system, design
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.models.delay_system import DelaySystem
 
@@ -26,7 +26,7 @@ def aware() -> Design:
 @pytest.fixture(scope="module")
 def naive() -> Design:
     """The gain designed with the same weights as if the loop were 0.05 s."""
-    return design(auv_system(AuvDesign(loop_delay=SHORT)), DEFAULT_K1, DEFAULT_K2)
+    return design(auv_system(AuvDesignSettings(loop_delay=SHORT)), DEFAULT_K1, DEFAULT_K2)
 
 
 def _axis_abscissa(position: float, speed: float, loop_delay: float) -> float:
@@ -97,7 +97,7 @@ def test_the_letters_of_the_vehicle() -> None:
 
 def test_without_a_loop_delay_the_feedback_is_immediate() -> None:
     """loop_delay = 0 leaves one delay, the damping loop's, and u = K x(t)."""
-    system = auv_system(AuvDesign(loop_delay=0.0))
+    system = auv_system(AuvDesignSettings(loop_delay=0.0))
     assert len(system.delays) == 1
     assert system.immediate_feedback
     assert not auv_system().immediate_feedback
@@ -117,7 +117,7 @@ def test_without_a_loop_delay_the_feedback_is_immediate() -> None:
 def test_settings_out_of_range_are_refused(settings: dict[str, float], name: str) -> None:
     """A negative or undefined delay is no immediate feedback, but an error."""
     with pytest.raises(InputError, match=rf"design\.{name}"):
-        AuvDesign(**settings)  # type: ignore[arg-type]
+        AuvDesignSettings(**settings)  # type: ignore[arg-type]
 
 
 def test_the_aware_gain_is_certified_and_near_what_was_computed_elsewhere(aware: Design) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from solved import Array, benchmark, random_system, solved
+from solver_points import Array, benchmark, random_system, solved
 
 from cosim.core.errors import InputError
 from cosim.hinf.certificate import Variables, certificate_to_json, certify, check_certificate
@@ -135,7 +135,7 @@ def _with(v: Variables, **changes: Any) -> Variables:
     return Variables(**{**v.__dict__, **changes})
 
 
-def test_any_age_covers_a_sampled_and_held_link() -> None:
+def test_any_age_covers_a_sampled_link_with_zero_order_hold() -> None:
     """A gain proved for any age up to d is stable sampled every h and sent with delay d - h.
 
     The truth is the exact map from one sample to the next: a message in the air for tau < h

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from solved import benchmark, solved
+from solver_points import benchmark, solved
 
 from cosim.core.errors import InputError
 from cosim.hinf.certificate import certificate_to_json, check_certificate, read_certificate
@@ -178,11 +178,11 @@ def test_an_enormous_system_is_refused_before_the_work() -> None:
         "k2": ["1"] * N,
         "gamma": None,
     }
-    said = {"d": 1.0, "age": "constant, up to d", "feedback": False}
+    delay_claim = {"d": 1.0, "age": "constant, up to d", "feedback": False}
     claim = {
         "property": "stability",
         "gamma": None,
-        "delays": [said] * N,
+        "delays": [delay_claim] * N,
         "uncertain": False,
         "inputs": "doubles",
     }

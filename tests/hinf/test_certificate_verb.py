@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from solved import solved
+from solver_points import solved
 
 from cosim.cli import main as cli
 from cosim.hinf import certificate_hash
@@ -55,16 +55,16 @@ def test_a_certificate_is_proved_from_its_file(
     path = _file(tmp_path, certificate)
     code, out, err = cosim("certificate", "check", path, "--json")
     assert (code, err) == (0, "")
-    said = json.loads(out)
-    assert said == {
+    output = json.loads(out)
+    assert output == {
         "file": path,
-        "carrier": "file",
+        "container": "file",
         "sha256": certificate_hash(certificate),
         "valid": True,
         "reason": None,
         "claim": certificate["claim"],
     }
-    assert Fraction(said["claim"]["gamma"]) == Fraction(5.05)
+    assert Fraction(output["claim"]["gamma"]) == Fraction(5.05)
     code, out, _ = cosim("certificate", "check", path)
     assert code == 0
     assert "proved" in out
@@ -103,10 +103,10 @@ def test_every_entry_that_is_tampered_with_is_noticed(
         target[place[-1]] = _worse(target[place[-1]])
         code, out, _ = cosim("certificate", "check", _file(tmp_path, data), "--json")
         assert code in {1, 2}, place
-        said = json.loads(out)
-        assert said["error"]["exit_code"] == 2 if code == 2 else said["valid"] is False
+        output = json.loads(out)
+        assert output["error"]["exit_code"] == 2 if code == 2 else output["valid"] is False
         if code == 1:
-            assert said["reason"]
+            assert output["reason"]
 
 
 def test_a_smaller_gamma_is_not_proved(cosim: Run, certificate: Any, tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import math
 import flint
 import numpy as np
 import pytest
-from flown import fly, sawtooth, turning
+from heun_integrator import integrate, sawtooth, turning
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import Delay, DelaySystem, demands_of, design
+from cosim.hinf import Delay, DelaySystem, design, design_constraints_of
 from cosim.hinf.control_limits import GainLimit, PeakControl, norm_above, offset_corners
 from cosim.hinf.peak_lmi import proved_peak_control
 from cosim.hinf.search import starts
@@ -21,10 +21,10 @@ from cosim.models import paper_example
 
 def _peak(system: DelaySystem, K: np.ndarray, **asked: object) -> PeakControl:
     """The proof of a bound that nothing limits."""
-    demands = demands_of(system, peak_control=1e6, **asked)  # type: ignore[arg-type]
+    design_constraints = design_constraints_of(system, peak_control=1e6, **asked)  # type: ignore[arg-type]
     k2 = [0.5 / delay.d for delay in system.delays]
     scalars = starts(checked_scalars(system, [-x for x in k2], k2))
-    found, reason = proved_peak_control(system, K, demands, scalars)
+    found, reason = proved_peak_control(system, K, design_constraints, scalars)
     assert found is not None, reason
     assert found.failure(system, K) is None
     return found
@@ -73,7 +73,7 @@ def test_a_peak_from_energy_is_that_of_the_gramian() -> None:
     assert 0.9 * truth <= both <= 1.5 * truth
 
 
-def test_two_states_reach_what_the_gramian_says() -> None:
+def test_peak_of_two_states_is_that_of_the_gramian() -> None:
     """Nominal, no delay: sup |K x| = W sqrt(K P K'), A P + P A' + C C' = 0, within 0.5 %."""
     A, C, K = np.array([[-1.0, 2.0], [0.0, -3.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 1.0]])
     system = DelaySystem(A, np.zeros((2, 1)), C)
@@ -86,7 +86,7 @@ def test_two_states_reach_what_the_gramian_says() -> None:
 
 
 @pytest.mark.parametrize("any_age", [False, True])
-def test_no_flight_exceeds_what_is_proved(any_age: bool) -> None:  # noqa: FBT001 - a case
+def test_no_simulated_run_exceeds_the_proved_peak(any_age: bool) -> None:  # noqa: FBT001 - a case
     """Section 5, every corner of the offset, F turning, the age constant or a sawtooth."""
     s = paper_example.system()
     delay = Delay(0.3, s.delays[0].A, s.delays[0].H, any_age=any_age)
@@ -98,7 +98,7 @@ def test_no_flight_exceeds_what_is_proved(any_age: bool) -> None:  # noqa: FBT00
     for corner in itertools.product((1.0,), (0.5, -0.5)):
         for speed, phase in itertools.product((0.0, 5.0), (0.0, math.pi)):
             F = turning(2, 2, speed, phase)
-            u = fly(system, K, np.array(corner), 3.0, ages=ages, F=F)[2]
+            u = integrate(system, K, np.array(corner), 3.0, ages=ages, F=F)[2]
             most = max(most, float(np.abs(u).max()))
     assert most <= proved <= 3 * most
 
@@ -108,7 +108,7 @@ def test_a_pulse_of_the_given_energy_stays_below_the_peak() -> None:
     system = paper_example.system()
     K = np.array([[0.6432, -0.5679]])
     proved = float(_peak(system, K, energy=0.5).bounds[0])
-    u = fly(
+    u = integrate(
         system,
         K,
         np.zeros(2),
@@ -120,7 +120,7 @@ def test_a_pulse_of_the_given_energy_stays_below_the_peak() -> None:
     assert 0.05 * proved <= float(np.abs(u).max()) <= proved
 
 
-def test_all_terms_of_the_functional_count_from_a_held_start() -> None:
+def test_all_terms_of_the_functional_count_from_a_constant_start() -> None:
     """With a long constant delay Q is large: the level from the offset includes d x0'Q x0.
 
     x' = -2 x - x(t-1), held at 1: u = x never exceeds 1, and V without Q would prove less.
@@ -149,7 +149,7 @@ def test_the_peak_is_designed_below_its_limit() -> None:
     assert float(np.abs(plain.K).sum()) > 0.2  # u(0) alone
     assert found.gamma > plain.gamma
     assert found.abscissa < 0
-    u = fly(system, found.K, np.ones(2), 3.0, ages=[lambda _: 0.3], F=turning(2, 2, 2.0))[2]
+    u = integrate(system, found.K, np.ones(2), 3.0, ages=[lambda _: 0.3], F=turning(2, 2, 2.0))[2]
     assert float(np.abs(u).max()) <= float(peak.bounds[0])
 
 
@@ -184,7 +184,9 @@ def test_corners_stand_for_the_box() -> None:
         ({"energy": 1.0}, "peak_control as well"),
     ],
 )
-def test_demands_that_make_no_sense_are_refused(asked: dict[str, object], word: str) -> None:
+def test_design_constraints_that_make_no_sense_are_refused(
+    asked: dict[str, object], word: str
+) -> None:
     """Each named, before anything is solved."""
     with pytest.raises(InputError, match=word):
         design(paper_example.system(), (0.6,), (0.2,), **asked)  # type: ignore[arg-type]
@@ -203,7 +205,7 @@ def test_a_given_gain_is_not_changed_to_meet_a_limit() -> None:
     assert met.K.tolist() == K
 
 
-def test_what_cannot_be_held_is_refused() -> None:
+def test_a_gain_limit_that_cannot_be_met_is_refused() -> None:
     """An unstable plant needs a gain of some size."""
     system = DelaySystem([[1.0]], [[1.0]], [[1.0]], [[1.0]])
     assert float(np.abs(design(system, gain_limit=2.0).K).max()) <= 2.0

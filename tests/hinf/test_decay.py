@@ -7,8 +7,8 @@ import math
 import flint
 import numpy as np
 import pytest
-from flown import fly, sawtooth, turning
-from solved import random_system
+from heun_integrator import integrate, sawtooth, turning
+from solver_points import random_system
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, close, design, spectral_abscissa, with_delays
@@ -100,7 +100,7 @@ def test_the_design_pays_for_the_rate_and_decays_with_ages_that_vary() -> None:
     assert found.gamma > plain.gamma
     assert found.abscissa <= -4.0
     for phase in (0.0, 1.0, 2.0):
-        t, x, _ = fly(
+        t, x, _ = integrate(
             system,
             found.K,
             np.array([1.0, -1.0]),
@@ -122,7 +122,7 @@ def test_an_age_that_varies_is_covered_where_any_age_is_claimed() -> None:
     K = np.zeros((0, 2))
     decay, reason = proved_decay(system, K, 1.0, _scalars(system))
     assert decay is not None, reason
-    t, x, _ = fly(system, K, np.array([1.0, 1.0]), 6.0, ages=[sawtooth(0.4, 0.3)])
+    t, x, _ = integrate(system, K, np.array([1.0, 1.0]), 6.0, ages=[sawtooth(0.4, 0.3)])
     size = np.linalg.norm(x, axis=1) * np.exp(t)
     assert size[t > 2.0].max() <= size[t <= 2.0].max()
 

@@ -9,7 +9,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
-from solved import Array, random_system, value
+from solver_points import Array, random_system, value
 
 from cosim.hinf.certificate import Variables
 from cosim.hinf.exact_lmi import ExactLmi, minus_omega

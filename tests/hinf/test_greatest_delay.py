@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from solved import benchmark
+from solver_points import benchmark
 
 from cosim.cli import main as cli
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay, with_delays
-from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2
+from cosim.hinf.greatest_delays import greatest_delay as delay_of_theorem_2
 from cosim.models import paper_example
 
 BENCHMARK_END = 6.172581371  # published: stable for d below, and only there
@@ -96,7 +96,7 @@ def test_search_brings_section_5_to_its_bound() -> None:
 def test_bad_requests_are_refused() -> None:
     """No such delay, no gamma, no limit, delays that do not fit."""
     system = paper_example.system()
-    for wrong in ({"which": 1}, {"which": -1}, {"limit": 0.0}, {"limit": np.inf}):
+    for wrong in ({"delay_index": 1}, {"which": -1}, {"limit": 0.0}, {"limit": np.inf}):
         with pytest.raises(InputError):
             greatest_delay(system, 6.0, (0.6,), (0.2,), **wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="gamma"):
@@ -120,24 +120,24 @@ def test_the_verb_says_it_in_json(
 ) -> None:
     """--max-delay, --search, --delays: lists per delay, null for what is absent, a path saved."""
     path = str(tmp_path / "c.json")
-    code, said = _design(
+    code, output = _design(
         monkeypatch, capsys, "paper", "--gamma", "6", "--max-delay", "--search", "--save", path
     )
     assert code == 0
-    assert (said["gamma"], said["delays"], said["limit_reached"]) == (6.0, [20.0], True)
-    assert (said["certified"], said["certificate"]) == (True, path)
-    assert np.shape(said["K"]) == (1, 2)
+    assert (output["gamma"], output["delays"], output["limit_reached"]) == (6.0, [20.0], True)
+    assert (output["certified"], output["certificate"]) == (True, path)
+    assert np.shape(output["K"]) == (1, 2)
     saved = json.loads(Path(path).read_text(encoding="utf-8"))
     assert check_certificate(saved).valid
-    code, said = _design(
+    code, output = _design(
         monkeypatch, capsys, "paper", "--gamma", "6", "--max-delay", "--delay-limit", "1"
     )
-    assert (code, said["delays"], said["limit_reached"]) == (0, [1.0], True)
-    assert (said["k1"], said["k2"], said["certificate"]) == ([0.6], [0.2], None)
-    code, said = _design(monkeypatch, capsys, "paper", "--delays", "0.2")
-    assert (code, said["delays"], said["limit_reached"]) == (0, [0.2], None)
-    assert said["exact_norm"] < said["gamma"]
-    assert said["abscissa"] < 0
+    assert (code, output["delays"], output["limit_reached"]) == (0, [1.0], True)
+    assert (output["k1"], output["k2"], output["certificate"]) == ([0.6], [0.2], None)
+    code, output = _design(monkeypatch, capsys, "paper", "--delays", "0.2")
+    assert (code, output["delays"], output["limit_reached"]) == (0, [0.2], None)
+    assert output["exact_norm"] < output["gamma"]
+    assert output["abscissa"] < 0
     assert _design(monkeypatch, capsys, "paper", "--gamma", "5", "--max-delay")[0] == 5
     assert _design(monkeypatch, capsys, "paper", "--delays", "0.2,0.3")[0] == 2
     assert _design(monkeypatch, capsys, "paper", "--max-delay")[0] == 2

@@ -161,8 +161,8 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
 
 def test_guarantees_beside_a_proof_that_has_none_are_only_notes(saved: Any) -> None:
     """Put into the file of a design by order, where no check reads them: not in the design."""
-    sharper = design(paper_example.system(), (0.6,), (0.2,), order=0)
-    data = json.loads(json.dumps(design_to_json(sharper)))
+    of_order_0 = design(paper_example.system(), (0.6,), (0.2,), order=0)
+    data = json.loads(json.dumps(design_to_json(of_order_0)))
     data["guarantees"] = saved["guarantees"]
     again = design_from_json(data, where="file")
     assert again.guarantees.decay is None

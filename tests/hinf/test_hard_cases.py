@@ -19,9 +19,9 @@ from cosim.hinf import (
 )
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
-from cosim.hinf.modes import unmovable_root
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.scaling import scaling_of
+from cosim.hinf.stabilisability import unstabilisable_root
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -189,9 +189,9 @@ def test_the_greatest_delay_up_to_hours() -> None:
         ),
     ],
 )
-def test_a_root_that_no_input_reaches_is_named(system: DelaySystem, root: complex) -> None:
+def test_a_root_that_no_input_moves_is_named(system: DelaySystem, root: complex) -> None:
     """Hautus' test, against roots in closed form; in a design and in a greatest delay."""
-    found = unmovable_root(system)
+    found = unstabilisable_root(system)
     assert found is not None
     assert complex(found.real, abs(found.imag)) == pytest.approx(root, abs=1e-8)
     N = len(system.delays)
@@ -204,8 +204,8 @@ def test_a_root_that_no_input_reaches_is_named(system: DelaySystem, root: comple
 
 def test_what_can_be_stabilised_is_not_blamed() -> None:
     """An unstable root that the input reaches, and the vehicle."""
-    assert unmovable_root(DelaySystem([[1.0]], [[1.0]])) is None
-    assert unmovable_root(auv_system()) is None
+    assert unstabilisable_root(DelaySystem([[1.0]], [[1.0]])) is None
+    assert unstabilisable_root(auv_system()) is None
 
 
 def test_k1_k2_that_do_not_do_are_not_called_unstabilisable() -> None:

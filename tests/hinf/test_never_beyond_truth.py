@@ -106,10 +106,12 @@ def admissible(system: DelaySystem, rng: np.random.Generator) -> list[Any]:
     return found
 
 
-def hold(system: DelaySystem, K: Any, gamma: float | None, *, up_to: bool, seed: int = 0) -> None:
+def check_claim(
+    system: DelaySystem, K: Any, gamma: float | None, *, covers_smaller_delays: bool, seed: int = 0
+) -> None:
     """The claim that the loop is stable, with a gain of at most gamma, for every admissible F."""
     lengths = np.array([x.d for x in system.delays])
-    for share in (1.0, *(_SHARES if up_to else ())):
+    for share in (1.0, *(_SHARES if covers_smaller_delays else ())):
         at = with_delays(system, (share * lengths).tolist())
         for F in admissible(system, np.random.default_rng(seed)):
             loop = loop_of(at, K, F)
@@ -122,9 +124,9 @@ def hold(system: DelaySystem, K: Any, gamma: float | None, *, up_to: bool, seed:
                 raise BeyondTruthError(f"claimed {gamma=}, attained {truth}, {share=}, {F=}")
 
 
-def hold_delay(system: DelaySystem, K: Any, which: int, d: float) -> None:
-    """The claim that the loop is stable with delay `which` up to d, the others held."""
-    loss = first_loss(loop_of(system, K), which)
+def check_delay_claim(system: DelaySystem, K: Any, delay_index: int, d: float) -> None:
+    """The claim that the loop is stable with delay `delay_index` up to d, the others held."""
+    loss = first_loss(loop_of(system, K), delay_index)
     if not d * (1 - _ROUNDING) <= loss:
         raise BeyondTruthError(f"claimed delay {d}, exact {loss}")
 
@@ -139,10 +141,16 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
     for order in orders if thorough else orders[seed % len(orders) :][:1]:
         found = analyse(system, order=order)
         if found.certified:
-            hold(system, None, found.gamma, up_to=found.up_to, seed=seed)
+            check_claim(
+                system,
+                None,
+                found.gamma,
+                covers_smaller_delays=found.covers_smaller_delays,
+                seed=seed,
+            )
             least, exact = found.gamma, found.exact_norm
             tally["analysis"] += 1
-            tally["up to"] += order > 0 and found.up_to
+            tally["up to"] += order > 0 and found.covers_smaller_delays
             tally["tight"] += least is not None and least < 1.02 * float(exact or 0)
     quick = [order for order in rows if rows[order] <= 12 or order == 0]
     if seed % 2 or (thorough and n < 5):
@@ -152,7 +160,7 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
     if seed % 3 == 1:
         _designs(system, seed, tally)
     if n == 2:
-        _sharper(system, seed, tally)
+        _bessel_legendre(system, seed, tally)
 
 
 def _delay(
@@ -162,8 +170,14 @@ def _delay(
     limit = 1.5 * loss if np.isfinite(loss) else 5.0
     found = certified_delay(system, gamma=gamma, order=order, limit=limit)
     if found.d is not None:
-        hold_delay(system, None, 0, found.d)
-        hold(found.analysis.system, None, gamma, up_to=found.analysis.up_to, seed=seed)
+        check_delay_claim(system, None, 0, found.d)
+        check_claim(
+            found.analysis.system,
+            None,
+            gamma,
+            covers_smaller_delays=found.analysis.covers_smaller_delays,
+            seed=seed,
+        )
         tally["delay"] += 1
         tally["tight delay"] += found.d > 0.95 * loss
 
@@ -172,27 +186,29 @@ def _designs(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
     system = with_delays(system, [0.3 * x.d for x in system.delays])
     k2 = [0.5 / x.d for x in system.delays]
     k1 = [-0.2 * value for value in k2]
-    which = next((j for j, x in enumerate(system.delays) if x.feedback), 0)
+    delay_index = next((j for j, x in enumerate(system.delays) if x.feedback), 0)
     try:
         made = design(system, k1, k2)
-        hold(system, made.K, made.gamma, up_to=True, seed=seed)
+        check_claim(system, made.K, made.gamma, covers_smaller_delays=True, seed=seed)
         tally["design"] += 1
         goal = None if made.gamma is None else 1.2 * made.gamma
-        reach = greatest_delay(system, goal, k1, k2, which=which, limit=5.0)
-        at = reach.design
-        hold(at.system, at.K, at.gamma, up_to=True, seed=seed)
-        hold_delay(system, at.K, which, reach.delay)
+        greatest = greatest_delay(system, goal, k1, k2, delay_index=delay_index, limit=5.0)
+        at = greatest.design
+        check_claim(at.system, at.K, at.gamma, covers_smaller_delays=True, seed=seed)
+        check_delay_claim(system, at.K, delay_index, greatest.delay)
         tally["design delay"] += 1
     except NotAchievableError:
         tally["no design"] += 1
 
 
-def _sharper(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
+def _bessel_legendre(system: DelaySystem, seed: int, tally: Counter[str]) -> None:
     N = len(system.delays)
     with suppress(NotAchievableError):
         made = design(system, [-0.5] * N, [1.0] * N, order=seed % 3)
-        hold(system, made.K, made.gamma, up_to=made.up_to, seed=seed)
-        tally["sharper design"] += 1
+        check_claim(
+            system, made.K, made.gamma, covers_smaller_delays=made.covers_smaller_delays, seed=seed
+        )
+        tally["bessel_legendre design"] += 1
 
 
 def enough(tally: Counter[str], systems: int) -> None:
@@ -204,7 +220,7 @@ def enough(tally: Counter[str], systems: int) -> None:
     assert tally["tight delay"] >= systems / 20
     assert tally["design"] >= systems / 10
     assert tally["design delay"] >= systems / 10
-    assert tally["sharper design"] >= 1
+    assert tally["bessel_legendre design"] >= 1
 
 
 def test_nothing_is_claimed_beyond_the_truth_of_twenty_systems() -> None:
@@ -231,14 +247,14 @@ def test_false_claims_are_caught() -> None:
     loop = loop_of(system)
     assert not system.E.size
     truth, loss = norm(loop), first_loss(loop, 0)
-    hold(system, None, truth, up_to=False)
-    hold_delay(system, None, 0, loss)
+    check_claim(system, None, truth, covers_smaller_delays=False)
+    check_delay_claim(system, None, 0, loss)
     with pytest.raises(BeyondTruthError, match="claimed gamma"):
-        hold(system, None, 0.999 * truth, up_to=False)
+        check_claim(system, None, 0.999 * truth, covers_smaller_delays=False)
     with pytest.raises(BeyondTruthError, match="claimed delay"):
-        hold_delay(system, None, 0, 1.001 * loss)
+        check_delay_claim(system, None, 0, 1.001 * loss)
     with pytest.raises(BeyondTruthError, match="claimed stable"):
-        hold(with_delays(system, [1.001 * loss]), None, None, up_to=False)
+        check_claim(with_delays(system, [1.001 * loss]), None, None, covers_smaller_delays=False)
 
 
 def test_a_claim_that_forgets_the_uncertainty_is_caught() -> None:
@@ -246,15 +262,15 @@ def test_a_claim_that_forgets_the_uncertainty_is_caught() -> None:
     system = random_stable(10)
     assert system.E.size
     with pytest.raises(BeyondTruthError, match="claimed gamma"):
-        hold(system, None, norm(loop_of(system)), up_to=False)
+        check_claim(system, None, norm(loop_of(system)), covers_smaller_delays=False)
 
 
 def test_a_claim_about_smaller_delays_is_looked_at_there() -> None:
     """A loop that needs its delay is stable at 1, and not at every delay up to 1."""
     system = DelaySystem([[0.0, 1.0], [-2.0, 0.1]], delays=[Delay(1.0, [[0.0, 0.0], [1.0, 0.0]])])
-    hold(system, None, None, up_to=False)
+    check_claim(system, None, None, covers_smaller_delays=False)
     with pytest.raises(BeyondTruthError, match="claimed stable"):
-        hold(system, None, None, up_to=True)
+        check_claim(system, None, None, covers_smaller_delays=True)
 
 
 def test_the_truth_agrees_with_itself() -> None:

@@ -92,7 +92,7 @@ def test_scalar_delay_has_its_peak_at_zero(b: float, d: float) -> None:
     assert result.frequency == pytest.approx(0, abs=1e-6)
 
 
-def test_delayed_output_alone_reaches_its_comb() -> None:
+def test_delayed_output_alone_has_the_norm_of_its_comb() -> None:
     """z = w - x(t-d) with x' = -x + w: |1 - e^{-jwd}/(1+jw)|, swept densely in closed form."""
     d = 7.0
     loop = ClosedLoop([[[-1]], [[0]]], [0, d], [[1]], [[[0]], [[-1]]], [[1]])

@@ -66,7 +66,7 @@ def test_delay_with_its_peak_at_zero(b: float, d: float) -> None:
     assert not norm_proved(*loop, (1 - CLOSE) / (1 - b))
 
 
-def test_gain_that_only_infinity_reaches() -> None:
+def test_gain_attained_at_infinite_frequency_only() -> None:
     """s/(s+1): 1 in the limit, by the closed form beyond the last interval."""
     loop = free([[-1]], C=[[1]], D=[[-1]], D1=[[1]])
     assert norm_proved(*loop, 1 + CLOSE)

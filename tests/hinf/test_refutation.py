@@ -13,15 +13,15 @@ import flint
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from solved import benchmark, random_system
+from solver_points import benchmark, random_system
 
 from cosim.cli import main as cli
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.fmu.export.controller import pack_controller
+from cosim.fmu.export.controller import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
 from cosim.hinf.assembly import Scalars
 from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
-from cosim.hinf.greatest_delay import greatest_delay as delay_of_theorem_2
+from cosim.hinf.greatest_delays import greatest_delay as delay_of_theorem_2
 from cosim.hinf.lmi import Unknowns, omega
 from cosim.hinf.problem import Answer, Problem
 from cosim.hinf.rational import exact
@@ -144,7 +144,7 @@ def test_a_published_benchmark_without_w_and_z() -> None:
 
 def test_the_vehicle_is_refuted_just_above_its_greatest_delay() -> None:
     """58 rows, 141 equalities: exact all the same."""
-    found = greatest_delay(auv_system(), 5.0, DEFAULT_K1, DEFAULT_K2, which=1)
+    found = greatest_delay(auv_system(), 5.0, DEFAULT_K1, DEFAULT_K2, delay_index=1)
     assert found.refuted_at is not None
     assert found.delay < found.refuted_at < 1.001 * found.delay
     assert check_certificate(found.refutation).valid
@@ -317,28 +317,28 @@ def test_the_verbs_keep_and_check_the_proofs(
         return int(left.value.code or 0), json.loads(capsys.readouterr().out)
 
     common = ("design", "paper", "--max-delay", "--save-refutation", str(path))
-    code, said = cosim(*common, "--gamma", "6")
-    assert (code, said["refutation"]) == (0, str(path))
-    assert said["refuted_at"] > said["delays"][0]
-    code, said = cosim("certificate", "check", str(path))
-    assert (code, said["valid"], said["claim"]["gamma"]) == (0, True, "6")
-    code, said = cosim(*common, "--gamma", "5")
+    code, output = cosim(*common, "--gamma", "6")
+    assert (code, output["refutation"]) == (0, str(path))
+    assert output["refuted_at"] > output["delays"][0]
+    code, output = cosim("certificate", "check", str(path))
+    assert (code, output["valid"], output["claim"]["gamma"]) == (0, True, "6")
+    code, output = cosim(*common, "--gamma", "5")
     assert code == 5
-    assert "||D1||" in said["error"]["what"]
-    assert str(path) in said["error"]["hint"]
-    code, said = cosim("certificate", "check", str(path))
-    assert (code, said["valid"], said["claim"]["gamma"]) == (0, True, "5")
+    assert "||D1||" in output["error"]["what"]
+    assert str(path) in output["error"]["hint"]
+    code, output = cosim("certificate", "check", str(path))
+    assert (code, output["valid"], output["claim"]["gamma"]) == (0, True, "5")
     data = json.loads(path.read_text(encoding="utf-8"))
     data["gamma"] = data["claim"]["gamma"] = "6"
     path.write_text(json.dumps(data), encoding="utf-8")
     assert cosim("certificate", "check", str(path))[0] == 1
-    code, said = cosim("design", "paper", "--gamma", "4", "--max-delay")
+    code, output = cosim("design", "paper", "--gamma", "4", "--max-delay")
     assert code == 5
-    assert "--save-refutation" in said["error"]["hint"]
+    assert "--save-refutation" in output["error"]["hint"]
 
 
 def test_a_refutation_is_no_gain_to_pack(tmp_path: Path) -> None:
     """It speaks of every K and holds none: refused by name."""
     proof = gamma_floor(paper_example.system(), 5.0)
     with pytest.raises(InputError, match="no gain to pack"):
-        pack_controller(proof, tmp_path / "Controller.fmu", where="proof.json", kind="python")
+        export_controller(proof, tmp_path / "Controller.fmu", where="proof.json", kind="python")

@@ -16,7 +16,7 @@ from cli.shell import cosim
 from cosim.core.errors import NotAchievableError
 from cosim.hinf import Analysis, analyse, certified_delay, check_certificate, design, greatest_delay
 from cosim.hinf.decay_lmi import proved_decay
-from cosim.hinf.demands import demands_of
+from cosim.hinf.design_constraints import design_constraints_of
 from cosim.hinf.peak_lmi import proved_peak_control
 from cosim.hinf.solver_status import FAILED, count, not_found, solver_words, status_of
 from cosim.hinf.synthesis import checked_scalars
@@ -96,10 +96,10 @@ def test_what_is_proved_beside_gamma_says_it_too(status: str) -> None:
     """Decay and the peak of the control, of a gain that is given."""
     system, K = paper_example.system(), np.array(PRINTED)
     p = checked_scalars(system, *AT)
-    demands = demands_of(system, peak_control=3.0, offset=(1.0, 0.0))
+    design_constraints = design_constraints_of(system, peak_control=3.0, offset=(1.0, 0.0))
     for found, reason in (
         proved_decay(system, K, 1.0, p),
-        proved_peak_control(system, K, demands, [p]),
+        proved_peak_control(system, K, design_constraints, [p]),
     ):
         assert found is None
         assert not [words for words in NEVER if words in reason]
@@ -113,9 +113,9 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     error = cosim(*late, "--json", cwd=tmp_path).error
     assert error["exit_code"] == 5
     assert not [words for words in NEVER if words in json.dumps(error)]
-    limited = cosim(*late, "--gain-limit", "2", "--json", cwd=tmp_path).error
-    assert limited["what"] == "no gain was found that meets what is demanded"
-    assert "at 4 pairs k1, k2" in limited["got"]
+    constrained = cosim(*late, "--gain-limit", "2", "--json", cwd=tmp_path).error
+    assert constrained["what"] == "no gain was found that meets what is demanded"
+    assert "at 4 pairs k1, k2" in constrained["got"]
     refused = cosim(
         *late, "--gamma", "20", "--save-refutation", "r.json", "--json", cwd=tmp_path
     ).error

@@ -94,11 +94,11 @@ def test_what_cannot_be_had_is_refused_by_name() -> None:
         design(system, (0.6,), (0.2,), gamma=5.01)
     with pytest.raises(InputError, match="k2"):
         design(system, (0.6,), (0.0,))
-    unreachable = DelaySystem(
+    uncontrollable = DelaySystem(
         [[1.0, 0.0], [0.0, -1.0]], [[0.0], [1.0]], np.eye(2), np.eye(2), delays=[]
     )
     with pytest.raises(NotAchievableError, match="no input reaches"):
-        design(unreachable, (), ())
+        design(uncontrollable, (), ())
 
 
 def _without_B() -> DelaySystem:

@@ -24,9 +24,9 @@ def found() -> Design:
     return design(auv_system(), DEFAULT_K1, DEFAULT_K2, peak_control=LIMIT, offset=OFFSET)
 
 
-def _flight(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -> np.ndarray:
+def _simulate(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -> np.ndarray:
     """(eta, nu, u) over time: the vehicle of Eqs. (1)-(4) in full, Heun, samples held."""
-    step, held = 0.01, round(0.25 / 0.01)
+    step, hold_steps = 0.01, round(0.25 / 0.01)
     late, state_late = round(age / step), round(0.5 / step)
     p = dict(TABLE_1) | dict.fromkeys(("damping.u", "damping.v", "damping.w", "damping.r"), 0.05)
     b, M = thrust_map(p), np.array(inertia(p))
@@ -35,7 +35,7 @@ def _flight(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -> 
     x, u = np.tile(start, (count + 1, 1)), np.zeros((count + 1, 4))
     for k in range(count):
         # a sample every 0.25 s, late, then held: its age runs from `age` - 0.25 to `age`
-        sampled = (k // held) * held - late + held
+        sampled = (k // hold_steps) * hold_steps - late + hold_steps
         u[k] = K @ x[max(min(sampled, k), 0)]
         tau = list(M @ u[k])
 
@@ -49,7 +49,7 @@ def _flight(K: np.ndarray, start: np.ndarray, age: float, end: float = 40.0) -> 
     return np.hstack([x, u])
 
 
-def test_no_flight_from_the_box_exceeds_what_is_proved(found: Design) -> None:
+def test_no_simulated_run_from_the_box_exceeds_the_proved_peak(found: Design) -> None:
     """All corners, three ages: |u| below its bounds, the bounds within 4 times what is flown.
 
     The flights stay inside the envelope that E and H are proved for, so the bounds are claimed.
@@ -62,9 +62,9 @@ def test_no_flight_from_the_box_exceeds_what_is_proved(found: Design) -> None:
     for signs in itertools.product((1.0,), (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
         start = np.array(OFFSET) * np.array([*signs, 0.0, 0.0, 0.0, 0.0])
         for age in (0.25, 1.25):
-            flown = _flight(found.K, start, age)
-            most = np.maximum(most, np.abs(flown[:, 8:]).max(axis=0))
-            nu_psi = np.abs(flown[:, [4, 5, 6, 7, 3]]).max(axis=0)
+            trajectory = _simulate(found.K, start, age)
+            most = np.maximum(most, np.abs(trajectory[:, 8:]).max(axis=0))
+            nu_psi = np.abs(trajectory[:, [4, 5, 6, 7, 3]]).max(axis=0)
             widest = np.maximum(widest, nu_psi)
     e = DEFAULT_ENVELOPE
     assert (widest <= [e.u, e.v, e.w, e.r, e.psi]).all()

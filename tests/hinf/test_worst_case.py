@@ -46,12 +46,12 @@ def test_no_direction_is_amplified_more(omega: float) -> None:
     found = worst_case(loop, omega)
     v = np.array(found.amplitude) * np.exp(1j * np.array(found.phase))
     assert np.linalg.norm(v) == pytest.approx(1.0, abs=1e-5)
-    reached = np.linalg.norm(G @ v) / np.linalg.norm(v)
-    assert reached == pytest.approx(float(gain_at(loop, omega)), rel=1e-9)
+    attained = np.linalg.norm(G @ v) / np.linalg.norm(v)
+    assert attained == pytest.approx(float(gain_at(loop, omega)), rel=1e-9)
     draw = np.random.default_rng(1).normal(size=(2, 4, 2000))
     others = draw[0] + 1j * draw[1]
     gains = np.linalg.norm(G @ others, axis=0) / np.linalg.norm(others, axis=0)
-    assert gains.max() <= reached * (1 + 1e-12)
+    assert gains.max() <= attained * (1 + 1e-12)
 
 
 def test_peak_of_the_paper_is_the_norm() -> None:

@@ -33,10 +33,10 @@ class Loop:
     D: tuple[Array, ...]
     D1: Array
 
-    def at(self, which: int, d: float) -> Loop:
-        """Delay `which` of the system (1 + which here) replaced."""
+    def at(self, delay_index: int, d: float) -> Loop:
+        """Delay `delay_index` of the system (1 + which here) replaced."""
         delays = list(self.d)
-        delays[1 + which] = d
+        delays[1 + delay_index] = d
         return replace(self, d=tuple(delays))
 
 
@@ -151,13 +151,13 @@ def _peak(loop: Loop, grid: Array) -> float:
     return best
 
 
-def first_loss(loop: Loop, which: int) -> float:
-    """The least delay `which` at which a root lies on the imaginary axis; infinite if none.
+def first_loss(loop: Loop, delay_index: int) -> float:
+    """The least delay `delay_index` at which a root lies on the imaginary axis; infinite if none.
 
     A root j w at delay d is an eigenvalue e^{jwd} of (jw - sum of the others)^-1 A_which: the
     moduli of its eigenvalues, sorted, are continuous in w, and are swept for passing 1.
     """
-    here = 1 + which
+    here = 1 + delay_index
     others = [i for i in range(len(loop.d)) if i != here]
 
     def eigenvalues(w: Any) -> Any:

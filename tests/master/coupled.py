@@ -15,7 +15,7 @@ from cosim.master import (
     Endpoint,
     Link,
     System,
-    make_timetable,
+    make_schedule,
 )
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def system(
 ) -> System:
     """A system of FMUs by name; connections are (from, to) or (from, to, link)."""
     named = {link.name: link for link in links}
-    timetable = make_timetable(named, ns(step), ns(stop), events)
-    seconds = timetable.points_ns / 1e9
+    comm_schedule = make_schedule(named, ns(step), ns(stop), events)
+    seconds = comm_schedule.points_ns / 1e9
     return System(
         components={
             name: Component(describe_fmu(fmus / f"{fmu}.fmu"), parameters)
@@ -80,7 +80,7 @@ def system(
         connections=[Connection(end(c[0]), end(c[1]), *c[2:]) for c in connections],
         links=named,
         driven={end(k): np.array([f(t) for t in seconds]) for k, f in (driven or {}).items()},
-        timetable=timetable,
+        comm_schedule=comm_schedule,
         divergence=divergence,
     )
 

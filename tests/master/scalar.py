@@ -11,7 +11,7 @@ from typing import Any
 import fmpy
 
 from cosim.fmu import describe_fmu
-from cosim.master import Component, Connection, Endpoint, Link, System, make_timetable
+from cosim.master import Component, Connection, Endpoint, Link, System, make_schedule
 
 _VARIABLES = (
     ("u", "input", "continuous", '<Real start="0"/>'),
@@ -86,7 +86,7 @@ def scalars(
     """A system of scalars by name; connections are (from, to[, link[, policy]])."""
     named = {link.name: link for link in links}
     own = {name: ns(seconds) for name, seconds in (every or {}).items()}
-    timetable = make_timetable(named, ns(step), ns(stop), events, own.values())
+    comm_schedule = make_schedule(named, ns(step), ns(stop), events, own.values())
     described = describe_fmu(fmu)
     return System(
         {name: Component(described, given, own.get(name)) for name, given in parameters.items()},
@@ -96,7 +96,7 @@ def scalars(
         ],
         named,
         {},
-        timetable,
+        comm_schedule,
         1e6,
         **more,
     )

@@ -25,7 +25,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scalar_fmu(tmp_path_factory.mktemp("scalar"))
 
 
-def held(which: str, x: float, u: float, h: float) -> float:
+def exact_step(which: str, x: float, u: float, h: float) -> float:
     """One exact step of `a` or `b` with its input held."""
     a, b = PAIR[which]["a"], PAIR[which]["b"]
     return math.exp(a * h) * x + math.expm1(a * h) / a * b * u
@@ -33,7 +33,7 @@ def held(which: str, x: float, u: float, h: float) -> float:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
-def test_gauss_seidel_hands_on_what_was_just_reached(
+def test_gauss_seidel_passes_on_the_outputs_just_computed(
     fmu: Path, engine: EngineName, order: tuple[str, str]
 ) -> None:
     system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, algorithm="gauss-seidel", order=order)
@@ -44,10 +44,10 @@ def test_gauss_seidel_hands_on_what_was_just_reached(
         assert {n: run.signal(n, "x")[k] for n in x} == pytest.approx(x, rel=1e-14)
         u = x[second]
         assert run.signal(first, "u")[k] == pytest.approx(u, rel=1e-14)
-        x[first] = held(first, x[first], u, 0.1)
+        x[first] = exact_step(first, x[first], u, 0.1)
         assert run.signal(second, "u")[k] == pytest.approx(x[first], rel=1e-14)
-        x[second] = held(second, x[second], x[first], 0.1)
-    assert run.ending == "finished"
+        x[second] = exact_step(second, x[second], x[first], 0.1)
+    assert run.status == "finished"
 
 
 def test_gauss_seidel_leaves_what_a_link_brings_alone(fmu: Path) -> None:
@@ -70,8 +70,8 @@ def test_order_is_found_from_what_follows_at_once(fmu: Path) -> None:
     system = scalars(fmu, parts, pairs, step=0.1, stop=0.3, algorithm="gauss-seidel")
     run = simulate(system)
     # last gets in the same step what early has just reached, through late
-    reached = run.signal("early", "x")
-    assert run.signal("last", "u")[:-1].tolist() == reached[1:].tolist()
+    state = run.signal("early", "x")
+    assert run.signal("last", "u")[:-1].tolist() == state[1:].tolist()
     with pytest.raises(InputError, match="late before last"):
         simulate(
             scalars(
@@ -105,21 +105,21 @@ def test_order_that_does_not_fit_is_refused(fmu: Path) -> None:
 def test_components_with_steps_of_their_own(fmu: Path, engine: EngineName, algorithm: str) -> None:
     system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, every={"b": 0.3}, algorithm=algorithm)
     run = simulate(system, engine=engine)
-    a, b, reached_by_b = 1.0, -0.5, -0.5
+    a, b, state_of_b = 1.0, -0.5, -0.5
     for k in range(10):
         if k % 3 == 0:
-            b = reached_by_b
+            b = state_of_b
         assert run.signal("a", "x")[k] == pytest.approx(a, rel=1e-13), k
         assert run.signal("b", "x")[k] == pytest.approx(b, rel=1e-13), k
-        next_a = held("a", a, b, 0.1)
+        next_a = exact_step("a", a, b, 0.1)
         if k % 3 == 0:
             size = min(0.3, 1.0 - 0.1 * k)
-            reached_by_b = held("b", b, next_a if algorithm == "gauss-seidel" else a, size)
+            state_of_b = exact_step("b", b, next_a if algorithm == "gauss-seidel" else a, size)
         a = next_a
-    assert run.signal("b", "x")[10] == pytest.approx(reached_by_b, rel=1e-13)
+    assert run.signal("b", "x")[10] == pytest.approx(state_of_b, rel=1e-13)
 
 
-def test_a_fixed_step_slave_flies_among_events_by_a_step_of_its_own(
+def test_a_fixed_step_slave_runs_among_events_with_its_own_step(
     tmp_path: Path,
 ) -> None:
     fmu = scalar_fmu(tmp_path, variable_step=False)
@@ -128,7 +128,7 @@ def test_a_fixed_step_slave_flies_among_events_by_a_step_of_its_own(
     with pytest.raises(InputError, match="steps of one size only"):
         scalars(fmu, PAIR, (("a.x", "b.u", "l"),), **given)
     system = scalars(fmu, PAIR, (("a.x", "b.u", "l"),), every={"a": 0.05, "b": 0.1}, **given)
-    assert simulate(system).ending == "finished"
+    assert simulate(system).status == "finished"
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_step_of_ones_own_that_does_not_fit(fmu: Path, more: dict[str, Any], mes
         scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, **more)
 
 
-def test_step_of_ones_own_is_to_be_in_the_timetable(fmu: Path) -> None:
+def test_own_step_must_be_in_the_communication_schedule(fmu: Path) -> None:
     """A system whose points were laid out for another step than the component has."""
     system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, every={"a": 0.05})
     parts = {
@@ -164,7 +164,7 @@ def test_midpoint_needs_a_delay_of_half_a_step(fmu: Path) -> None:
             simulate(system)
 
 
-def test_packets_are_held(fmu: Path) -> None:
+def test_packets_need_the_policy_hold(fmu: Path) -> None:
     pairs = (("a.x", "b.u", "l", "linear"),)
     system = scalars(fmu, PAIR, pairs, step=0.1, stop=1.0, links=[PacketLink("l", ns(0.1))])
     with pytest.raises(InputError, match="expected: the policy hold"):

@@ -38,10 +38,17 @@ def test_run_goes_when_nobody_holds_it(tiny: Path, tmp_path: Path, engine: Any) 
                 session.bias("a", "x[1]", 0.5)
                 session.run_until()
             writer.finish({})
-        station = session.result().stations[0]
-        held = [session, recorder, station, station.rows, station.slave, session._loop._engine]
-        left = {type(one).__name__: weakref.ref(one) for one in held}
-        del session, recorder, station, held, writer
+        instance = session.result().instances[0]
+        objects = [
+            session,
+            recorder,
+            instance,
+            instance.rows,
+            instance.slave,
+            session._loop._engine,
+        ]
+        left = {type(one).__name__: weakref.ref(one) for one in objects}
+        del session, recorder, instance, objects, writer
         assert [name for name, found in left.items() if found() is not None] == []
     finally:
         gc.enable()
@@ -77,6 +84,6 @@ def test_memory_of_a_long_run_is_that_of_its_rows_and_tables(tiny: Path) -> None
     with Session(system, engine="compiled") as session:
         session.run_until()
         grown = process.memory_info().rss - before
-        rows = session.result().stations[0].rows.nbytes
+        rows = session.result().instances[0].rows.nbytes
     assert rows == 300_001 * 24 * 8
     assert grown < 2 * rows

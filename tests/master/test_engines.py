@@ -24,10 +24,10 @@ from cosim.master import (
     Observer,
     Run,
     System,
-    make_timetable,
+    make_schedule,
     simulate,
 )
-from cosim.master.engine import choose
+from cosim.master.engine import choose_engine
 from cosim.network import Jitter, PacketLink, TransportLink
 
 ENGINES: tuple[EngineName, EngineName] = ("python", "compiled")
@@ -39,13 +39,13 @@ class Diary(Observer):
     def __init__(self) -> None:
         self.lines: list[Any] = []
 
-    def begin(self, stations: Sequence[Any]) -> None:
-        self._stations = stations
+    def begin(self, instances: Sequence[Any]) -> None:
+        self._instances = instances
 
-    def span(self, first: int, last: int) -> None:
+    def rows_complete(self, first: int, last: int) -> None:
         for k in range(first, last):
             values = [
-                (s.name, s.outputs[k].tolist(), s.inputs(last)[k].tolist()) for s in self._stations
+                (s.name, s.outputs[k].tolist(), s.inputs(last)[k].tolist()) for s in self._instances
             ]
             self.lines.append((k, values))
 
@@ -63,12 +63,12 @@ def both(make: Callable[[], System]) -> Run:
         assert runs[-1].engine.name == engine
     one, other = runs
     assert repr(diaries[0]) == repr(diaries[1])
-    assert (one.ending, one.reason) == (other.ending, other.reason)
+    assert (one.status, one.reason) == (other.status, other.reason)
     assert one.points_ns.tolist() == other.points_ns.tolist()
-    reached = one.points_ns.size
-    for a, b in zip(one.stations, other.stations, strict=True):
-        assert a.outputs[:reached].tobytes() == b.outputs[:reached].tobytes()
-        assert a.inputs(reached).tobytes() == b.inputs(reached).tobytes()
+    count = one.points_ns.size
+    for a, b in zip(one.instances, other.instances, strict=True):
+        assert a.outputs[:count].tobytes() == b.outputs[:count].tobytes()
+        assert a.inputs(count).tobytes() == b.inputs(count).tobytes()
     return one
 
 
@@ -100,12 +100,12 @@ LINKS: dict[str, list[Link]] = {
 @pytest.mark.parametrize("events", ["align", "grid"])
 def test_engines_agree_bit_for_bit(fmus: Path, links: list[Link], events: Any) -> None:
     run = both(lambda: section_5(fmus, step=0.01, stop=3.0, links=links, events=events))
-    assert run.ending == "finished"
+    assert run.status == "finished"
 
 
 def test_engines_agree_on_divergence(fmus: Path) -> None:
     run = both(lambda: section_5(fmus, step=0.05, stop=9.0, plant={"A[1,1]": 30.0}, divergence=1e3))
-    assert run.ending == "diverged"
+    assert run.status == "diverged"
 
 
 @pytest.fixture(scope="module")
@@ -120,14 +120,14 @@ def ring(
     named = {link.name: link for link in links}
     way = next(iter(named), None)
     described = describe_fmu(fmu)
-    timetable = make_timetable(named, ns(0.1), ns(stop), "align")
+    comm_schedule = make_schedule(named, ns(0.1), ns(stop), "align")
     pairs = [("a.y", "b.u", None), ("a.n", "b.j", way), ("a.f", "b.c", way), ("b.f", "a.c", None)]
     return System(
         {"a": Component(described, parameters), "b": Component(described, {"u": 0.5})},
         [Connection(end(s), end(t), link) for s, t, link in pairs],
         named,
-        {end("a.u"): np.sin(timetable.points_ns / 1e9)},
-        timetable,
+        {end("a.u"): np.sin(comm_schedule.points_ns / 1e9)},
+        comm_schedule,
         1e6,
     )
 
@@ -151,7 +151,7 @@ def test_failure_names_component_time_and_message(
     mixed: Path, status: int, word: str, *, reading: bool
 ) -> None:
     run = both(lambda: ring(mixed, fail_at=0.75, status=status, fail_get=reading))
-    assert run.ending == "failed"
+    assert run.status == "failed"
     assert run.reason is not None
     assert "'a'" in run.reason
     assert "0.8 s" in run.reason
@@ -164,14 +164,14 @@ def test_failure_names_component_time_and_message(
 
 def test_others_are_ended_after_a_failure_but_not_after_a_fatal_one(mixed: Path) -> None:
     """FMI 2.0: after fmi2Error of one slave the others may go on; after fmi2Fatal none may."""
-    for status, said in ((3, ["b"]), (4, [])):
+    for status, terminated in ((3, ["b"]), (4, [])):
         diary = Diary()
         simulate(ring(mixed, fail_at=0.5, status=status), [diary])
         ended = [line[2] for line in diary.lines if line[-1] == "terminated"]
-        assert ended == said
+        assert ended == terminated
 
 
-def test_what_is_said_stands_between_the_rows_it_was_said_between(mixed: Path) -> None:
+def test_log_lines_are_delivered_between_the_rows_they_were_logged_between(mixed: Path) -> None:
     diary = Diary()
     simulate(ring(mixed), [diary])
     place = [i for i, line in enumerate(diary.lines) if line[-1] == "four more"]
@@ -183,32 +183,32 @@ def test_what_is_said_stands_between_the_rows_it_was_said_between(mixed: Path) -
 
 
 def test_what_a_component_says_can_be_left_out(mixed: Path) -> None:
-    said = {}
+    terminated = {}
     for level in ("debug", "warning"):
         system = ring(mixed)
         quiet = {n: replace(c, log_level=level) for n, c in system.components.items()}
         diary = Diary()
         simulate(replace(system, components=quiet), [diary])
-        said[level] = [line for line in diary.lines if len(line) == 4 and line[2] in quiet]
-    assert any(line[-1] == "four more" for line in said["debug"])
-    assert said["warning"] == [line for line in said["debug"] if line[1] == "warning"]
+        terminated[level] = [line for line in diary.lines if len(line) == 4 and line[2] in quiet]
+    assert any(line[-1] == "four more" for line in terminated["debug"])
+    assert terminated["warning"] == [line for line in terminated["debug"] if line[1] == "warning"]
 
 
 def test_nan_is_out_of_range_on_both_engines(fmus: Path) -> None:
     """A NaN cannot be told from a number by a comparison that forgets about it."""
     run = both(lambda: section_5(fmus, step=1.0, stop=9.0, plant={"A[1,1]": 5000.0}))
-    assert run.ending == "diverged"
+    assert run.status == "diverged"
 
 
 def test_choice_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert choose("python", 10) == ("python", "asked for")
-    assert choose("auto", 10).name == "python"
-    assert "too few" in choose("auto", 10).reason
-    assert choose("auto", 10**6).name == "compiled"
+    assert choose_engine("python", 10) == ("python", "asked for")
+    assert choose_engine("auto", 10).name == "python"
+    assert "too few" in choose_engine("auto", 10).reason
+    assert choose_engine("auto", 10**6).name == "compiled"
     monkeypatch.setattr(choice_module, "find_spec", lambda _name: None)
-    assert "extra: fast" in choose("auto", 10**6).reason
+    assert "extra: fast" in choose_engine("auto", 10**6).reason
     with pytest.raises(InputError, match=r"auv-cosim\[fast\]"):
-        choose("compiled", 10)
+        choose_engine("compiled", 10)
 
 
 def test_two_hundred_thousand_steps_agree(mixed: Path) -> None:

@@ -18,7 +18,7 @@ from cosim.master import (
     Session,
     System,
     TraceRecorder,
-    make_timetable,
+    make_schedule,
     simulate,
 )
 from cosim.trace import Trace, TraceWriter
@@ -44,29 +44,29 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return found | {"sound": faulty_fmu(folder, "2.0", "sound")}
 
 
-def ring(fmus: dict[str, Path], version: str, algorithm: Any, **told: float) -> System:
+def ring(fmus: dict[str, Path], version: str, algorithm: Any, **fault: float) -> System:
     """first -> middle -> last -> first; the middle one is told to fail."""
     sound = describe_fmu(fmus["sound"])
     parts = {
         "first": Component(sound, {"u": 1.0}),
-        "middle": Component(describe_fmu(fmus[version]), told),
+        "middle": Component(describe_fmu(fmus[version]), fault),
         "last": Component(sound, {}),
     }
     pairs = (("first", "middle"), ("middle", "last"), ("last", "first"))
     connections = [Connection(end(f"{a}.x"), end(f"{b}.u")) for a, b in pairs]
-    timetable = make_timetable({}, ns(STEP), ns(LAST), "grid")
+    comm_schedule = make_schedule({}, ns(STEP), ns(LAST), "grid")
     more = {"order": ORDER} if algorithm == "gauss-seidel" else {}
-    return System(parts, connections, {}, {}, timetable, 1e6, algorithm=algorithm, **more)
+    return System(parts, connections, {}, {}, comm_schedule, 1e6, algorithm=algorithm, **more)
 
 
-def told(what: str, status: int, at: float = FAIL_AT) -> dict[str, float]:
+def fault(what: str, status: int, at: float = FAIL_AT) -> dict[str, float]:
     return {"fail_in": CALLS.index(what), "status": status, "fail_at": at}
 
 
 def recorded(system: System, path: Path, engine: Any) -> Run:
     with TraceWriter(path, run={}) as writer:
         run = simulate(system, [TraceRecorder(writer, system)], engine=engine)
-        writer.finish({"ending": run.ending})
+        writer.finish({"status": run.status})
     return run
 
 
@@ -91,9 +91,9 @@ def test_failure_is_named_recorded_and_the_others_are_ended(
     status: int,
 ) -> None:
     """The component, the call, the time, the status and the FMU's words; then the slaves' ends."""
-    system = ring(faulty, version, algorithm, **told(what, status))
+    system = ring(faulty, version, algorithm, **fault(what, status))
     run = recorded(system, tmp_path / "a.mcap", engine)
-    assert run.ending == "failed"
+    assert run.status == "failed"
     assert run.reason is not None
     # under Gauss-Seidel an output is read when its step is done, into the row of the next point
     early = algorithm == "gauss-seidel" and what == "get"
@@ -126,7 +126,7 @@ def test_trace_holds_everything_up_to_the_failure(
     that were there to be received.
     """
     whole = simulate(seeded(ring(faulty, "2.0", algorithm)), engine="python")
-    failing = seeded(ring(faulty, "2.0", algorithm, **told(what, ERROR)))
+    failing = seeded(ring(faulty, "2.0", algorithm, **fault(what, ERROR)))
     run = recorded(failing, tmp_path / "a.mcap", engine)
     k = round(FAIL_AT / STEP)
     complete = what != "get" if algorithm == "gauss-seidel" else what == "step"
@@ -152,8 +152,8 @@ def test_trace_holds_everything_up_to_the_failure(
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_bias_is_on_an_input_whose_turn_did_not_come(faulty: dict[str, Path], engine: Any) -> None:
-    """The last row shows it as it would have been received, once biased."""
-    system = ring(faulty, "2.0", "gauss-seidel", **told("step", ERROR))
+    """The last row shows it would have been received, once biased."""
+    system = ring(faulty, "2.0", "gauss-seidel", **fault("step", ERROR))
     with Session(seeded(system), engine=engine) as session:
         session.bias("last", "u", 10.0)
         session.run_until()
@@ -168,8 +168,8 @@ def seeded(system: System) -> System:
         system.components,
         system.connections[:-1],
         {},
-        {end("first.u"): 1.0 + np.arange(system.timetable.points_ns.size)},
-        system.timetable,
+        {end("first.u"): 1.0 + np.arange(system.comm_schedule.points_ns.size)},
+        system.comm_schedule,
         system.divergence,
         algorithm=system.algorithm,
         order=system.order,
@@ -183,11 +183,11 @@ def test_failure_in_initialisation_is_named_logged_and_the_others_are_freed(
     faulty: dict[str, Path], tmp_path: Path, version: str, what: str, status: int
 ) -> None:
     """No row has come about; the trace has the words of the FMU, and of the master."""
-    system = ring(faulty, version, "jacobi", **told(what, status, at=0.0))
+    system = ring(faulty, version, "jacobi", **fault(what, status, at=0.0))
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         with pytest.raises(ComponentError, match=MESSAGE) as caught:
             simulate(system, [TraceRecorder(writer, system)])
-        writer.finish({"ending": "failed"})
+        writer.finish({"status": "failed"})
     assert "'middle'" in caught.value.text()
     assert "initialisation" in caught.value.text()
     log = lines(Trace(tmp_path / "a.mcap"))
@@ -201,10 +201,10 @@ def test_failure_in_initialisation_is_named_logged_and_the_others_are_freed(
 def test_after_fatal_no_instance_of_that_fmu_is_called(faulty: dict[str, Path]) -> None:
     """Its twin is neither terminated nor freed; an instance of another FMU is."""
     ear = Ear()
-    system = ring(faulty, "2.0", "jacobi", **told("step", FATAL))
+    system = ring(faulty, "2.0", "jacobi", **fault("step", FATAL))
     twin = Component(system.components["middle"].description, {})
     parts = {**system.components, "first": twin}
-    given = System(parts, system.connections, {}, {}, system.timetable, 1e6)
+    given = System(parts, system.connections, {}, {}, system.comm_schedule, 1e6)
     with Session(given, [ear]) as session:
         session.run_until()
     assert ("last", "freed") in ear.heard
@@ -217,10 +217,10 @@ class Ear(Observer):
     def __init__(self) -> None:
         self.heard: list[tuple[str, str]] = []
 
-    def begin(self, stations: Any) -> None:
+    def begin(self, instances: Any) -> None:
         """Look on."""
 
-    def span(self, first: int, last: int) -> None:
+    def rows_complete(self, first: int, last: int) -> None:
         """Look on."""
 
     def log(self, _time_ns: int, _level: str, name: str, message: str) -> None:

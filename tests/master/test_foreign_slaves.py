@@ -13,8 +13,8 @@ from foreign.c_fmu import c_fmu, every, talker
 
 from cosim.core.errors import InputError
 from cosim.fmu import FmuDescription, describe_fmu
-from cosim.master import Component, Connection, Endpoint, Session, System, make_timetable, simulate
-from cosim.master.stations import Station
+from cosim.master import Component, Connection, Endpoint, Session, System, make_schedule, simulate
+from cosim.master.component_instance import ComponentInstance
 from cosim.master.system import LogLevel
 from cosim.network import PacketLink, TransportLink
 
@@ -27,10 +27,10 @@ class Diary:
     def __init__(self) -> None:
         self.lines: list[tuple[int, str, str, str]] = []
 
-    def begin(self, stations: Sequence[Station]) -> None:
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Before the first point."""
 
-    def span(self, first: int, last: int) -> None:
+    def rows_complete(self, first: int, last: int) -> None:
         """Rows are complete."""
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
@@ -62,7 +62,7 @@ def system_of(
         [Connection(source, target) for source, target in ends],
         {},
         {},
-        make_timetable({}, round(STEP_S * 1e9), round(END_S * 1e9), "grid"),
+        make_schedule({}, round(STEP_S * 1e9), round(END_S * 1e9), "grid"),
         1e12,
     )
 
@@ -101,7 +101,7 @@ def test_values_of_every_type_travel_between_the_versions(
         }
         numbers = [session.read("last", f"{kind}.out") for kind in small]
         run = session.result()
-    assert run.ending == "finished"
+    assert run.status == "finished"
     assert read == {
         "Boolean.out": True,
         "String.out": "größer",
@@ -120,10 +120,13 @@ def test_slave_of_fmi3_ends_the_run(fmi3: FmuDescription, engine: Any) -> None:
     diary = Diary()
     system = system_of({"one": (bare, {"end_at": 1.0}), "two": (bare, {})}, "one.x two.Float64.in")
     run = simulate(system, [diary], engine=engine)
-    assert run.ending == "stopped"
+    assert run.status == "stopped"
     assert "component 'one' asked for the end in the step from t = 0.75 s" in str(run.reason)
     assert run.signal("one", "x").tolist() == [5.0, 5.25, 5.5, 5.75]
-    assert [name for _, _, name, said in diary.lines if said == "terminated"] == ["two", "one"]
+    assert [name for _, _, name, log_text in diary.lines if log_text == "terminated"] == [
+        "two",
+        "one",
+    ]
 
 
 def describe_without_texts(fmi3: FmuDescription) -> FmuDescription:
@@ -139,7 +142,7 @@ def test_slave_of_fmi2_ends_the_run_by_discard(fmi2: FmuDescription) -> None:
     """In its fourth step, and what it logs without meaning is no failure."""
     for mode in (1, 5):
         run = simulate(system_of({"it": (fmi2, {"mode": mode})}))
-        assert run.ending == "stopped"
+        assert run.status == "stopped"
         assert "asked for the end in the step from t = 0.75 s" in str(run.reason)
         assert run.points_ns.size == 4
 
@@ -155,17 +158,17 @@ def test_failure_names_component_time_and_words(
         "bad.y other.Float64.in",
     )
     run = simulate(system, [diary])
-    assert run.ending == "failed"
+    assert run.status == "failed"
     reason = str(run.reason)
     assert f"component 'bad' (talker_fmi2.fmu): step from t = 0.75 s returned fmi2{word}" in reason
     assert ("everything is lost" in reason) == (mode == 3)
     assert ("it broke" in reason) == (mode == 4)
     assert run.points_ns.size == 4
-    said = {(name, message) for _, _, name, message in diary.lines}
-    assert ("other", "terminated") in said
-    assert (("same", "terminated") in said) == (mode != 3)
-    assert (("bad", "freed") in said) == (mode != 3)
-    assert ("bad", "terminated") not in said
+    log_text = {(name, message) for _, _, name, message in diary.lines}
+    assert ("other", "terminated") in log_text
+    assert (("same", "terminated") in log_text) == (mode != 3)
+    assert (("bad", "freed") in log_text) == (mode != 3)
+    assert ("bad", "terminated") not in log_text
 
 
 def test_lengths_that_no_array_has_are_bad_input(fmi3: FmuDescription) -> None:
@@ -206,12 +209,12 @@ def test_connection_carries_what_its_ends_and_its_link_hold(
 ) -> None:
     """Range, shape and type; over a link nothing in between is made of what has nothing there."""
     links = {one.name: one for one in LINKS}
-    timetable = make_timetable(links, round(STEP_S * 1e9), round(END_S * 1e9), "grid")
+    comm_schedule = make_schedule(links, round(STEP_S * 1e9), round(END_S * 1e9), "grid")
     connection = Connection(Endpoint("one", source), Endpoint("two", target), link)
     parts = {"one": Component(fmi3), "two": Component(fmi3)}
     refused = nullcontext() if message is None else pytest.raises(InputError, match=message)
     with refused:
-        System(parts, [connection], links, {}, timetable, 1e12)
+        System(parts, [connection], links, {}, comm_schedule, 1e12)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +226,7 @@ def test_connection_carries_what_its_ends_and_its_link_hold(
         ("error", set()),
     ],
 )
-def test_log_level_keeps_what_is_said_at_it(
+def test_log_level_keeps_what_is_logged_at_it(
     fmi2: FmuDescription, level: LogLevel, kept: set[str]
 ) -> None:
     """What is below the level is left out; what is at the level is not."""

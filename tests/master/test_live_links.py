@@ -68,13 +68,13 @@ def by_events(grid: float | None = None) -> list[float]:
             heapq.heappush(events, (up(sent), next(order), i, None))
     x, u, now = list(START), [0.0, 0.0], 0
     while events and events[0][0] <= ns(STOP):
-        at, _, i, carried = heapq.heappop(events)
+        at, _, i, value = heapq.heappop(events)
         x, now = advanced(x, u, (at - now) / 1e9), at
-        if carried is None:
+        if value is None:
             delay = ns(0.0207) if i else round(1e9 * (OFFSET + SCALE * abs(x[0])))
             heapq.heappush(events, (up(at + delay), next(order), i, x[i]))
         else:
-            u[1 - i] = carried
+            u[1 - i] = value
     return advanced(x, u, (ns(STOP) - now) / 1e9)
 
 
@@ -92,7 +92,7 @@ def test_delay_that_follows_a_signal_is_exact_whatever_the_step(
     fmu: Path, engine: EngineName, step: float, algorithm: str
 ) -> None:
     run = simulate(ranged(fmu, step=step, algorithm=algorithm), engine=engine)
-    assert run.ending == "finished"
+    assert run.status == "finished"
     assert ends(run) == pytest.approx(by_events(), rel=1e-12)
     sent = run.schedules["there"].sent_ns
     delays = run.schedules["there"].arrival_ns - sent
@@ -198,7 +198,7 @@ def test_value_that_makes_no_delay_ends_the_run(fmu: Path, engine: EngineName) -
         delays=system.delays,
     )
     run = simulate(system, engine=engine)
-    assert run.ending == "failed"
+    assert run.status == "failed"
     assert run.reason is not None
     assert "link 'there', message 0" in run.reason
 
@@ -243,7 +243,7 @@ def test_algebraic_loop_through_a_live_link_is_refused(
     with pytest.raises(InputError, match="a -> a: the connections form an algebraic loop"):
         simulate(own)
     opened = scalars(fmu, parts, (("a.y", "b.u", "there"), ("b.x", "a.u")), **given)
-    assert simulate(opened).ending == "finished"
+    assert simulate(opened).status == "finished"
 
 
 def test_snapshot_of_another_live_link_is_refused(fmu: Path) -> None:
@@ -285,7 +285,7 @@ def test_state_of_a_link_is_a_signal(
     schedule = run.schedules["there"]
     seen = run.signal("a", "u")
     for k, t in enumerate(run.points_ns.tolist()):
-        told = [
+        arrived = [
             (arrival, int(sent), status)
             for arrival, sent, status in zip(
                 schedule.arrival_ns.tolist(),
@@ -295,12 +295,12 @@ def test_state_of_a_link_is_a_signal(
             )
             if arrival <= t and status != 3
         ]
-        got = [sent for _, sent, status in told if status == 0]
+        got = [sent for _, sent, status in arrived if status == 0]
         newest = max(got, default=None)
         expected = {
             "age": (t - (newest or 0)) / 1e9,
             "sequence": -1 if newest is None else (newest - ns(0.01)) // ns(0.07),
-            "dropped": len(told) - len(got),
+            "dropped": len(arrived) - len(got),
             "delivered": len(got),
         }[what]
         assert seen[k] == expected, t
@@ -337,7 +337,7 @@ def test_fixed_step_slave_does_not_go_with_points_that_come_about(tmp_path: Path
     with pytest.raises(InputError, match="steps of one size only"):
         scalars(stiff, PAIR, (("a.x", "b.u", "there"),), **given)
     on_grid = scalars(stiff, PAIR, (("a.x", "b.u", "there"),), events="grid", **given)
-    assert simulate(on_grid).ending == "finished"
+    assert simulate(on_grid).status == "finished"
 
 
 @pytest.mark.parametrize(("link", "policy"), [("there", "hold"), (None, "linear")])
@@ -366,7 +366,7 @@ def test_age_is_in_seconds(fmu: Path, tmp_path: Path, unit: str, *, fits: bool) 
 
 @pytest.mark.parametrize("events", ["align", "grid"])
 @pytest.mark.parametrize(
-    ("more", "ending", "words", "sent"),
+    ("more", "status", "words", "sent"),
     [
         ({"b": {"x0": math.nan}}, "diverged", "b.x left the range of +-1e+06 at t = 0 s", 0),
         ({"b": {"a": 18.2}}, "diverged", "b.x left the range of +-1e+06 at t = 0.8 s", 8),
@@ -378,7 +378,7 @@ def test_run_that_ends_where_a_message_was_to_be_sent(
     fmu: Path,
     engine: EngineName,
     more: dict[str, Any],
-    ending: str,
+    status: str,
     words: str,
     sent: int,
     events: str,
@@ -397,6 +397,6 @@ def test_run_that_ends_where_a_message_was_to_be_sent(
         delays={"there": DelaySource((end("a.x"),))},
     )
     run = simulate(system, engine=engine)
-    assert run.ending == ending
+    assert run.status == status
     assert words in str(run.reason)
     assert run.schedules["there"].messages.sent_ns.tolist() == [k * ns(0.1) for k in range(sent)]

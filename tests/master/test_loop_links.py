@@ -83,20 +83,20 @@ def replayed(
         if send <= points[-1]:
             events.append((arrival, i, bool(drawn.lost[i]), float(sent[points.index(send)])))
     events.sort()
-    held, newest, seen = start, -1, []
+    value_in_use, newest, seen = start, -1, []
     for t in points:
         while events and events[0][0] <= t:
             _, i, lost, value = events.pop(0)
             if lost:
                 if link.on_loss != "hold" and i > newest:
-                    held = 0.0 if link.on_loss == "zero" else float(link.on_loss)
+                    value_in_use = 0.0 if link.on_loss == "zero" else float(link.on_loss)
                 continue
             if i > newest or link.order == "as-arrived":
                 if link.quantization:
                     value = round(value / link.quantization) * link.quantization
-                held = value
+                value_in_use = value
             newest = max(newest, i)
-        seen.append(held)
+        seen.append(value_in_use)
     return seen
 
 

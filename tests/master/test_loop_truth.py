@@ -151,7 +151,7 @@ def test_transport_between_the_points_is_interpolated(fmus: Path) -> None:
         assert seen == pytest.approx(np.interp(np.maximum(t - 0.13, 0.0), t, sent), abs=1e-12)
 
 
-def test_driven_input_is_held_over_each_step(fmus: Path) -> None:
+def test_driven_input_is_constant_over_each_step(fmus: Path) -> None:
     """X' = -5 x1 - x1(t-0.3) + 4 w with w sampled and held: the reference with a Hold."""
     step = 0.1
     run = simulate(
@@ -180,7 +180,7 @@ def test_driven_input_is_held_over_each_step(fmus: Path) -> None:
 def test_last_point_comes_after_a_shorter_step(fmus: Path) -> None:
     """An end that is no multiple of the step is met, by one short step."""
     run = simulate(section_5(fmus, step=0.15, stop=1.0))
-    assert run.ending == "finished"
+    assert run.status == "finished"
     assert run.points_ns.tolist() == [ns(0.15) * k for k in range(7)] + [ns(1.0)]
 
 
@@ -202,7 +202,7 @@ def test_order_of_components_does_not_matter(fmus: Path) -> None:
         connections=list(reversed(given.connections)),
         links=given.links,
         driven=given.driven,
-        timetable=given.timetable,
+        comm_schedule=given.comm_schedule,
         divergence=given.divergence,
     )
     other = simulate(turned)
@@ -210,7 +210,7 @@ def test_order_of_components_does_not_matter(fmus: Path) -> None:
         assert np.array_equal(run.signal("plant", signal), other.signal("plant", signal))
 
 
-def test_feedthrough_reaches_its_reader_at_the_same_point(fmus: Path) -> None:
+def test_feedthrough_is_read_at_the_same_point(fmus: Path) -> None:
     """z of one plant drives w of a second: its own z follows in the same row."""
     run = simulate(
         system(

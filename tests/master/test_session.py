@@ -67,7 +67,7 @@ def test_step_by_step_is_the_same_run(fmu: Path, engine: EngineName) -> None:
         session.run_until()
         assert session.ended
         assert rows(session.result()) == rows(whole)
-        assert session.result().ending == "finished"
+        assert session.result().status == "finished"
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
@@ -178,18 +178,18 @@ def test_snapshot_of_another_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
         session.restore(kept)
 
 
-@pytest.mark.parametrize("ending", ["diverged", "failed"])
-def test_run_that_cannot_go_on_is_not_saved(fmu: Path, ending: str) -> None:
+@pytest.mark.parametrize("status", ["diverged", "failed"])
+def test_run_that_cannot_go_on_is_not_saved(fmu: Path, status: str) -> None:
     """Nothing is left of it to go on from; one that was ended by its end can be saved."""
     growing = PAIR | {"a": {"a": 5.0, "x0": -1.0}}
     signal = PacketLink("p", ns(0.1), delay=DelaySignal(0.01, ns(0.02)))
     more: dict[str, Any] = {}
-    if ending == "failed":  # a negative delay, once x < -2
+    if status == "failed":  # a negative delay, once x < -2
         more = {"links": [signal], "delays": {"p": DelaySource((end("a.x"),))}}
     pairs = (("a.x", "b.u", "p" if more else ""),)
     with Session(scalars(fmu, growing, pairs, step=0.1, stop=9.0, **more)) as session:
         session.run_until()
-        assert session.result().ending == ending
+        assert session.result().status == status
         with pytest.raises(InputError, match="the run cannot go on"):
             session.snapshot()
     with Session(scalars(fmu, PAIR, (("a.x", "b.u"),), step=0.1, stop=1.0)) as session:
@@ -225,12 +225,12 @@ def test_read_set_and_the_last_row(fmu: Path, engine: EngineName) -> None:
             session.value("a", "x")
         session.step()
         assert session.value("a", "x") == 1.0
-        reached = session.read("a", "x")
-        assert reached == pytest.approx(math.exp(-0.1), rel=1e-14)
+        state = session.read("a", "x")
+        assert state == pytest.approx(math.exp(-0.1), rel=1e-14)
         session.set("a", "u", 2.0)  # nothing is connected to it
         session.set("a", "a", -2.0)  # tunable
         session.step()
-        expected = math.exp(-0.2) * reached - math.expm1(-0.2) / 2.0 * 1.5 * 2.0
+        expected = math.exp(-0.2) * state - math.expm1(-0.2) / 2.0 * 1.5 * 2.0
         assert session.read("a", "x") == pytest.approx(expected, rel=1e-14)
         with pytest.raises(InputError, match="this input is connected"):
             session.set("b", "u", 1.0)
@@ -266,12 +266,12 @@ def test_override_bias_release(fmu: Path, engine: EngineName) -> None:
         session.override("a", "b", 1.0)
 
 
-def test_stops_at_the_first_row_where_it_is_told(fmu: Path, engine: EngineName) -> None:
+def test_stops_at_the_first_row_where_the_condition_is_true(fmu: Path, engine: EngineName) -> None:
     with Session(linked(fmu), engine=engine) as session:
         stopped = session.run_until(stop=lambda s: s.value("a", "x") < 0.5)
         run = session.result()
         assert stopped
-        assert run.ending == "stopped"
+        assert run.status == "stopped"
         values = run.signal("a", "x")
         assert values[-1] < 0.5
         assert (values[:-1] >= 0.5).all()

@@ -33,7 +33,7 @@ LINK = PacketLink(
 def recorded(given: System, path: Path) -> Run:
     with TraceWriter(path, run={"scenario": "test"}) as writer:
         run = simulate(given, [TraceRecorder(writer, given)])
-        writer.finish({"ending": run.ending})
+        writer.finish({"status": run.status})
     return run
 
 
@@ -145,7 +145,7 @@ def test_same_seed_same_content(fmus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("plant", "ending", "rows"),
+    ("plant", "status", "rows"),
     [
         ({"delay.d": 1e-12}, "failed", 1),
         ({"A[1,1]": 30.0}, "diverged", None),
@@ -153,14 +153,14 @@ def test_same_seed_same_content(fmus: Path, tmp_path: Path) -> None:
     ],
 )
 def test_trace_of_a_run_that_ended_early_is_readable(
-    fmus: Path, tmp_path: Path, plant: dict[str, float], ending: str, rows: int | None
+    fmus: Path, tmp_path: Path, plant: dict[str, float], status: str, rows: int | None
 ) -> None:
     """What was reached is there, and the log's last line says why it ended."""
     given = section_5(fmus, step=0.1, stop=5.0, links=[LINK], plant=plant)
     run = recorded(given, tmp_path / "a.mcap")
-    assert run.ending == ending
+    assert run.status == status
     trace = Trace(tmp_path / "a.mcap")
-    assert trace.result == {"ending": ending}
+    assert trace.result == {"status": status}
     table = trace.read("/plant/output")
     assert len(table) == run.points_ns.size == (rows or run.points_ns.size) < 50
     assert np.array_equal(table["x[1]"], run.signal("plant", "x[1]"))
@@ -170,7 +170,7 @@ def test_trace_of_a_run_that_ended_early_is_readable(
 def test_link_that_nothing_uses_is_harmless(fmus: Path, tmp_path: Path) -> None:
     """A link without connections is recorded without signals, not tripped over."""
     given = system(fmus, {"sea": ("WaveField", {})}, [], step=0.1, stop=0.5, links=[LINK])
-    assert recorded(given, tmp_path / "a.mcap").ending == "finished"
+    assert recorded(given, tmp_path / "a.mcap").status == "finished"
     assert Trace(tmp_path / "a.mcap").finished
 
 

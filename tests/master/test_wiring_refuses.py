@@ -12,7 +12,7 @@ from coupled import end, ns, rewritten, section_5, system
 
 from cosim.core.errors import InputError
 from cosim.fmu import describe_fmu
-from cosim.master import Component, Endpoint, make_timetable, simulate
+from cosim.master import Component, Endpoint, make_schedule, simulate
 from cosim.network import PacketLink, TransportLink
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def test_algebraic_loop_names_its_components(fmus: Path, link: TransportLink | N
     connections[1] = ("b.z[1]", "a.w[1]", "line")
     connections[0] = ("a.z[1]", "b.w[1]")
     run = simulate(system(fmus, TWO, connections, step=0.1, stop=0.5, links=[packet]))
-    assert run.ending == "finished"
+    assert run.status == "finished"
     sent = run.signal("b", "z[1]")
     assert np.array_equal(run.signal("a", "w[1]")[1:], sent[:-1])
 
@@ -113,20 +113,20 @@ def test_own_output_fed_back_is_a_loop_of_one(fmus: Path) -> None:
 def test_state_fed_back_is_no_loop(fmus: Path) -> None:
     """x into the same plant's u is a held feedback, not an algebraic loop."""
     given = system(fmus, PLANT, [("plant.x[1]", "plant.u[1]")], step=0.1, stop=1.0)
-    assert simulate(given).ending == "finished"
+    assert simulate(given).status == "finished"
 
 
 @pytest.mark.parametrize(("step", "stop"), [(0, 10**9), (-1, 10**9), (10**9, 10**8)])
 def test_step_that_does_not_fit_is_refused(step: int, stop: int) -> None:
     """Zero, negative, or longer than the run."""
     with pytest.raises(InputError, match="the communication step does not fit the run"):
-        make_timetable({}, step, stop, "align")
+        make_schedule({}, step, stop, "align")
 
 
 def test_far_too_many_points_are_refused() -> None:
     """A nanosecond's step over an hour is a mistake in the units."""
     with pytest.raises(InputError, match="too many communication points"):
-        make_timetable({}, 1, 3600 * 10**9, "align")
+        make_schedule({}, 1, 3600 * 10**9, "align")
 
 
 def test_unknown_parameter_is_refused(fmus: Path) -> None:
@@ -153,7 +153,7 @@ def test_unknown_signal_of_a_run(fmus: Path) -> None:
 def test_component_that_fails_ends_the_run(fmus: Path) -> None:
     """A delay that cannot be paid: "failed", the reason in the component's words, row 0 kept."""
     run = simulate(section_5(fmus, step=0.1, stop=1.0, plant={"delay.d": 1e-12}))
-    assert run.ending == "failed"
+    assert run.status == "failed"
     assert run.reason is not None
     assert "component 'plant' (DelayedPlant.fmu)" in run.reason
     assert "use a shorter communication step" in run.reason
@@ -166,7 +166,7 @@ def test_divergence_ends_the_run(fmus: Path) -> None:
     run = simulate(
         section_5(fmus, step=0.1, stop=9.0, plant={"A[1,1]": 5.0}, divergence=1000.0),
     )
-    assert run.ending == "diverged"
+    assert run.status == "diverged"
     assert run.reason is not None
     assert run.reason.startswith("plant.")
     assert "left the range of +-1000" in run.reason
@@ -177,7 +177,7 @@ def test_divergence_ends_the_run(fmus: Path) -> None:
 def test_overflow_inside_a_step_is_divergence(fmus: Path) -> None:
     """A state that leaves the numbers within one step is no defect of the component."""
     run = simulate(section_5(fmus, step=1.0, stop=9.0, plant={"A[1,1]": 5000.0}, divergence=1e300))
-    assert run.ending == "diverged"
+    assert run.status == "diverged"
     assert run.reason is not None
     assert "no longer finite" in run.reason
     assert run.points_ns.tolist() == [0]
@@ -204,18 +204,18 @@ def test_fixed_step_fmu_is_refused_where_steps_vary(fmus: Path, tmp_path: Path) 
     assert 'set events = "grid" and an end that is a multiple of the step' in str(caught.value)
     with pytest.raises(InputError, match="steps of one size only"):
         replaced("grid", stop=1.02)
-    assert simulate(replaced("grid")).ending == "finished"
+    assert simulate(replaced("grid")).status == "finished"
 
 
-def test_link_that_is_not_the_timetables_is_refused(fmus: Path) -> None:
+def test_link_that_is_not_in_the_schedule_is_refused(fmus: Path) -> None:
     """A link under another name, or one the timetable was not made for."""
     link = PacketLink("sc", ns(0.1))
     given = section_5(fmus, step=0.1, stop=1.0, links=[link])
     with pytest.raises(InputError, match="pass the same links to make_timetable"):
         dataclasses.replace(given, links={"other": link}, connections=[])
-    without = make_timetable({}, ns(0.1), ns(1.0), "align")
+    without = make_schedule({}, ns(0.1), ns(1.0), "align")
     with pytest.raises(InputError, match="link 'sc': the link and its place"):
-        dataclasses.replace(given, timetable=without)
+        dataclasses.replace(given, comm_schedule=without)
 
 
 def test_endpoint_reads_as_it_is_written() -> None:

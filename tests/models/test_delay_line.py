@@ -30,7 +30,7 @@ CASES = {
 }
 
 
-def held(t: float) -> list[float]:
+def lagged(t: float) -> list[float]:
     """Give two inputs as sampled at a communication point."""
     return [math.cos(2.1 * t), math.sin(1.3 * t)]
 
@@ -51,7 +51,7 @@ def points(period: float, end: float = END) -> list[float]:
 
 
 def right_hand_side(t: float) -> RightHandSide:
-    u = held(t)
+    u = lagged(t)
     return lambda _t, x, late: rate(x, late, u)
 
 
@@ -67,7 +67,7 @@ def run(delays: Sequence[float], period: float, step: float) -> np.ndarray:
 
 def truth(delays: Sequence[float], period: float) -> np.ndarray:
     times = points(period)[:-1]
-    u = Hold(times, [np.array(held(t)) for t in times])
+    u = Hold(times, [np.array(lagged(t)) for t in times])
     x = solve(
         lambda t, x, late: rate(x, late, u(t)),  # type: ignore[arg-type]
         [1.0, -0.5],
@@ -96,7 +96,7 @@ def test_simplest_delay_equation_at_its_known_values(period: float) -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_order_four_with_held_inputs(case: str) -> None:
+def test_order_four_with_zero_order_hold_inputs(case: str) -> None:
     """Halving the step divides the error by 16 (13 to 20), for any delay and period."""
     delays, period = CASES[case]
     exact = truth(delays, period)

@@ -87,7 +87,7 @@ def test_kink_of_the_history_is_met() -> None:
 
 
 @pytest.mark.parametrize("period", [0.1, 0.25, 0.37])
-def test_held_input_follows_its_step_responses(period: float) -> None:
+def test_zero_order_hold_input_follows_its_step_responses(period: float) -> None:
     """X' = -x(t-d) + u with u held: the sum of the exact responses to its jumps."""
     d, end = 0.3, 3.0
     times = [k * period for k in range(math.ceil(end / period))]

@@ -26,8 +26,8 @@ def test_profile_by_hand() -> None:
     """The end values hold outside; between the samples the last one, or the line."""
     times, delays = np.array([10, 20, 40]), np.array([100, 200, 50])
     at = [-5, 0, 10, 15, 19, 20, 25, 40, 1000]
-    held = DelayProfile(times, delays).delay_ns(at).tolist()
-    assert held == [100, 100, 100, 100, 100, 200, 200, 50, 50]
+    delays_at = DelayProfile(times, delays).delay_ns(at).tolist()
+    assert delays_at == [100, 100, 100, 100, 100, 200, 200, 50, 50]
     line = DelayProfile(times, delays, "linear").delay_ns(at).tolist()
     assert line == [100, 100, 100, 150, 190, 200, 162, 50, 50]  # 162.5 to the even one
     assert DelayProfile(times[:1], delays[:1], "linear").delay_ns(at).tolist() == [100] * 9

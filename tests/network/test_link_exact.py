@@ -174,9 +174,14 @@ def check_arrivals(s: PacketSchedule | LiveSchedule, model: link_model.Outcome) 
         (model.entries[label].arrival, model.entries[label].sent, label[0], fate)
         for label, fate in model.received
     ]
-    told = s.arrivals()
-    fates = [REASONS[k] for k in told.status.tolist()]
-    columns = (told.arrival_ns.tolist(), told.sent_ns.tolist(), told.sequence.tolist(), fates)
+    arrivals = s.arrivals()
+    fates = [REASONS[k] for k in arrivals.status.tolist()]
+    columns = (
+        arrivals.arrival_ns.tolist(),
+        arrivals.sent_ns.tolist(),
+        arrivals.sequence.tolist(),
+        fates,
+    )
     assert list(zip(*columns, strict=True)) == expected
 
 
@@ -217,7 +222,7 @@ def check_statistics(s: PacketSchedule, model: link_model.Outcome) -> None:
     )
 
 
-def fly(
+def resolve_all(
     live: LiveSchedule, case: Case, model: link_model.Outcome, r: random.Random
 ) -> LiveSchedule:
     """Resolve message after message, asking in between for what is final and comparing it."""
@@ -256,12 +261,12 @@ def check_case(number: int) -> None:
     exact = link_model.run(link, end, raw, case.delay)
     grid = link_model.run(link, end, raw, case.delay, points)
     instants = [*(r.randint(0, end) for _ in range(4)), 0, end]
-    live = fly(LiveSchedule(link, end), case, exact, r)
+    live = resolve_all(LiveSchedule(link, end), case, exact, r)
     check_answers(live, exact, instants)
     check_arrivals(live, exact)
     finished = live.finish()
     check_schedule(finished, exact, instants)
-    on_points = fly(LiveSchedule(link, end, points), case, grid, r).finish()
+    on_points = resolve_all(LiveSchedule(link, end, points), case, grid, r).finish()
     check_schedule(on_points, grid, instants)
     if not isinstance(link.delay, DelaySignal):
         finished = schedule(link, end)

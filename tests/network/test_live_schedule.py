@@ -198,18 +198,18 @@ def test_snapshot_goes_on_alone(snapshot: Any) -> None:
             assert (a == b).all()
 
 
-def test_arrivals_are_told_once() -> None:
+def test_arrivals_are_returned_once() -> None:
     """Asked for what is new after each message, the link tells every arrival once, in order."""
     link = replace(RANGING, jitter=Jitter("uniform", width_ns=60), duplicate=0.5, loss=0.2)
     live = LiveSchedule(link, 1000)
-    told: list[tuple[int, ...]] = []
+    arrivals: list[tuple[int, ...]] = []
     for k in range(live.sent_ns.size):
         live.resolve(k, 5.0)
-        fresh = live.arrivals(len(told))
+        fresh = live.arrivals(len(arrivals))
         assert (fresh.arrival_ns < live.horizon_ns).all()
-        told += zip(*(a.tolist() for a in fresh), strict=True)
+        arrivals += zip(*(a.tolist() for a in fresh), strict=True)
     finished = live.finish().arrivals()
-    assert told == list(zip(*(a.tolist() for a in finished), strict=True))
+    assert arrivals == list(zip(*(a.tolist() for a in finished), strict=True))
     assert [a.dtype for a in live.arrivals()] == [a.dtype for a in finished]
 
 

@@ -21,8 +21,8 @@ from cosim.models import paper_example as example
 from cosim.paper import Report, Row, Verdict
 from cosim.paper.every_delay import every_delay
 from cosim.paper.figures import curves, figure_rows
+from cosim.paper.html_page import page
 from cosim.paper.lemmas import lemma_rows
-from cosim.paper.page import page
 from cosim.paper.row import EXAMPLE, SECTIONS
 from cosim.paper.table_2 import table_2
 from cosim.paper.table_rows import table_rows
@@ -88,13 +88,21 @@ def test_page_is_the_same_twice(report: Report) -> None:
 
 def test_json_is_plain_and_complete(report: Report) -> None:
     """Strict JSON; verdicts from the closed set; one object per column of Table 2."""
-    said = json.loads(json.dumps(report.to_json(), allow_nan=False))
-    assert len(said["rows"]) == len(report.rows)
-    assert {row["verdict"] for row in said["rows"]} <= {str(verdict) for verdict in Verdict}
-    assert sum(said["verdicts"].values()) == len(said["rows"])
-    assert [entry["gamma"] for entry in said["table2"]] == [5.0, 20.0]
-    wanted = {"gamma", "printed", "corrected", "searched", "limit_reached", "sharper", "verdict"}
-    assert all(wanted <= set(entry) for entry in said["table2"])
+    output = json.loads(json.dumps(report.to_json(), allow_nan=False))
+    assert len(output["rows"]) == len(report.rows)
+    assert {row["verdict"] for row in output["rows"]} <= {str(verdict) for verdict in Verdict}
+    assert sum(output["verdicts"].values()) == len(output["rows"])
+    assert [entry["gamma"] for entry in output["table2"]] == [5.0, 20.0]
+    wanted = {
+        "gamma",
+        "printed",
+        "corrected",
+        "searched",
+        "limit_reached",
+        "bessel_legendre",
+        "verdict",
+    }
+    assert all(wanted <= set(entry) for entry in output["table2"])
 
 
 def test_view_has_every_row(report: Report) -> None:
@@ -132,7 +140,7 @@ def test_help_names_the_verb(tmp_path: Path) -> None:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch, report: Report) -> None:
     """The verb with the small report in place of the whole computation."""
-    monkeypatch.setattr(cosim.paper, "reproduce", lambda _tell: report)
+    monkeypatch.setattr(cosim.paper, "reproduce", lambda _report_progress: report)
 
 
 @pytest.mark.usefixtures("quick")
@@ -148,7 +156,7 @@ def test_verb_writes_what_is_asked(tmp_path: Path, report: Report) -> None:
 def test_what_would_fail_late_fails_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that cannot be written, or not be drawn: said before anything is computed."""
 
-    def computed(_tell: Any) -> Report:
+    def computed(_report_progress: Any) -> Report:
         raise AssertionError("computed before the fault was seen")
 
     def missing() -> None:
@@ -171,9 +179,9 @@ def test_whole_report(tmp_path: Path) -> None:
     """Every claim of MATH: the bound of 5, the norm, the roots, Table 2's seven columns."""
     result = command("paper", "--json", "--html", "page.html", cwd=tmp_path)
     assert result.code == 0
-    said = result.json
-    rows = {row["what"]: row for row in said["rows"]}
-    assert len(rows) == len(said["rows"])
+    output = result.json
+    rows = {row["what"]: row for row in output["rows"]}
+    assert len(rows) == len(output["rows"])
     assert rows["the least γ at k1 = 0.6, k2 = 0.2"]["value"] == pytest.approx(5.0132, abs=1e-4)
     assert 5.0 < rows["the least γ over k1, k2"]["value"] <= 5.001
     norm = rows["(ii) with the printed K: ‖z‖ ≤ 5‖w‖"]
@@ -184,7 +192,7 @@ def test_whole_report(tmp_path: Path) -> None:
     stable = rows["(i) the closed loop with the printed K"]
     assert stable["value"] == pytest.approx(-5.138, abs=1e-3)
     assert stable["verdict"] == "holds"
-    table = said["table2"]
+    table = output["table2"]
     assert [entry["gamma"] for entry in table] == [gamma for gamma, _ in example.TABLE_2]
     assert [entry["printed"] for entry in table] == [d for _, d in example.TABLE_2]
     for entry in table[:2]:
@@ -196,6 +204,6 @@ def test_whole_report(tmp_path: Path) -> None:
         assert entry["every_delay"] is True
     assert table[2]["corrected"] == pytest.approx(1.0428, abs=1e-4)
     assert table[-1]["corrected"] == pytest.approx(1.2180, abs=1e-4)
-    assert {row["verdict"] for row in said["rows"]} == {str(verdict) for verdict in Verdict}
-    assert len(said["summary"]) == 5
+    assert {row["verdict"] for row in output["rows"]} == {str(verdict) for verdict in Verdict}
+    assert len(output["summary"]) == 5
     assert (tmp_path / "page.html").stat().st_size > 100_000

@@ -14,8 +14,8 @@ from cosim.models import paper_example as example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.every_delay import every_delay
 from cosim.paper.figures import curves, figure_rows
-from cosim.paper.flight import fly
 from cosim.paper.row import Verdict
+from cosim.paper.simulation import simulate
 from cosim.paper.stability import largest_radius
 from cosim.paper.table_2 import direct_term, table_2
 
@@ -71,12 +71,14 @@ def test_direct_term_decides_about_gamma(gamma: float, feasible: bool) -> None: 
 
 def test_table_2_where_it_is_impossible_and_where_it_is_not() -> None:
     """gamma = 4: no delay. gamma = 6: 1.0428 s at the printed k1, k2, then to the limit."""
-    told: list[str] = []
+    reported: list[str] = []
     everywhere = every_delay(example.system())
-    none, six, eight = table_2(everywhere, lambda what, _: told.append(what), 3.0, (4.0, 6.0, 8.0))
-    assert len(told) == 3
+    none, six, eight = table_2(
+        everywhere, lambda what, _: reported.append(what), 3.0, (4.0, 6.0, 8.0)
+    )
+    assert len(reported) == 3
     assert none.verdict is Verdict.IMPOSSIBLE
-    assert (none.corrected, none.searched, none.sharper) == (None, None, None)
+    assert (none.corrected, none.searched, none.bessel_legendre) == (None, None, None)
     assert not none.every_delay
     assert not none.limit_reached
     assert six.corrected == pytest.approx(1.0428, abs=6e-5)
@@ -86,16 +88,16 @@ def test_table_2_where_it_is_impossible_and_where_it_is_not() -> None:
     assert six.verdict is Verdict.DOES_NOT
     assert "Infeasible" in six.why
     assert (six.searched, six.limit_reached) == (3.0, True)
-    assert (six.sharper, six.sharper_limit_reached) == (3.0, True)
+    assert (six.bessel_legendre, six.bessel_legendre_limit_reached) == (3.0, True)
     assert six.every_delay
     assert (eight.k1, eight.k2) == (six.k1, six.k2)
     assert "not the greatest" in eight.why
-    said = six.to_json()
-    assert said["feasible"] is True
-    assert said["verdict"] == "does not hold"
+    entry_json = six.to_json()
+    assert entry_json["feasible"] is True
+    assert entry_json["verdict"] == "does not hold"
 
 
-def test_flight_is_the_solution_of_the_delay_equation() -> None:
+def test_simulated_run_is_the_solution_of_the_delay_equation() -> None:
     """Against an integrator that shares no code: state and accumulated gain after 6 s."""
     A, A1, B, C = (np.array(M) for M in (example.A, example.A1, example.B, example.C))
     D, D1, D2, E = (np.array(M) for M in (example.D, example.D1, example.D2, example.E))
@@ -108,7 +110,7 @@ def test_flight_is_the_solution_of_the_delay_equation() -> None:
         return np.concatenate([slope, [z @ z, w @ w]])
 
     truth = solve(rate, (10.0, 10.0, 0.0, 0.0), [0.3], 6.0)(6.0)
-    run = fly(initial=(10.0, 10.0), frequency=2.0, amplitude=0.5, end=6.0, points=121)
+    run = simulate(initial=(10.0, 10.0), frequency=2.0, amplitude=0.5, end=6.0, points=121)
     assert np.allclose(run.x[-1], truth[:2], rtol=0, atol=1e-7)
     assert run.u[-1] == pytest.approx(float((K @ truth[:2])[0]), abs=1e-7)
     assert run.gain == pytest.approx(math.sqrt(truth[2] / truth[3]), rel=1e-6)
@@ -116,8 +118,8 @@ def test_flight_is_the_solution_of_the_delay_equation() -> None:
 
 def test_figures_are_not_comparable_and_ours_start_where_the_paper_does() -> None:
     drawn = curves()
-    assert drawn.flight.x[0].tolist() == [10.0, 10.0]
-    assert drawn.flight.u[0] == pytest.approx(10 * (0.6432 - 0.5679))
+    assert drawn.run.x[0].tolist() == [10.0, 10.0]
+    assert drawn.run.u[0] == pytest.approx(10 * (0.6432 - 0.5679))
     assert {row.verdict for row in figure_rows(drawn)} == {Verdict.NOT_COMPARABLE}
     assert len(drawn.to_json()["t"]) == len(drawn.to_json()["x1"])
 
@@ -130,7 +132,7 @@ def test_radius_is_the_published_one_and_that_of_a_scalar_loop() -> None:
     assert largest_radius(np.array([[-2.0]]), np.array([[1.0]])) == pytest.approx(0.5)
 
 
-def test_norm_above_the_claim_is_reached_at_its_frequency() -> None:
+def test_norm_above_the_claim_is_attained_at_its_frequency() -> None:
     """|G(j omega)| of the printed loop, written out here, exceeds 5 at 22.905 rad/s."""
     s = 1j * 22.905
     A_K = np.array(example.A) + np.array(example.B) @ np.array([example.PRINTED_K])

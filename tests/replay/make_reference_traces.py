@@ -14,8 +14,8 @@ import tempfile
 from pathlib import Path
 from unittest.mock import patch
 
-from cosim.scenario.assemble import Hangar
-from cosim.scenario.execute import fly, prepare
+from cosim.scenario.assembly import FmuCache
+from cosim.scenario.execute import execute_run, prepare
 from cosim.scenario.read import load, parse
 
 FOLDER = Path(__file__).parents[2] / "traces" / "reference"
@@ -37,14 +37,14 @@ def make(name: str, folder: Path) -> Path:
     short = parse(text, name=name, where=name, folder=loaded.folder)
     target = folder / f"{name}.mcap"
     with tempfile.TemporaryDirectory() as fmus:
-        prepared = prepare(short, Hangar(root=Path(fmus), folder=Path.cwd()))
+        prepared = prepare(short, FmuCache(root=Path(fmus), folder=Path.cwd()))
         # which numbers come out depends on the C library, not on the kernel of a machine
         machine = "-".join((platform.system(), platform.machine(), *platform.libc_ver()))
         with (
             patch("platform.platform", lambda: machine),
             patch.object(sys, "argv", ["cosim", "run", f"{name}, to t = {ENDS[name]:g} s"]),
         ):
-            fly(prepared, target)
+            execute_run(prepared, target)
     return target
 
 

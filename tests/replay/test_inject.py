@@ -156,7 +156,7 @@ def test_a_foreign_fmu_with_every_kind_of_variable(tmp_path: Path) -> None:
     assert rows == out["y"].tolist()
 
 
-def test_names_that_agree_are_mapped_and_the_rest_is_told(tmp_path: Path) -> None:
+def test_names_that_agree_are_mapped_and_the_rest_is_reported(tmp_path: Path) -> None:
     """The recorded component with the same inputs is found; what is left over is listed."""
     with TraceWriter(tmp_path / "s.mcap", run={}) as writer:
         for name, signals in (("a", ["u", "more"]), ("b", ["other"])):
@@ -326,17 +326,17 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_wrong_orders_are_refused(tmp_path: Path, what: str) -> None:
-    arguments, said = WRONG[what]
+    arguments, message = WRONG[what]
     source = made(tmp_path / "s.mcap", [0.0, 0.5, 1.0])
     before = source.read_bytes()
     into = () if "--into" in arguments else ("--into", str(mixed_fmu(tmp_path)))
     result = injected(source, *into, *arguments, cwd=tmp_path)
     assert result.code == 2, result.out
-    assert said in f"{result.error['what']} {result.error['where']}"
+    assert message in f"{result.error['what']} {result.error['where']}"
     assert source.read_bytes() == before
 
 
-def test_people_are_told_what_went_where(tmp_path: Path) -> None:
+def test_the_view_names_source_and_input(tmp_path: Path) -> None:
     copied(trace_of("paper-example"), tmp_path / "p.mcap")
     words = ("trace", "inject", "p.mcap", "--into", "PaperController", "--compare", "controller")
     result = cosim(*words, "--fmus", fmu_store(), cwd=tmp_path)

@@ -15,9 +15,9 @@ from shared import fmu_store
 
 from cosim.hinf import design_from_json
 from cosim.replay import rerun
-from cosim.replay.attached import worst_case_in
-from cosim.scenario.assemble import Hangar
-from cosim.scenario.execute import fly, prepare
+from cosim.replay.trace_attachments import worst_case_in
+from cosim.scenario.assembly import FmuCache
+from cosim.scenario.execute import execute_run, prepare
 from cosim.scenario.gain import problem_of
 from cosim.scenario.read import parse
 from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
@@ -26,28 +26,28 @@ KEPT = sorted(Path(__file__).parents[2].joinpath("traces", "reference").glob("*.
 MOST_BYTES = 1_000_000
 
 
-def flown_again(path: Path, target: Path) -> bool:
+def executed_again(path: Path, target: Path) -> bool:
     """The run of a kept trace again, to `target`; whether with the very FMUs of then.
 
     FMUs of an earlier version cannot be built any more: then the scenario is flown with today's,
     and the gain that the trace carries.
     """
     kept = Trace(path)
-    hangar = Hangar(root=fmu_store(), folder=target.parent)
-    built = {hashlib.sha256(f.read_bytes()).hexdigest() for f in hangar.root.rglob("*.fmu")}
+    fmu_cache = FmuCache(root=fmu_store(), folder=target.parent)
+    built = {hashlib.sha256(f.read_bytes()).hexdigest() for f in fmu_cache.root.rglob("*.fmu")}
     if {v for k, v in kept.run.items() if k.startswith("fmu.") and k.endswith(".sha256")} <= built:
-        rerun(path, hangar, output=target)
+        rerun(path, fmu_cache, output=target)
         return True
     text = kept.attachments[SCENARIO_ATTACHMENT].decode()
     loaded = parse(text, name=path.stem, where=path.name, folder=target.parent)
     part = loaded.scenario.design
     assert part is not None
     gain = design_from_json(json.loads(kept.attachments[DESIGN_ATTACHMENT]), where=path.name)
-    saved, push = (
+    saved, worst_case = (
         (problem_of(part, target.parent), gain),
         worst_case_in(kept, gain.system.C.shape[1]),
     )
-    fly(prepare(loaded, hangar, saved=saved, push=push), target)
+    execute_run(prepare(loaded, fmu_cache, saved=saved, worst_case=worst_case), target)
     return False
 
 
@@ -78,19 +78,19 @@ def test_every_built_in_scenario_is_kept() -> None:
     assert sum(path.stat().st_size for path in KEPT) < MOST_BYTES
 
 
-def test_the_readme_tells_of_each(tmp_path: Path) -> None:
+def test_the_readme_names_each(tmp_path: Path) -> None:
     """Name and content hash, as `cosim trace info` finds it."""
     text = Path(__file__).parents[2].joinpath("traces", "README.md").read_text("utf-8")
     for path in KEPT:
-        told = cosim("trace", "info", path, "--json", cwd=tmp_path).json
+        reported = cosim("trace", "info", path, "--json", cwd=tmp_path).json
         assert f"`{path.stem}`" in text
-        assert told["content_hash"][:12] in text
+        assert reported["content_hash"][:12] in text
 
 
 @pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
 def test_the_run_is_still_the_same(path: Path, tmp_path: Path) -> None:
     """Every signal at the same instants: bit for bit with the FMUs of then, else nine digits."""
-    same_fmus = flown_again(path, tmp_path / "again.mcap")
+    same_fmus = executed_again(path, tmp_path / "again.mcap")
     kept, now = Trace(path), Trace(tmp_path / "again.mcap")
     exact = same_fmus and same_machine(kept, now)
     assert kept.finished

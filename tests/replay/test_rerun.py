@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from cli.shell import BUILT_IN, SCENARIOS, cosim, flight, trace_of
+from cli.shell import BUILT_IN, SCENARIOS, cosim, shared_run, trace_of
 from shared import copied, fmu_store
 
 from cosim.trace import Trace
@@ -78,8 +78,8 @@ def test_every_built_in_scenario_comes_out_again(name: str, tmp_path: Path) -> N
     data = result.json
     assert data["identical"] is True
     assert data["differences"] == []
-    assert data["original_hash"] == flight(name).json["content_hash"]
-    assert data["rerun"]["metrics"] == flight(name).json["metrics"]
+    assert data["original_hash"] == shared_run(name).json["content_hash"]
+    assert data["rerun"]["metrics"] == shared_run(name).json["metrics"]
     assert sorted(p.name for p in elsewhere.iterdir()) == ["fmus"]
 
 
@@ -120,11 +120,11 @@ TAMPERED = {
 @pytest.mark.parametrize("what", TAMPERED)
 def test_changed_attachment_is_refused(what: str, tmp_path: Path) -> None:
     """A scenario or design that is not the one whose hash the trace names."""
-    change, said = TAMPERED[what]
+    change, message = TAMPERED[what]
     path = tampered(trace_of("paper-example"), tmp_path / "t.mcap", **{what: change})
     result = cosim("trace", "rerun", path, "--json", cwd=tmp_path)
     assert result.code == 2
-    assert said in result.error["what"]
+    assert message in result.error["what"]
     assert result.error["expected"].startswith("SHA-256")
 
 
@@ -153,7 +153,7 @@ def test_design_of_another_system_is_refused(tmp_path: Path) -> None:
     assert "another system" in result.error["what"]
 
 
-def test_other_scenario_is_told_apart(tmp_path: Path) -> None:
+def test_other_scenario_differs(tmp_path: Path) -> None:
     """Another disturbance with a forged hash: exit 1, and where the runs part."""
     source, change = (
         trace_of("paper-example"),
@@ -254,7 +254,7 @@ def test_a_run_that_was_cut_short_is_the_beginning_of_its_run_again(
     assert "did not finish" in cosim("trace", "rerun", path, *fmus, cwd=tmp_path).out
 
 
-def test_a_cut_run_of_another_seed_is_told_apart(tmp_path: Path) -> None:
+def test_a_cut_run_of_another_seed_differs(tmp_path: Path) -> None:
     """Another scenario under a forged hash, and the end cut off."""
     source, change = trace_of("auv-acoustic"), swapped(b"Hs = 1.0", b"Hs = 1.5")
     forged = rehashed(source, "scenario.sha256", "scenario.toml", change)

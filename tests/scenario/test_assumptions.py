@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.master import Run
-from cosim.scenario.execute import fly_unrecorded, prepare
-from cosim.scenario.hangar import Hangar
+from cosim.scenario.execute import execute_unrecorded, prepare
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.read import LoadedScenario, parse
 
 SCENARIO = """\
@@ -57,21 +57,21 @@ MET = {
 }
 
 
-class Flyer:
+class StudyRunner:
     """Flies the scenario, with one design for all."""
 
     def __init__(self, fmus: Path, folder: Path) -> None:
         self._folder = folder
-        self._shelf = Hangar(fmus.parent, folder, flavour="native")
-        first = prepare(self._loaded({}), self._shelf)
+        self._fmu_cache = FmuCache(fmus.parent, folder, flavour="native")
+        first = prepare(self._loaded({}), self._fmu_cache)
         assert first.problem is not None
         assert first.design is not None
         self._made = first.problem, first.design
 
     def __call__(self, **more: Any) -> tuple[Any, Any, Run]:
         """Metrics, links and rows."""
-        prepared = prepare(self._loaded(more), self._shelf, saved=self._made)
-        outcome, run = fly_unrecorded(prepared)
+        prepared = prepare(self._loaded(more), self._fmu_cache, saved=self._made)
+        outcome, run = execute_unrecorded(prepared)
         return outcome.metrics, outcome.links["up"], run
 
     def _loaded(self, more: Mapping[str, Any]) -> LoadedScenario:
@@ -81,31 +81,31 @@ class Flyer:
 
 
 @pytest.fixture(scope="module")
-def fly(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Flyer:
-    return Flyer(native_fmus, tmp_path_factory.mktemp("flights"))
+def execute_run(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> StudyRunner:
+    return StudyRunner(native_fmus, tmp_path_factory.mktemp("flights"))
 
 
-def test_all_are_met_where_nothing_is_wrong(fly: Flyer) -> None:
+def test_all_are_met_where_nothing_is_wrong(execute_run: StudyRunner) -> None:
     """Losses that are held make measurements older, not wrong."""
-    metrics, link, _ = fly(loss=0.2)
+    metrics, link, _ = execute_run(loss=0.2)
     assert metrics["assumptions"] == MET
     assert link["lost"] > 0
 
 
-def test_substitute_for_a_lost_measurement_is_none(fly: Flyer) -> None:
+def test_substitute_for_a_lost_measurement_is_none(execute_run: StudyRunner) -> None:
     """However young what is used instead of it, no measurement acts then."""
-    metrics, link, _ = fly(loss=0.2, on_loss="zero")
+    metrics, link, _ = execute_run(loss=0.2, on_loss="zero")
     assert metrics["assumptions"] == MET | {"message_age_within_design": False}
     assert metrics["message_age_s"] <= metrics["designed_age_s"]
     assert link["substitutions"] > 0
 
 
-def test_what_an_event_changes_is_said(fly: Flyer) -> None:
+def test_what_an_event_changes_is_reported(execute_run: StudyRunner) -> None:
     """What is set or overridden; the traffic of a link is no assumption."""
     outage = '[[events]]\nat = 1.0\nfor = 0.3\noutage = ["up"]\n'
     override = '[[events]]\nat = 1.0\nfor = 0.1\noverride = { "plant.force.y" = 1.0 }\n'
     for events, untouched in ((outage, True), (override, False)):
-        metrics, _, _ = fly(events=events)
+        metrics, _, _ = execute_run(events=events)
         assert metrics["assumptions"] == MET | {"nothing_set_or_overridden": untouched}
 
 
@@ -113,11 +113,11 @@ def largest(run: Run, component: str, variable: str) -> float:
     return float(np.abs(run.signal(component, variable)).max())
 
 
-def test_run_from_rest_beside_it_is_looked_at_too(fly: Flyer) -> None:
+def test_run_from_rest_beside_it_is_looked_at_too(execute_run: StudyRunner) -> None:
     """Its gain is measured: it leaves the envelope, or reaches a limit, where the run does not."""
-    _, _, rest = fly(push=0.25)
+    _, _, rest = execute_run(push=0.25)
     most = largest(rest, "controller", "force.x")
-    metrics, _, own = fly(push=0.25, start=-0.28, limit=0.98 * most)
+    metrics, _, own = execute_run(push=0.25, start=-0.28, limit=0.98 * most)
     assert largest(own, "controller", "force.x") < 0.95 * most
     assert largest(own, "plant", "nu.u") < 0.3 < largest(rest, "plant", "nu.u")
     assert metrics["saturated_fraction"] == 0.0

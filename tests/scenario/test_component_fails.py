@@ -73,14 +73,14 @@ def test_failure_in_a_step_keeps_what_was_recorded(fmus: Path, tmp_path: Path) -
     rows = trace.read("/sea/output")
     np.testing.assert_array_equal(rows.log_time_ns, np.arange(6) * 100_000_000)
     assert len(trace.read("/plant/output")) == 6
-    told = cosim("trace", "info", data["trace"], cwd=tmp_path)
-    assert told.code == 0
-    assert "failed" in told.out
-    assert data["reason"].splitlines()[0][:40] in told.out
+    reported = cosim("trace", "info", data["trace"], cwd=tmp_path)
+    assert reported.code == 0
+    assert "failed" in reported.out
+    assert data["reason"].splitlines()[0][:40] in reported.out
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "not a valid FMU"),
         (b"PK\x03\x04 and then nothing", "not a valid FMU"),
@@ -88,7 +88,9 @@ def test_failure_in_a_step_keeps_what_was_recorded(fmus: Path, tmp_path: Path) -
     ],
     ids=["empty", "cut", "an archive of something else"],
 )
-def test_file_that_is_no_fmu(content: bytes | None, said: str, fmus: Path, tmp_path: Path) -> None:
+def test_file_that_is_no_fmu(
+    content: bytes | None, message: str, fmus: Path, tmp_path: Path
+) -> None:
     """Refused as bad input, by name, before anything runs."""
     target = tmp_path / "broken.fmu"
     if content is None:
@@ -99,6 +101,6 @@ def test_file_that_is_no_fmu(content: bytes | None, said: str, fmus: Path, tmp_p
     (tmp_path / "s.toml").write_text(SCENARIO)
     result = cosim("run", "s.toml", "--json", "--fmus", fmus.parent, cwd=tmp_path)
     assert result.code == 2
-    assert result.error["what"] == said
+    assert result.error["what"] == message
     assert "broken.fmu" in result.error["where"]
     assert not (tmp_path / "traces").exists()

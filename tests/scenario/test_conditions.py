@@ -98,7 +98,7 @@ def test_value_is_that_of_the_words(text: str, *, true: bool) -> None:
         ("p.x > 1 if p.b else 2", 1, "no such form"),
     ],
 )
-def test_fault_is_told_with_its_column(text: str, column: int, words: str) -> None:
+def test_fault_is_reported_with_its_column(text: str, column: int, words: str) -> None:
     """The column counts from 1, and a caret stands below it."""
     with pytest.raises(ExpressionError) as found:
         bind(Expression(text), Names())

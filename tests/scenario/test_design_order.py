@@ -29,5 +29,5 @@ def test_one_constant_age_does_not_fit_a_link() -> None:
 def test_a_delay_of_any_age_does() -> None:
     """There the order is 0 in all cases, and every age up to the delay is covered."""
     found = solve(link(any_age=True), None, 1)
-    assert found.up_to
+    assert found.covers_smaller_delays
     assert found.order == 1

@@ -142,16 +142,16 @@ def test_every_time_it_becomes_true(trigger: str, times: int, fmus: Path, tmp_pa
     _, trace = run(LOOP + event, fmus, tmp_path)
     there = trace.read("/plant/input")["force.y"] == 9.0
     assert np.count_nonzero(there) == times
-    said = [m for m in trace.read("/log")["message"] if "override plant.force.y" in m]
-    assert len(said) == times
+    message = [m for m in trace.read("/log")["message"] if "override plant.force.y" in m]
+    assert len(message) == times
 
 
 def test_what_is_set_for_a_time_is_put_back(fmus: Path, tmp_path: Path) -> None:
     """A push of 0.2 m/s2 for a second adds 0.2 m/s less what drag and control take; then none."""
     event = '\n[[events]]\nat = 0.5\nfor = 1.0\nset = { "plant.disturbance.v" = "0.2 m/s2" }\n'
-    _, with_push = run(LOOP + event, fmus, tmp_path)
-    v = with_push.read("/plant/output")["nu.v"]
-    t = seconds(with_push.read("/plant/output"))
+    _, with_disturbance = run(LOOP + event, fmus, tmp_path)
+    v = with_disturbance.read("/plant/output")["nu.v"]
+    t = seconds(with_disturbance.read("/plant/output"))
     assert abs(v[t <= 0.5]).max() < 1e-6
     rate = np.diff(v) / np.diff(t)
     assert rate[(t[:-1] >= 0.5) & (t[:-1] < 0.6)] == pytest.approx(0.2, rel=0.05)
@@ -191,8 +191,8 @@ def test_outage_by_condition_holds_what_the_receiver_has(fmus: Path, tmp_path: P
     data, trace = run(LOOP + PACKETS + event, fmus, tmp_path)
     taken, t = trace.read("/controller/input")["eta.x"], seconds(trace.read("/controller/input"))
     first = int(np.searchsorted(t, 0.5))
-    held = (t > 0.5) & (t < 0.949)
-    assert (taken[held] == taken[first]).all()
+    overridden = (t > 0.5) & (t < 0.949)
+    assert (taken[overridden] == taken[first]).all()
     assert np.array_equal(taken[: first + 1], free[: first + 1])
     assert np.unique(taken[t >= 0.96]).size > 5
     assert data["links"] == plain["links"]
@@ -208,7 +208,7 @@ def test_outage_of_a_continuous_link_holds_its_value(fmus: Path, tmp_path: Path)
     assert taken == pytest.approx(x[read], abs=1e-8)
 
 
-def test_stop_is_shown_and_can_be_run_again(fmus: Path, tmp_path: Path) -> None:
+def test_stop_is_reported_and_can_be_run_again(fmus: Path, tmp_path: Path) -> None:
     """--until and --stop-when end the run, exit code 0, and the trace reruns bit for bit."""
     data, _ = run(LOOP, fmus, tmp_path, "--until", "0.5")
     assert (data["status"], data["simulated_s"]) == ("stopped", 0.5)

@@ -15,7 +15,7 @@ from cosim.trace import Trace
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Python and the FMU must call one C library")
 @pytest.mark.parametrize("name", ["auv-acoustic", "paper-example"])
-def test_native_fmus_fly_the_same_bits(native_fmus: Path, tmp_path: Path, name: str) -> None:
+def test_native_fmus_give_the_same_bits(native_fmus: Path, tmp_path: Path, name: str) -> None:
     """Every message of every topic: times, sequence and values."""
     trace = tmp_path / "native.mcap"
     words = ("run", name, "--flavour", "native", "--fmus", native_fmus.parent, "--out", trace)
@@ -39,7 +39,7 @@ def test_native_fmus_fly_the_same_bits(native_fmus: Path, tmp_path: Path, name: 
     assert seen[0] == seen[1]
 
 
-def test_without_a_compiler_nothing_else_is_flown_instead(tmp_path: Path) -> None:
+def test_without_a_compiler_no_other_flavour_is_run(tmp_path: Path) -> None:
     """The flavour asked for cannot be had: an error in words, and no fall back."""
     with patch.dict(os.environ, {"CC": "no-such-compiler"}):
         result = cosim("run", "paper-example", "--flavour", "native", "--json", cwd=tmp_path)

@@ -16,24 +16,24 @@ from cosim.trace import Trace
 GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
 
 
-def flown(name: str) -> tuple[dict[str, object], Trace]:
+def executed(name: str) -> tuple[dict[str, object], Trace]:
     """What a scenario's run says, and its trace; flown once per session."""
 
-    def fly(folder: Path) -> None:
+    def execute_run(folder: Path) -> None:
         words = ("run", name, "--json", "--flavour", "native", "--out", "t.mcap")
         result = cosim(*words, "--fmus", fmu_store("native"), cwd=folder)
         assert result.code == 0, result.out + result.err
         (folder / "said.json").write_text(result.out, "utf-8")
 
-    folder = made_once(f"gallery/{name}", fly)
-    said: dict[str, object] = json.loads((folder / "said.json").read_text("utf-8"))
-    return said, Trace(folder / "t.mcap")
+    folder = made_once(f"gallery/{name}", execute_run)
+    message: dict[str, object] = json.loads((folder / "said.json").read_text("utf-8"))
+    return message, Trace(folder / "t.mcap")
 
 
 @pytest.mark.parametrize("name", GALLERY)
 def test_gallery_holds_what_it_promises(name: str) -> None:
     """Each has assertions; each is as expected, and told in the trace; the run gets to its end."""
-    data, trace = flown(name)
+    data, trace = executed(name)
     verdicts = data["assertions"]
     assert isinstance(verdicts, list)
     assert len(verdicts) == len(load(name).scenario.assertions) >= 1
@@ -56,7 +56,7 @@ def test_there_is_what_the_field_would_look_for() -> None:
 
 def test_delay_of_the_acoustic_link_is_the_way_of_sound() -> None:
     """Recomputed from the trace: range at sending / 1500 m/s + 20 ms <= delay < that + jitter."""
-    _, trace = flown("acoustic-range")
+    _, trace = executed("acoustic-range")
     plant, link = trace.read("/plant/output"), trace.read("/link/uplink")
     place = np.searchsorted(plant.log_time_ns, link.publish_time_ns)
     assert np.array_equal(plant.log_time_ns[place], link.publish_time_ns)

@@ -14,7 +14,7 @@ from fmu.packed import XML, files_of, pack
 from master.faulty import faulty_fmu
 
 from cosim.core.errors import InputError
-from cosim.scenario.opening import open_session
+from cosim.scenario.python_api import open_session
 from cosim.study import run_study
 
 SCENARIO = """
@@ -95,9 +95,9 @@ HOSTILE: dict[str, tuple[Change, str, str]] = {
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_fmu_that_reaches_out_is_refused_by_all_that_run_it(tmp_path: Path, kind: str) -> None:
+def test_fmu_with_paths_outside_is_refused_by_all_that_run_it(tmp_path: Path, kind: str) -> None:
     """Bad input: the file, the entry, the limit; what was to be written or loaded is not there."""
-    change, entry, said = HOSTILE[kind]
+    change, entry, message = HOSTILE[kind]
     home = tmp_path / "home"
     home.mkdir()
     fmu = faulty_fmu(home, "2.0", "guest")
@@ -111,7 +111,7 @@ def test_fmu_that_reaches_out_is_refused_by_all_that_run_it(tmp_path: Path, kind
     error = run.error
     assert f"{fmu}: " in error["where"]
     assert entry in error["where"].rpartition("fmu: ")[2] or entry == fmu.name
-    assert said in error["got"]
+    assert message in error["got"]
     assert error["hint"]
     with pytest.raises(InputError) as session, open_session(home / "s.toml"):
         pass

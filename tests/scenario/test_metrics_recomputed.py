@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.shell import flight, trace_of
+from cli.shell import shared_run, trace_of
 from shared import fmu_store
 
 from cosim.models.auv import STATE, TABLE_1, thrust_map
-from cosim.scenario.assemble import Hangar
-from cosim.scenario.execute import fly, prepare
+from cosim.scenario.assembly import FmuCache
+from cosim.scenario.execute import execute_run, prepare
 from cosim.scenario.gain import problem_of
 from cosim.scenario.read import LoadedScenario, load, parse
 from cosim.trace import Table, Trace
@@ -37,12 +37,12 @@ def from_rest(name: str, folder: Path) -> LoadedScenario:
     return parse(text, name="rest", where="rest", folder=folder)
 
 
-def test_measured_gain_is_that_of_the_flight_from_rest(tmp_path: Path) -> None:
+def test_measured_gain_is_that_of_the_zero_state_run(tmp_path: Path) -> None:
     """sqrt(int z'z / int w'w) by Simpson's rule from the rows of a second run."""
     rest = from_rest("auv-acoustic", tmp_path)
     path = tmp_path / "rest.mcap"
     assert rest.scenario.design is not None
-    fly(prepare(rest, Hangar(fmu_store(), tmp_path)), path)
+    execute_run(prepare(rest, FmuCache(fmu_store(), tmp_path)), path)
     trace = Trace(path)
     x_rows, given = trace.read("/plant/output"), trace.read("/plant/input")
     t = x_rows.log_time_ns / 1e9
@@ -57,7 +57,7 @@ def test_measured_gain_is_that_of_the_flight_from_rest(tmp_path: Path) -> None:
         z = state @ system.D.T + w[:-1] @ system.D1.T + u[:-1] @ system.D2.T
         out += weight * float((h * z**2).sum())
     gain = np.sqrt(out / float((h * w[:-1] ** 2).sum()))
-    assert flight("auv-acoustic").json["metrics"]["gain"] == pytest.approx(gain, rel=1e-3)
+    assert shared_run("auv-acoustic").json["metrics"]["gain"] == pytest.approx(gain, rel=1e-3)
 
 
 def oldest_measurement(name: str) -> float:
@@ -93,7 +93,7 @@ def oldest_measurement(name: str) -> float:
 @pytest.mark.parametrize("name", ACOUSTIC)
 def test_oldest_measurement_by_brute_force(name: str) -> None:
     """Publish and log times of the two links alone give the age that the summary claims."""
-    assert flight(name).json["metrics"]["message_age_s"] == oldest_measurement(name)
+    assert shared_run(name).json["metrics"]["message_age_s"] == oldest_measurement(name)
 
 
 @pytest.mark.parametrize("name", ACOUSTIC)
@@ -101,9 +101,9 @@ def test_saturated_fraction_by_sorting_instants(name: str) -> None:
     """The share of time with a command at 2500 N or N m, from the commands in the trace."""
     rows = Trace(trace_of(name)).read("/controller/output")
     at_limit = (np.abs(columns(rows, FORCE)) == 2500.0).any(axis=1)
-    held = np.append(np.diff(rows.log_time_ns), 0)
-    fraction = held[at_limit].sum() / rows.log_time_ns[-1]
-    metrics = flight(name).json["metrics"]
+    durations = np.append(np.diff(rows.log_time_ns), 0)
+    fraction = durations[at_limit].sum() / rows.log_time_ns[-1]
+    metrics = shared_run(name).json["metrics"]
     assert metrics["saturated_fraction"] == pytest.approx(fraction, abs=1e-12)
     for j, command in enumerate(FORCE):
         largest = np.abs(columns(rows, FORCE)[:, j]).max()
@@ -115,7 +115,7 @@ def test_position_error_and_envelope_from_the_last_rows(name: str) -> None:
     """The distance to the station at the end, and no envelope use below this flight's own."""
     rows = Trace(trace_of(name)).read("/plant/output")
     end = [rows[axis][-1] for axis in ("eta.x", "eta.y", "eta.z")]
-    metrics = flight(name).json["metrics"]
+    metrics = shared_run(name).json["metrics"]
     assert metrics["position_error_m"] == pytest.approx(np.linalg.norm(end), rel=1e-12)
     bounds = {"u": "nu.u", "v": "nu.v", "w": "nu.w", "r": "nu.r", "psi": "eta.psi"}
     ratios = {
@@ -132,7 +132,7 @@ def test_position_error_and_envelope_from_the_last_rows(name: str) -> None:
 def test_link_figures_from_the_messages(name: str) -> None:
     """Delays are arrival minus sending, of what was delivered; drops have their own topic."""
     trace = Trace(trace_of(name))
-    for link, figures in flight(name).json["links"].items():
+    for link, figures in shared_run(name).json["links"].items():
         rows = trace.read(f"/link/{link}")
         delays = (rows.log_time_ns - rows.publish_time_ns) / 1e9
         assert figures["delivered"] == len(rows)

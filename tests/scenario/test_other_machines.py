@@ -39,25 +39,27 @@ MACHINES = {
     },
 }
 NO_FMA = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}
-FLOWN = """\
+RUN_SCRIPT = """\
 import json, sys
 from pathlib import Path
-from cosim.scenario.opening import run_scenario
+from cosim.scenario.python_api import run
 
 fmus, folder, names = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
 print(json.dumps({
-    name: run_scenario(name, folder / f"{name}.mcap", fmus=fmus, flavour="native").content_hash
+    name: run(name, folder / f"{name}.mcap", fmus=fmus, flavour="native").content_hash
     for name in names
 }))
 """
 
 
-def flown(names: list[str], fmus: Path, folder: Path, machine: dict[str, str]) -> dict[str, str]:
+def content_hashes(
+    names: list[str], fmus: Path, folder: Path, machine: dict[str, str]
+) -> dict[str, str]:
     """Content hash by scenario, flown into `folder` by a process with this environment."""
     own = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES")
     environment = {key: value for key, value in os.environ.items() if key not in own}
     done = subprocess.run(  # noqa: S603 - this interpreter, with arguments from here
-        [sys.executable, "-c", FLOWN, fmus.parent, folder, *names],
+        [sys.executable, "-c", RUN_SCRIPT, fmus.parent, folder, *names],
         env=environment | machine,
         capture_output=True,
         text=True,
@@ -68,13 +70,13 @@ def flown(names: list[str], fmus: Path, folder: Path, machine: dict[str, str]) -
     return found
 
 
-def test_no_blas_and_no_vector_loop_reaches_a_content_hash(
+def test_no_blas_and_no_vector_loop_changes_a_content_hash(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """Worst cases, path, sea and lossy links: the same content on an older processor."""
     names = ["auv-acoustic", "auv-worst-case", "paper-worst-case"]
     hashes = [
-        flown(names, native_fmus, tmp_path / name, MACHINES[name])
+        content_hashes(names, native_fmus, tmp_path / name, MACHINES[name])
         for name in ("as it is", "Sandybridge, no AVX2")
     ]
     assert hashes[0] == hashes[1]
@@ -83,7 +85,7 @@ def test_no_blas_and_no_vector_loop_reaches_a_content_hash(
 @pytest.fixture(scope="module")
 def here(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Content hash of every built-in scenario on this machine as it is."""
-    return flown(builtin_names(), native_fmus, tmp_path_factory.mktemp("here"), {})
+    return content_hashes(builtin_names(), native_fmus, tmp_path_factory.mktemp("here"), {})
 
 
 @pytest.mark.slow
@@ -92,7 +94,7 @@ def test_every_built_in_scenario_has_one_content_hash(
     name: str, here: dict[str, str], native_fmus: Path, tmp_path: Path
 ) -> None:
     """All of them, under every processor that can be played."""
-    assert flown(builtin_names(), native_fmus, tmp_path, MACHINES[name]) == here
+    assert content_hashes(builtin_names(), native_fmus, tmp_path, MACHINES[name]) == here
 
 
 @pytest.mark.skipif(
@@ -110,8 +112,8 @@ def test_without_fused_multiply_add_only_rounding_differs(
     names: list[str], native_fmus: Path, tmp_path: Path
 ) -> None:
     """Another kind of machine: the hash may be another, the numbers agree to the tolerance."""
-    here = flown(names, native_fmus, tmp_path / "here", {})
-    there = flown(names, native_fmus, tmp_path / "there", NO_FMA)
+    here = content_hashes(names, native_fmus, tmp_path / "here", {})
+    there = content_hashes(names, native_fmus, tmp_path / "there", NO_FMA)
     for name in names:
         traces = [tmp_path / folder / f"{name}.mcap" for folder in ("here", "there")]
         found = cosim(

@@ -17,10 +17,10 @@ from cosim.core.errors import InputError
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.hinf import certificate_bytes, check_certificate, design_from_json, system_by_name
 from cosim.scenario import gain as making
-from cosim.scenario.assemble import Hangar
-from cosim.scenario.execute import Prepared, fly_unrecorded, prepare
+from cosim.scenario.assembly import FmuCache
+from cosim.scenario.execute import PreparedScenario, execute_unrecorded, prepare
 from cosim.scenario.extend import open_source
-from cosim.scenario.opening import open_session, run_scenario
+from cosim.scenario.python_api import open_session, run
 from cosim.scenario.read import builtin_names, load, loaded_of, with_settings
 from cosim.study.read import builtin_studies, load_study
 from cosim.study.schema import Study
@@ -74,10 +74,10 @@ def no_solver() -> Iterator[None]:
         yield
 
 
-def prepared(path: str | Path, fmus: Path, *settings: str) -> Prepared:
+def prepared(path: str | Path, fmus: Path, *settings: str) -> PreparedScenario:
     """A scenario before it flies, with native FMUs."""
     loaded = load(str(path), settings)
-    return prepare(loaded, Hangar(fmus.parent, loaded.folder, flavour="native"))
+    return prepare(loaded, FmuCache(fmus.parent, loaded.folder, flavour="native"))
 
 
 def ran(path: Path, fmus: Path, *more: str) -> Any:
@@ -127,7 +127,7 @@ def test_no_built_in_scenario_asks_a_solver(name: str, native_fmus: Path) -> Non
 @pytest.mark.usefixtures("no_solver")
 def test_a_built_in_run_flies_without_a_solver(native_fmus: Path) -> None:
     """The worst case, the measured gain and every assumption included."""
-    outcome, _ = fly_unrecorded(prepared("auv-worst-case", native_fmus, "run.end=5"))
+    outcome, _ = execute_unrecorded(prepared("auv-worst-case", native_fmus, "run.end=5"))
     assert outcome.metrics["worst_case"]["gain"] == 2.35284
     assert outcome.metrics["exact_norm"] == shipped("auv-1.25s")["figures"]["exact_norm"]
     assert all(outcome.metrics["assumptions"].values())
@@ -223,7 +223,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_file_that_does_not_fit_is_refused(case: str, tmp_path: Path, native_fmus: Path) -> None:
     """By `run` and by `scenario check`, exit code 2, with file and line."""
-    change, table, said = REFUSED[case]
+    change, table, message = REFUSED[case]
     design = shipped("paper-printed-gain")
     if change is not None:
         change(design)
@@ -231,15 +231,15 @@ def test_a_file_that_does_not_fit_is_refused(case: str, tmp_path: Path, native_f
     root = ("--fmus", native_fmus.parent, "--json")
     result = cosim("run", path, *root, "--flavour", "native", cwd=tmp_path)
     assert result.code == 2
-    assert said in result.err
+    assert message in result.err
     assert f"{path}:" in result.error["where"]
     checked = cosim("scenario", "check", path, *root, cwd=tmp_path)
     assert checked.code == 2
-    assert said in checked.out
+    assert message in checked.out
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "message"),
     [
         ("nowhere.json", "the design cannot be read"),
         ("mine.json", "not JSON"),
@@ -247,17 +247,17 @@ def test_a_file_that_does_not_fit_is_refused(case: str, tmp_path: Path, native_f
     ],
 )
 def test_a_file_that_is_no_design_is_named(
-    value: str, said: str, mine: Path, native_fmus: Path
+    value: str, message: str, mine: Path, native_fmus: Path
 ) -> None:
     """Missing, no JSON, and no name of a shipped design."""
     mine.with_name("mine.json").write_text("{", "utf-8")
     with pytest.raises(InputError) as refused:
         prepared(mine, native_fmus, f'design.file="{value}"')
-    assert said in refused.value.text()
+    assert message in refused.value.text()
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "message"),
     [
         ("design.envelope={u=0.4,v=0.3,w=0.2,r=0.06,psi=0.35}", "E["),
         ("design.damping=[0.06,0.05,0.05,0.05]", "A1[5,5]"),
@@ -265,12 +265,12 @@ def test_a_file_that_is_no_design_is_named(
     ],
 )
 def test_what_stands_beside_a_file_must_be_what_it_was_made_for(
-    setting: str, said: str, native_fmus: Path
+    setting: str, message: str, native_fmus: Path
 ) -> None:
     """Envelope, damping and delay of the vehicle, each by its entry."""
     with pytest.raises(InputError, match="another system") as refused:
         prepared("auv-direct", native_fmus, 'design.file="auv-0.15s"', setting)
-    assert said in refused.value.text()
+    assert message in refused.value.text()
 
 
 # what replaces a file, and what a file replaces
@@ -372,7 +372,7 @@ def test_a_design_is_made_once_and_kept(table: str, mine: Path, native_fmus: Pat
         second = ran(mine, native_fmus)
         with open_session(mine, fmus=native_fmus.parent, flavour="native") as session:
             session.step()
-        third = run_scenario(mine, fmus=native_fmus.parent, flavour="native")
+        third = run(mine, fmus=native_fmus.parent, flavour="native")
     assert second["design"]["made"] is False
     assert "kept by an earlier run, its proof checked again" in second["design"]["words"]
     assert second["content_hash"] == first["content_hash"]
@@ -415,8 +415,8 @@ def test_another_question_is_answered_anew(mine: Path, native_fmus: Path) -> Non
     rest = "B=[[-1.0],[3.0]]\nC=[[4.0],[3.0]]\nD=[[-1.0,0.0],[0.0,-1.0]]\nD2=[[3.0],[-1.0]]\n"
     for extra in ("", "D1=[[0.1],[0.0]]\n"):
         mine.with_name("own.toml").write_text(text[1] + rest + extra, "utf-8")
-        said = ran(mine, native_fmus)["design"]["words"]
-    assert "the one kept before is for another system: D1[1,1]" in said
+        message = ran(mine, native_fmus)["design"]["words"]
+    assert "the one kept before is for another system: D1[1,1]" in message
 
 
 def test_a_broken_proof_is_replaced(mine: Path, native_fmus: Path) -> None:
@@ -438,10 +438,10 @@ def test_a_file_of_somebody_else_is_left_alone(content: str, mine: Path, native_
     """The design is made, flies, is in the trace; and the run says why it is not kept."""
     beside = mine.with_name("mine.design.json")
     beside.write_text(content, "utf-8")
-    said = ran(mine, native_fmus)["design"]
+    message = ran(mine, native_fmus)["design"]
     assert beside.read_text("utf-8") == content
-    assert (said["made"], said["file"]) == (True, None)
-    assert "is not one that a run of mine.toml wrote, and stays as it is" in said["words"]
+    assert (message["made"], message["file"]) == (True, None)
+    assert "is not one that a run of mine.toml wrote, and stays as it is" in message["words"]
 
 
 def test_a_setting_does_not_replace_what_is_kept(mine: Path, native_fmus: Path) -> None:
@@ -449,9 +449,9 @@ def test_a_setting_does_not_replace_what_is_kept(mine: Path, native_fmus: Path) 
     ran(mine, native_fmus)
     beside = mine.with_name("mine.design.json")
     before = beside.read_bytes()
-    said = ran(mine, native_fmus, "--set", "design.gain=[[0.6432, -0.5679]]")["design"]
-    assert (said["made"], said["file"]) == (True, None)
-    assert "a setting changes [design]" in said["words"]
+    message = ran(mine, native_fmus, "--set", "design.gain=[[0.6432, -0.5679]]")["design"]
+    assert (message["made"], message["file"]) == (True, None)
+    assert "a setting changes [design]" in message["words"]
     assert beside.read_bytes() == before
     assert ran(mine, native_fmus, "--set", "run.end=2")["design"]["made"] is False
 
@@ -462,7 +462,7 @@ def test_where_nothing_can_be_written_the_trace_alone_keeps_it(
     """A folder that takes no file: said, and flown."""
     with patch("cosim.scenario.pinned.Path.write_text", side_effect=PermissionError(13, "denied")):
         loaded = load(str(mine))
-        found = prepare(loaded, Hangar(native_fmus.parent, loaded.folder, flavour="native"))
+        found = prepare(loaded, FmuCache(native_fmus.parent, loaded.folder, flavour="native"))
     assert found.source is not None
     assert found.source.file is None
     assert "denied" in found.source.words

@@ -17,10 +17,10 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from cosim.core.errors import CosimError
 from cosim.scenario.check import problems_of, schema_problems
-from cosim.scenario.editor import json_schema
-from cosim.scenario.execute import fly, prepare
+from cosim.scenario.editor_schema import json_schema
+from cosim.scenario.execute import execute_run, prepare
 from cosim.scenario.extend import open_source, source_of
-from cosim.scenario.hangar import Hangar
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.read import builtin_names, load, of_scenario, parse
 from cosim.scenario.schema import Scenario
 
@@ -67,7 +67,7 @@ def test_editor_refuses_what_is_wrong() -> None:
     editor().validate({"extends": "auv-direct", "run": {"seed": 2}})
 
 
-def test_built_in_python_it_flies(fmus: Path, tmp_path: Path) -> None:
+def test_scenario_built_in_python_runs(fmus: Path, tmp_path: Path) -> None:
     """The same scenario as objects: same content hash as from its file, and rerun."""
     scenario = Scenario.model_validate(
         {
@@ -83,9 +83,9 @@ def test_built_in_python_it_flies(fmus: Path, tmp_path: Path) -> None:
         }
     )
     (tmp_path / "built.toml").write_text(scenario.to_toml())
-    hangar = Hangar(fmus.parent, tmp_path)
-    built = fly(prepare(of_scenario(scenario, "built"), hangar), tmp_path / "a.mcap")
-    read = fly(prepare(load(str(tmp_path / "built.toml")), hangar), tmp_path / "b.mcap")
+    fmu_cache = FmuCache(fmus.parent, tmp_path)
+    built = execute_run(prepare(of_scenario(scenario, "built"), fmu_cache), tmp_path / "a.mcap")
+    read = execute_run(prepare(load(str(tmp_path / "built.toml")), fmu_cache), tmp_path / "b.mcap")
     assert built.content_hash == read.content_hash
     assert built.assertions[0].result == "holds"
     again = cosim("trace", "rerun", "a.mcap", "--json", "--fmus", fmus.parent, cwd=tmp_path)
@@ -161,7 +161,7 @@ def test_no_mutation_gives_anything_but_a_message(
         source = source_of(text, name="m", where="m.toml", folder=SCENARIOS / "valid")
     except CosimError:
         return
-    for problem in problems_of(source, Hangar(fmus.parent, tmp_path)):
+    for problem in problems_of(source, FmuCache(fmus.parent, tmp_path)):
         assert isinstance(problem, CosimError)
         assert problem.what
 
@@ -175,5 +175,5 @@ def test_no_text_breaks_a_condition(text: str) -> None:
     data = tomllib.loads(Path(VALID[0]).read_text("utf-8"))
     data["events"] = [{"when": text, "stop": True}]
     source = source_of(tomli_w.dumps(data), name="m", where="m.toml", folder=Path())
-    said = [problem.text() for problem in schema_problems(source)]
-    assert all("events[0].when" in words and "column" in words for words in said)
+    message = [problem.text() for problem in schema_problems(source)]
+    assert all("events[0].when" in words and "column" in words for words in message)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cli.shell import BUILT_IN, SCENARIOS, cosim, flight, trace_of
+from cli.shell import BUILT_IN, SCENARIOS, cosim, shared_run, trace_of
 
 from cosim.trace import content_hash
 
@@ -34,6 +34,6 @@ def test_other_seed_is_another_run(fmus: Path, tmp_path: Path) -> None:
 
 def test_printed_hash_is_that_of_the_file() -> None:
     """What `run` prints is what anyone computes from the trace; the runs differ."""
-    printed = {name: flight(name).json["content_hash"] for name in BUILT_IN}
+    printed = {name: shared_run(name).json["content_hash"] for name in BUILT_IN}
     assert printed == {name: content_hash(trace_of(name)) for name in BUILT_IN}
     assert len(set(printed.values())) == len(BUILT_IN)

@@ -10,7 +10,7 @@ from cli.shell import BUILT_IN, SCENARIOS, cosim
 
 VALID = sorted((SCENARIOS / "valid").glob("*.toml"))
 INVALID = sorted((SCENARIOS / "invalid").glob("*.toml"))
-ONLY_FLOWN = {
+ONLY_AT_RUN_TIME = {
     # what an FMU itself refuses, or what only a design or a log category shows
     "design-of-another-controller",
     "design-unstabilizing-gain",
@@ -22,7 +22,7 @@ ONLY_FLOWN = {
     "connection-policy-over-packets",
     "connection-midpoint-on-a-wire",
 }
-CHECKED = [path for path in INVALID if path.stem not in ONLY_FLOWN]
+CHECKED = [path for path in INVALID if path.stem not in ONLY_AT_RUN_TIME]
 
 
 @pytest.mark.parametrize("path", CHECKED, ids=lambda path: path.stem)
@@ -88,7 +88,7 @@ always = "plant.eta.x < 1 s"
 """
 
 
-def test_every_fault_is_told_and_not_only_the_first(fmus: Path, tmp_path: Path) -> None:
+def test_every_fault_is_reported_and_not_only_the_first(fmus: Path, tmp_path: Path) -> None:
     """Faults in different parts of one file, each with its line."""
     (tmp_path / "faults.toml").write_text(FAULTS)
     result = cosim(
@@ -97,15 +97,15 @@ def test_every_fault_is_told_and_not_only_the_first(fmus: Path, tmp_path: Path) 
     assert result.code == 2
     found = [(p["where"].split(":")[1], p["what"]) for p in result.json["scenarios"][0]["problems"]]
     lines = [line for line, _ in found]
-    said = " | ".join(what for _, what in found)
+    message = " | ".join(what for _, what in found)
     assert lines == ["9", "9", "14", "18", "22", "27", "28", "31"]
     for words in ("initial.eta.x is measured in m", "'masss'", "'etta'", "units of the two ends"):
-        assert words in said
+        assert words in message
     for words in ("never happens", "plant.eta.q", "'mass'", "two units"):
-        assert words in said
+        assert words in message
 
 
-def test_broken_schema_tells_every_key(fmus: Path, tmp_path: Path) -> None:
+def test_broken_schema_reports_every_key(fmus: Path, tmp_path: Path) -> None:
     """Several keys that break the schema are several problems."""
     (tmp_path / "keys.toml").write_text(
         'title = 5\n[run]\nend = "1 m"\nstepp = 1\nstep = 0.1\n[components.a]\nfmu = ""\n'

@@ -25,10 +25,10 @@ def test_bad_scenario_is_refused_in_words(path: Path, fmus: Path, tmp_path: Path
     assert wanted
     result = cosim("run", path, "--json", "--fmus", fmus.parent, "--out", "t.mcap", cwd=tmp_path)
     assert result.code == code
-    said = result.error
-    assert said["where"]
-    assert said["expected"] or said["got"] or said["hint"] or "missing" in said["what"]
-    assert "unexpected" not in said["what"]
+    message = result.error
+    assert message["where"]
+    assert message["expected"] or message["got"] or message["hint"] or "missing" in message["what"]
+    assert "unexpected" not in message["what"]
     for words in wanted:
         assert words in result.err
     assert not (tmp_path / "t.mcap").exists()

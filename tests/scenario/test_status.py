@@ -15,7 +15,7 @@ import pytest
 
 from cosim.fmu import component_module, describe_fmu
 from cosim.fmu.export.build import build_fmu
-from cosim.master import Component, Connection, Endpoint, Run, System, make_timetable, simulate
+from cosim.master import Component, Connection, Endpoint, Run, System, make_schedule, simulate
 from cosim.models.auv import STATE
 from cosim.scenario.limits import Saturation, saturation
 
@@ -144,7 +144,7 @@ class Commander:
                 ],
                 {},
                 {},
-                make_timetable({}, end, end, "align", (), self._points),
+                make_schedule({}, end, end, "align", (), self._points),
                 1e9,
             )
         )
@@ -174,7 +174,7 @@ def stepped(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> Comm
 
 
 @pytest.mark.parametrize("case", SMOOTH)
-def test_limit_cycle_is_told_from_saturation(smooth: Commander, case: str) -> None:
+def test_limit_cycle_is_distinguished_from_saturation(smooth: Commander, case: str) -> None:
     """A limit cycle goes to and fro between the limits, most of the last quarter."""
     assert smooth.judged(case).limit_cycle is SMOOTH[case][1]
 

@@ -28,8 +28,8 @@ MESSAGE = "the <pump> has lost its prime"
 
 def scenario(folder: Path, call: str, status: int, text: str = ALONE, version: str = "2.0") -> None:
     faulty_fmu(folder, version, "pump")
-    told = PUMP.format(call=CALLS.index(call), status=status)
-    (folder / "s.toml").write_text(text + told)
+    reported = PUMP.format(call=CALLS.index(call), status=status)
+    (folder / "s.toml").write_text(text + reported)
 
 
 def apart(folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -65,7 +65,7 @@ def test_process_that_dies_with_its_slave_leaves_a_whole_trace(
     assert verified.code == 0, verified.out
 
 
-def test_companion_has_flown_by_then_and_is_not_ended_either(
+def test_zero_state_run_is_done_by_then_and_not_ended_either(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """The gain is that of a run whose pump ends as it should."""
@@ -84,18 +84,18 @@ def test_companion_has_flown_by_then_and_is_not_ended_either(
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_slave_that_refuses_to_terminate_is_told(tmp_path: Path, version: str) -> None:
+def test_slave_that_refuses_to_terminate_is_reported(tmp_path: Path, version: str) -> None:
     """As a warning, with the words of the FMU: in the summary and as JSON, after the trace."""
     scenario(tmp_path, "terminate", 3, version=version)
-    said = [
+    message = [
         {"level": "info", "name": "pump", "message": "terminated"},
         {"level": "error", "name": "pump", "message": MESSAGE},
         {"level": "warning", "name": "pump", "message": "terminating the slave: status 3"},
         {"level": "info", "name": "pump", "message": "freed"},
     ]
-    told = cosim("run", "s.toml", "--json", "--out", "t.mcap", cwd=tmp_path)
-    assert (told.code, told.json["status"]) == (0, "finished")
-    assert told.json["log_after_end"] == said
+    reported = cosim("run", "s.toml", "--json", "--out", "t.mcap", cwd=tmp_path)
+    assert (reported.code, reported.json["status"]) == (0, "finished")
+    assert reported.json["log_after_end"] == message
     seen = cosim("run", "s.toml", "--out", "t.mcap", cwd=tmp_path)
     assert f"error, not in the trace: pump: {MESSAGE}" in seen.out
     assert "warning, not in the trace: pump: terminating the slave: status 3" in seen.out
@@ -108,10 +108,10 @@ def test_injection_is_on_disk_before_its_slave_is_ended(tmp_path: Path) -> None:
     assert cosim(*RUN, cwd=tmp_path).code == 0
     words = ("trace", "inject", "t.mcap", "--into", "pump.fmu", "--map", "pump.x=u", "-o", "i.mcap")
     refuses = ("--set", f"fail_in={CALLS.index('terminate')}", "--set", "status=3")
-    told = cosim(*words, *refuses, "--json", cwd=tmp_path)
-    assert told.code == 0, told.err
+    reported = cosim(*words, *refuses, "--json", cwd=tmp_path)
+    assert reported.code == 0, reported.err
     late = "terminating the slave: status 3"
-    assert {"level": "warning", "name": "pump", "message": late} in told.json["log_after_end"]
+    assert {"level": "warning", "name": "pump", "message": late} in reported.json["log_after_end"]
     assert late in cosim(*words, *refuses, cwd=tmp_path).out
     (tmp_path / "i.mcap").unlink()
     dies = ("--set", f"fail_in={CALLS.index('free')}", "--set", f"status={-signal.SIGABRT}")
@@ -121,7 +121,7 @@ def test_injection_is_on_disk_before_its_slave_is_ended(tmp_path: Path) -> None:
     assert len(trace.read("/pump/output")) == 11
 
 
-def test_fmu_of_one_instance_is_ended_before_its_companion(
+def test_fmu_of_one_instance_is_ended_before_the_zero_state_run(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """It flies all the same, and what it says at its end is in the trace."""

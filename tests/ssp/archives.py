@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run, simulate
-from cosim.scenario.assemble import Hangar
+from cosim.scenario.assembly import FmuCache
 from cosim.scenario.execute import prepare
 from cosim.scenario.read import LoadedScenario, parse
-from cosim.scenario.ssp.export import Exported, Links, export_ssp, system_of
+from cosim.scenario.ssp.export import Links, SspExport, export_ssp, system_of
 
 SPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
@@ -80,16 +80,16 @@ def loaded(text: str, folder: Path, name: str = "test") -> LoadedScenario:
 
 def export(
     text: str, fmus: Path, folder: Path, links: Links = "annotate", name: str = "test"
-) -> Exported:
+) -> SspExport:
     """The archive of a scenario, its built-in FMUs native."""
-    prepared = prepare(loaded(text, folder, name), Hangar(fmus.parent, folder, flavour="native"))
+    prepared = prepare(loaded(text, folder, name), FmuCache(fmus.parent, folder, flavour="native"))
     return export_ssp(prepared, folder / f"{name}.ssp", links)
 
 
-def flown(scenario: LoadedScenario, fmus: Path) -> Run:
-    prepared = prepare(scenario, Hangar(fmus.parent, scenario.folder, flavour="native"))
+def execute_scenario(scenario: LoadedScenario, fmus: Path) -> Run:
+    prepared = prepare(scenario, FmuCache(fmus.parent, scenario.folder, flavour="native"))
     run = simulate(system_of(prepared, scenario.scenario))
-    assert run.ending == "finished", run.reason
+    assert run.status == "finished", run.reason
     return run
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fmpy.ssp.ssd import find_components, read_ssd
 from lxml import etree
-from ssp.archives import LINKED, export, flown, loaded, signals
+from ssp.archives import LINKED, execute_scenario, export, loaded, signals
 
 from cosim.core.errors import InputError
 from cosim.fmu.inspect import inspect_fmu
@@ -83,8 +83,8 @@ def test_annotated_links_come_back(native_fmus: Path, tmp_path: Path, events: st
     assert set(again.links) == {"up-link", "downlink"}
     assert not again.unsupported
     one, other = (
-        flown(loaded(text, tmp_path), native_fmus),
-        flown(load(str(again.path)), native_fmus),
+        execute_scenario(loaded(text, tmp_path), native_fmus),
+        execute_scenario(load(str(again.path)), native_fmus),
     )
     assert np.array_equal(one.points_ns, other.points_ns)
     before, after = signals(one, *NAMES), signals(other, *NAMES)
@@ -99,13 +99,13 @@ def test_link_fmus_come_back_as_links(native_fmus: Path, tmp_path: Path) -> None
     again = import_ssp(done.path, tmp_path / "again.toml")
     assert set(again.links) == {"up-link", "downlink"}
     assert set(again.names) == {"plant", "controller", "exosystem"}
-    one = flown(loaded(LINKED.format(events="grid"), tmp_path), native_fmus)
-    other = flown(load(str(again.path)), native_fmus)
+    one = execute_scenario(loaded(LINKED.format(events="grid"), tmp_path), native_fmus)
+    other = execute_scenario(load(str(again.path)), native_fmus)
     before, after = signals(one, *NAMES), signals(other, *NAMES)
     assert all(np.array_equal(before[name], after[name]) for name in NAMES)
 
 
-def test_link_fmus_fly_in_our_own_master_as_links(native_fmus: Path, tmp_path: Path) -> None:
+def test_link_fmus_in_our_own_master_act_as_links(native_fmus: Path, tmp_path: Path) -> None:
     """The archive as it is, its link FMUs taken for any other components."""
     done = export(LINKED.format(events="align"), native_fmus, tmp_path, "fmu")
     plain = tmp_path / "plain.ssp"
@@ -116,8 +116,8 @@ def test_link_fmus_fly_in_our_own_master_as_links(native_fmus: Path, tmp_path: P
     again = import_ssp(plain, tmp_path / "again.toml")
     assert not again.links
     assert len(again.names) == 5
-    one = flown(loaded(LINKED.format(events="grid"), tmp_path), native_fmus)
-    other = flown(load(str(again.path)), native_fmus)
+    one = execute_scenario(loaded(LINKED.format(events="grid"), tmp_path), native_fmus)
+    other = execute_scenario(load(str(again.path)), native_fmus)
     before, after = signals(one, *NAMES), signals(other, *NAMES)
     assert all(np.array_equal(before[name], after[name]) for name in NAMES)
 
@@ -132,8 +132,8 @@ def test_path_and_designed_gain_come_back(native_fmus: Path, tmp_path: Path, lin
     again = import_ssp(done.path, tmp_path / "again.toml")
     grid = text.replace('events = "align"', 'events = "grid"') if links == "fmu" else text
     one, other = (
-        flown(loaded(grid, tmp_path), native_fmus),
-        flown(load(str(again.path)), native_fmus),
+        execute_scenario(loaded(grid, tmp_path), native_fmus),
+        execute_scenario(load(str(again.path)), native_fmus),
     )
     names = ("plant.eta.x", "plant.eta.psi", "plant.nu.r", "controller.force.y")
     before, after = signals(one, *names), signals(other, *names)
@@ -179,7 +179,7 @@ def test_link_fmus_of_the_archive_are_in_order(native_fmus: Path, tmp_path: Path
         assert all(each.level == "note" for each in findings), findings
 
 
-def test_archive_that_cannot_be_written_is_said(native_fmus: Path, tmp_path: Path) -> None:
+def test_archive_that_cannot_be_written_is_refused(native_fmus: Path, tmp_path: Path) -> None:
     (tmp_path / "test.ssp").mkdir()
     with pytest.raises(InputError, match="cannot be written"):
         export(LINKED.format(events="grid"), native_fmus, tmp_path)

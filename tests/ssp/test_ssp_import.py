@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ssp.archives import component, connection, flown, loaded, signals, ssd, write
+from ssp.archives import component, connection, execute_scenario, loaded, signals, ssd, write
 
 from cosim.core.errors import InputError
 from cosim.scenario.read import load
@@ -117,11 +117,11 @@ def archive(folder: Path, fmus: Path, system: str, more: str = EXPERIMENT, **fil
 
 @pytest.fixture(scope="module")
 def expected(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
-    run = flown(loaded(OURS, tmp_path_factory.mktemp("ours")), native_fmus)
+    run = execute_scenario(loaded(OURS, tmp_path_factory.mktemp("ours")), native_fmus)
     return run.signal("plant", "x[1]")
 
 
-def test_nested_systems_with_files_and_mappings_fly_as_one(
+def test_nested_systems_with_files_and_mappings_run_as_one(
     native_fmus: Path, tmp_path: Path, expected: np.ndarray
 ) -> None:
     """Inline values, an .ssv renamed and scaled by an .ssm, and a value bound further out."""
@@ -157,7 +157,7 @@ def test_nested_systems_with_files_and_mappings_fly_as_one(
         "initial.x[1]": 4.0,
     }
     assert scenario.scenario.components["bridge_the_pilot"].parameters == {"K[1,1]": 0.5}
-    run = flown(scenario, native_fmus)
+    run = execute_scenario(scenario, native_fmus)
     found = signals(run, "vessel_plant.x[1]")["vessel_plant.x[1]"]
     assert np.array_equal(found, expected)
 
@@ -291,10 +291,10 @@ def test_archive_that_cannot_be_run_is_refused_by_name(
     native_fmus: Path, tmp_path: Path, case: str
 ) -> None:
     """One precise message each; no scenario is left behind."""
-    system, said = BAD[case]
+    system, message = BAD[case]
     system = system.replace("<ssd:Connections></ssd:Connections>", "")
     ssp = archive(tmp_path, native_fmus, system, UNITS + EXPERIMENT)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         import_ssp(ssp, tmp_path / "theirs.toml")
     assert "foreign.ssp" in str(caught.value)
     assert [p.name for p in tmp_path.iterdir()] == ["foreign.ssp"]
@@ -334,7 +334,7 @@ def test_no_zip_is_no_archive(tmp_path: Path, case: str) -> None:
         import_ssp(tmp_path / "x.ssp", tmp_path / "x.toml")
 
 
-def test_missing_archive_or_description_is_said(tmp_path: Path) -> None:
+def test_missing_archive_or_description_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not an SSP archive"):
         import_ssp(tmp_path / "none.ssp", tmp_path / "x.toml")
     ssp = write(tmp_path / "x.ssp", {"a.txt": "a"})
@@ -349,13 +349,13 @@ def test_xml_with_entities_or_without_end_is_refused(tmp_path: Path) -> None:
         '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]>\n<ssd:SystemStructureDescription',
         1,
     )
-    for text, said in (
+    for text, message in (
         (bomb, "document type"),
         ("<a><b></a>", "not XML"),
         ("<a/>", "no file of SSP"),
     ):
         ssp = write(tmp_path / "x.ssp", {"SystemStructure.ssd": text})
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             import_ssp(ssp, tmp_path / "x.toml")
 
 
@@ -397,7 +397,7 @@ def test_connection_from_nowhere_keeps_the_start_value(native_fmus: Path, tmp_pa
     assert any("p.w[1]" in note for note in done.unsupported)
 
 
-def test_archive_that_the_schema_does_not_allow_is_read_and_said(
+def test_archive_that_the_schema_does_not_allow_is_read_with_a_note(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """Some tools write empty lists, and annotations first."""

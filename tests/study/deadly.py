@@ -16,9 +16,9 @@ from benchmarks._tiny import tiny_fmu
 from shared import made_once
 
 from cosim.scenario.read import parse
-from cosim.study.flight import Base
 from cosim.study.plan import Plan, make_plan
 from cosim.study.schema import Study
+from cosim.study.study_runner import BaseScenario
 
 STEP, STEPS = 0.1, 20
 SCENARIO = f"""
@@ -61,11 +61,11 @@ def _make(path: Path) -> None:
     (path / "tiny.toml").write_text(SCENARIO)
 
 
-def base() -> Base:
+def base() -> BaseScenario:
     """The scenario."""
     where = folder()
     loaded = parse(SCENARIO, name="tiny", where="tiny.toml", folder=where)
-    return Base("tiny", loaded.scenario, SCENARIO, where, where / "fmus", "native")
+    return BaseScenario("tiny", loaded.scenario, SCENARIO, where, where / "fmus", "native")
 
 
 def study(values: list[float], **more: Any) -> Study:

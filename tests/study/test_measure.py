@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cosim.core.errors import InputError
 from cosim.master import Run
-from cosim.study.measure import measure, needs_companion
+from cosim.study.measurement import measure, needs_zero_state_run
 from cosim.study.schema import Metric
 
 T = np.linspace(0.0, 20.0, 4001)
@@ -23,7 +23,7 @@ class Recorded:
 
     signals: dict[str, NDArray[np.float64]]
     t: NDArray[np.float64] = field(default_factory=lambda: T)
-    ending: str = "finished"
+    status: str = "finished"
 
     @property
     def points_ns(self) -> Any:
@@ -35,11 +35,11 @@ class Recorded:
         return self.signals[f"{component}.{variable}"]
 
 
-def taken(signals: dict[str, Any], ending: str = "finished", **metric: Any) -> Any:
+def taken(signals: dict[str, Any], status: str = "finished", **metric: Any) -> Any:
     """A metric of signals."""
     names = list(signals)
     asked = {"signal": names if len(names) > 1 else names[0], **metric}
-    return measure(Metric(**asked), {}, cast("Run", Recorded(signals, ending=ending)))
+    return measure(Metric(**asked), {}, cast("Run", Recorded(signals, status=status)))
 
 
 def test_reductions_of_a_sinusoid() -> None:
@@ -103,10 +103,10 @@ def test_a_table_is_no_metric() -> None:
     assert "gain" in refused.value.text()
 
 
-def test_the_companion_is_flown_only_for_what_is_taken_from_it() -> None:
+def test_the_zero_state_run_is_made_only_for_metrics_that_need_it() -> None:
     """The gain is; the age of the measurements is not."""
-    assert needs_companion({"g": Metric(path="metrics.gain")})
-    assert needs_companion({"e": Metric(path="metrics.envelope_use.u")})
-    assert not needs_companion(
+    assert needs_zero_state_run({"g": Metric(path="metrics.gain")})
+    assert needs_zero_state_run({"e": Metric(path="metrics.envelope_use.u")})
+    assert not needs_zero_state_run(
         {"a": Metric(path="metrics.message_age_s"), "x": Metric(signal="p.x", reduce="rms")}
     )

@@ -11,20 +11,22 @@ from cli.shell import cosim
 
 from cosim.hinf import characteristic_roots, close, system_by_name
 from cosim.models.delay_system import Delay, DelaySystem
-from cosim.study.boundary import boundary, loop_delay_margin
-from cosim.study.conduct import conduct
-from cosim.study.flight import Base
+from cosim.study.execution import execute_study
 from cosim.study.pictures import draw
 from cosim.study.plan import make_plan
 from cosim.study.read import load_study
 from cosim.study.running import run_study
+from cosim.study.stability_boundary import boundary, loop_delay_margin
 from cosim.study.stability_picture import draw_stability
+from cosim.study.study_runner import BaseScenario
 from cosim.study.table import read_table
 
 PNG = b"\x89PNG"
 
 
-def flown(name: str, native_fmus: Path, out: Path, vary: dict[str, object] | None = None) -> Path:
+def executed(
+    name: str, native_fmus: Path, out: Path, vary: dict[str, object] | None = None
+) -> Path:
     """A built-in study, one axis of it changed if so asked."""
     loaded = load_study(name)
     study, base = loaded.study, loaded.base
@@ -32,8 +34,8 @@ def flown(name: str, native_fmus: Path, out: Path, vary: dict[str, object] | Non
         axes = [a.model_copy(update=vary.get(a.column)) for a in study.vary]
         study = study.model_copy(update={"vary": axes})
     fmus = native_fmus.parent
-    of = Base(base.name, base.scenario, base.text, base.folder, fmus, "native")
-    conduct(make_plan(study, of), out)
+    of = BaseScenario(base.name, base.scenario, base.text, base.folder, fmus, "native")
+    execute_study(make_plan(study, of), out)
     return out
 
 
@@ -56,7 +58,7 @@ def test_the_measured_boundary_is_the_exact_delay_margin_within_the_grid(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """Section 5's loop: between two points of the grid, and by its exponents much closer."""
-    path = flown("delay-margin", native_fmus, tmp_path)
+    path = executed("delay-margin", native_fmus, tmp_path)
     table, manifest = read_table(path)
     found = boundary(table, manifest)
     assert found is not None
@@ -82,22 +84,22 @@ def test_the_vehicles_boundary_over_packets_is_its_exact_delay_margin_within_the
 ) -> None:
     """Without loss; and with it the certified region shrinks and stays inside the stable one."""
     few = {"delay": {"linspace": [0.65, 2.65, 6]}, "loss": {"values": [0.0, 0.05, 0.6]}}
-    path = flown("delay-loss", native_fmus, tmp_path, {**few, "seed": {"count": 1}})
+    path = executed("delay-loss", native_fmus, tmp_path, {**few, "seed": {"count": 1}})
     table, manifest = read_table(path)
     found = boundary(table, manifest)
     assert found is not None
     assert found.exact_margin == pytest.approx(2.506, abs=1e-3)
     assert found.agrees is True
     assert found.certified_inside is True
-    reach = [edge.certified_to or 0.0 for edge in found.edges]
-    assert reach[0] >= reach[1] >= reach[2]
-    assert reach[0] > reach[2]
+    certified_ends = [edge.certified_to or 0.0 for edge in found.edges]
+    assert certified_ends[0] >= certified_ends[1] >= certified_ends[2]
+    assert certified_ends[0] > certified_ends[2]
     assert draw_stability(table, manifest, tmp_path / "m.png").read_bytes()[:4] == PNG
     for over in (["delay", "loss"], ["delay", "per", "loss"]):
         assert draw(table, manifest, tmp_path / "g.png", "gain", over).stat().st_size > 1000
 
 
-def test_the_trace_of_a_studys_run_is_flown_again_bit_for_bit(
+def test_the_trace_of_a_study_run_is_repeated_bit_for_bit(
     native_fmus: Path, tmp_path: Path
 ) -> None:
     """It carries its own varied scenario, and the system that its design is about."""
@@ -115,7 +117,7 @@ def test_the_trace_of_a_studys_run_is_flown_again_bit_for_bit(
 
 def test_a_later_measured_boundary_would_not_agree(native_fmus: Path, tmp_path: Path) -> None:
     """The comparison can fail: with a table that says stable beyond the margin it does."""
-    path = flown("delay-margin", native_fmus, tmp_path, {"delay": {"linspace": [0.3, 0.4, 3]}})
+    path = executed("delay-margin", native_fmus, tmp_path, {"delay": {"linspace": [0.3, 0.4, 3]}})
     table, manifest = read_table(path)
     found = boundary(table, manifest)
     assert found is not None

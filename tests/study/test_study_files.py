@@ -8,10 +8,10 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.scenario.read import load
-from cosim.study.flight import Base
 from cosim.study.plan import Plan, make_plan
 from cosim.study.read import builtin_studies, load_study
 from cosim.study.schema import Study
+from cosim.study.study_runner import BaseScenario
 
 HERE = Path(__file__).parent
 SAYS = {
@@ -65,7 +65,9 @@ def planned(name_or_path: str, native_fmus: Path) -> Plan:
     base = loaded.base
     return make_plan(
         loaded.study,
-        Base(base.name, base.scenario, base.text, base.folder, native_fmus.parent, "native"),
+        BaseScenario(
+            base.name, base.scenario, base.text, base.folder, native_fmus.parent, "native"
+        ),
         loaded.place,
     )
 
@@ -86,7 +88,7 @@ def test_every_kind_of_axis_and_metric_at_once(native_fmus: Path) -> None:
     """2 x 2 x 2 cells, 4 drawn points, 2 seeds; the scenario of a run is what the axes say."""
     plan = planned(str(HERE / "valid" / "everything.toml"), native_fmus)
     assert plan.count == 2 * 2 * 2 * 4 * 2
-    first, last = (plan.flyer.variations.scenario(plan.flyer.points[i]) for i in (0, 63))
+    first, last = (plan.runner.variations.scenario(plan.runner.points[i]) for i in (0, 63))
     assert (first.links["uplink"].delay, last.links["downlink"].delay) == (0.05, 0.2)
     assert first.design is not None
     assert last.design is not None
@@ -124,7 +126,9 @@ def test_the_same_study_in_python_and_in_toml_has_the_same_hash(native_fmus: Pat
         metrics=study.metrics,
     )
     base = loaded.base
-    of = Base(base.name, base.scenario, base.text, base.folder, native_fmus.parent, "native")
+    of = BaseScenario(
+        base.name, base.scenario, base.text, base.folder, native_fmus.parent, "native"
+    )
     assert make_plan(written, of).job.digest == make_plan(study, of).job.digest
 
 
@@ -145,7 +149,7 @@ def test_a_gain_that_the_design_sets_is_not_moved_in_vain(native_fmus: Path) -> 
         metrics={"x": "final.plant.x[1]"},
     )
     loaded = load("paper-example")
-    of = Base(loaded.name, loaded.scenario, "", loaded.folder, native_fmus.parent, "native")
+    of = BaseScenario(loaded.name, loaded.scenario, "", loaded.folder, native_fmus.parent, "native")
     with pytest.raises(InputError, match="is what the design of the scenario sets") as refused:
         make_plan(study, of)
     assert "design.gain" in refused.value.text()

@@ -7,9 +7,9 @@ import math
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.scenario.dotted import put, split
-from cosim.study.dotted import look
+from cosim.scenario.key_paths import put, split
 from cosim.study.expression import Expression
+from cosim.study.figure_lookup import value_at
 
 
 def test_paths_are_split_at_dots_outside_quotes() -> None:
@@ -44,11 +44,11 @@ def test_values_are_put_where_the_path_leads() -> None:
 def test_figures_are_found_under_names_with_dots() -> None:
     """`final` is one table by `component.variable`; a missing figure names the nearest."""
     data = {"final": {"plant.eta.x": 1.5, "plant.x[1]": 2.5}, "metrics": {"gain": None}}
-    assert look(data, "final.plant.eta.x") == 1.5
-    assert look(data, "final.plant.x[1]") == 2.5
-    assert look(data, "metrics.gain") is None
+    assert value_at(data, "final.plant.eta.x") == 1.5
+    assert value_at(data, "final.plant.x[1]") == 2.5
+    assert value_at(data, "metrics.gain") is None
     with pytest.raises(InputError, match=r"did you mean plant\.eta\.x"):
-        look(data, "final.plant.eta.y")
+        value_at(data, "final.plant.eta.y")
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from study.deadly import FAILING, U, plan, truth
 
 from cosim.core.errors import InputError, LossError
 from cosim.study import batch
-from cosim.study.conduct import conduct
-from cosim.study.folder import JOURNAL, RESULTS, Folder
+from cosim.study.execution import execute_study
+from cosim.study.folder import RESULTS, RUN_LOG, Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.table import read_table
 from cosim.trace import Trace
@@ -26,27 +26,27 @@ def table(path: Path) -> dict[str, list[Any]]:
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers of the runs that are flown, as they are."""
-    flown: list[int] = []
+    executed: list[int] = []
     before = batch._row
 
-    def row(job: batch.Job, flyer: Any, run: int) -> batch.Row:
-        flown.append(run)
-        return before(job, flyer, run)
+    def row(job: batch.Job, runner: Any, run: int) -> batch.Row:
+        executed.append(run)
+        return before(job, runner, run)
 
     monkeypatch.setattr(batch, "_row", row)
-    return flown
+    return executed
 
 
 def test_every_run_is_the_closed_form(tmp_path: Path) -> None:
     """x at the end for ten values of u, by number of the run; nothing is missing."""
     values = [0.5 * i - 2.0 for i in range(10)]
-    done = conduct(plan(values), tmp_path)
+    done = execute_study(plan(values), tmp_path)
     found = table(tmp_path)
     assert found["run"] == list(range(10))
     assert found["u"] == values
     assert found["x"] == pytest.approx([truth(u) for u in values], rel=1e-14)
     assert set(found["status"]) == {"finished"}
-    assert (done.runs, done.flown, done.statuses) == (10, 10, {"finished": 10})
+    assert (done.runs, done.executed, done.statuses) == (10, 10, {"finished": 10})
 
 
 def test_axes_move_what_they_name(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_axes_move_what_they_name(tmp_path: Path) -> None:
         {"kind": "grid", "name": "both", "paths": [U, "run.end"], "rows": [[2.0, 1.0], [3.0, 0.5]]},
         {"kind": "grid", "name": "step", "apply": {"run.step": "x / 10"}, "values": [1.0, 0.5]},
     ]
-    conduct(plan([], vary=axes, set={"run.seed": 5}), tmp_path)
+    execute_study(plan([], vary=axes, set={"run.seed": 5}), tmp_path)
     found = table(tmp_path)
     assert [json.loads(cell) for cell in found["both"]] == [[2.0, 1.0]] * 2 + [[3.0, 0.5]] * 2
     exact = [
@@ -69,12 +69,12 @@ def test_axes_move_what_they_name(tmp_path: Path) -> None:
 def test_a_run_that_fails_is_recorded_and_stops_no_other(tmp_path: Path) -> None:
     """A step that fails, a value that is not allowed: each with its reason."""
     failing = plan([0.0, FAILING, 1.0])
-    assert conduct(failing, tmp_path / "a").statuses == {"finished": 2, "failed": 1}
+    assert execute_study(failing, tmp_path / "a").statuses == {"finished": 2, "failed": 1}
     found = table(tmp_path / "a")
     assert found["status"] == ["finished", "failed", "finished"]
     assert "tiny" in found["reason"][1]
     axis = {"kind": "grid", "name": "step", "path": "run.step", "values": [0.1, -1.0, 50.0]}
-    conduct(plan([], vary=[axis]), tmp_path / "b")
+    execute_study(plan([], vary=[axis]), tmp_path / "b")
     found = table(tmp_path / "b")
     assert found["status"] == ["finished", "refused", "refused"]
     assert found["x"][1:] == [None, None]
@@ -85,7 +85,7 @@ def test_a_run_that_fails_is_recorded_and_stops_no_other(tmp_path: Path) -> None
 def test_a_diverged_run_is_one_of_the_results(tmp_path: Path) -> None:
     """It is no failure, and has its figures up to where it got."""
     metrics = {"x": "final.tiny.x[1]", "peak": {"signal": "tiny.x[1]", "reduce": "max_abs"}}
-    conduct(plan([0.0, 50.0], set={"run.divergence": 20.0}, metrics=metrics), tmp_path)
+    execute_study(plan([0.0, 50.0], set={"run.divergence": 20.0}, metrics=metrics), tmp_path)
     found = table(tmp_path)
     assert found["status"] == ["finished", "diverged"]
     first_beyond = next(truth(50.0, k) for k in range(99) if truth(50.0, k) > 20.0)
@@ -97,79 +97,79 @@ def test_a_study_that_is_interrupted_goes_on_and_repeats_nothing(
 ) -> None:
     """Interrupted in the sixth run: six to go on with, and the table of one that was not."""
     values = [0.1 * i for i in range(10)]
-    flown = counted(monkeypatch)
+    executed = counted(monkeypatch)
     original = batch.taken
 
-    def interrupted(flyer: Any, run: int) -> Any:
+    def interrupted(runner: Any, run: int) -> Any:
         if run == 5:
             raise KeyboardInterrupt
-        return original(flyer, run)
+        return original(runner, run)
 
     monkeypatch.setattr(batch, "taken", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        conduct(plan(values), tmp_path / "a")
-    assert flown == [1, 2, 3, 4, 5]  # the first run is the rehearsal's
+        execute_study(plan(values), tmp_path / "a")
+    assert executed == [1, 2, 3, 4, 5]  # the first run is the rehearsal's
     assert len(table(tmp_path / "a")["run"]) == 5
     monkeypatch.setattr(batch, "taken", original)
-    flown.clear()
-    done = conduct(plan(values), tmp_path / "a")
-    assert flown == [5, 6, 7, 8, 9]
-    assert (done.runs, done.flown) == (10, 5)
-    conduct(plan(values), tmp_path / "b")
+    executed.clear()
+    done = execute_study(plan(values), tmp_path / "a")
+    assert executed == [5, 6, 7, 8, 9]
+    assert (done.runs, done.executed) == (10, 5)
+    execute_study(plan(values), tmp_path / "b")
     same = [(tmp_path / name / RESULTS).read_bytes() for name in "ab"]
     assert same[0] == same[1]
-    flown.clear()
-    assert conduct(plan(values), tmp_path / "a").flown == 0
-    assert flown == []
+    executed.clear()
+    assert execute_study(plan(values), tmp_path / "a").executed == 0
+    assert executed == []
 
 
 @pytest.mark.parametrize("cut", [1, 7, 20])
-def test_a_line_that_was_cut_off_is_flown_again(
+def test_the_run_of_an_incomplete_line_is_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut: int
 ) -> None:
     """However much of it is there: that run and no other, and the same table."""
     values = [0.0, 1.0, 2.0]
-    conduct(plan(values), tmp_path)
+    execute_study(plan(values), tmp_path)
     before = (tmp_path / RESULTS).read_bytes()
-    journal = tmp_path / JOURNAL
-    journal.write_bytes(journal.read_bytes()[:-cut])
-    flown = counted(monkeypatch)
-    conduct(plan(values), tmp_path)
-    assert flown == [2]
+    run_log = tmp_path / RUN_LOG
+    run_log.write_bytes(run_log.read_bytes()[:-cut])
+    executed = counted(monkeypatch)
+    execute_study(plan(values), tmp_path)
+    assert executed == [2]
     assert (tmp_path / RESULTS).read_bytes() == before
 
 
 def test_another_study_in_the_folder_is_not_mixed_with(tmp_path: Path) -> None:
     """Refused, with what differs; --fresh takes the folder."""
-    conduct(plan([0.0, 1.0]), tmp_path)
+    execute_study(plan([0.0, 1.0]), tmp_path)
     other = plan([0.0, 2.0])
     with pytest.raises(InputError, match="another study is here") as refused:
-        conduct(other, tmp_path)
+        execute_study(other, tmp_path)
     assert "the same study" in refused.value.text()
-    conduct(other, tmp_path, fresh=True)
+    execute_study(other, tmp_path, fresh=True)
     assert table(tmp_path)["u"] == [0.0, 2.0]
 
 
 def test_title_and_choice_of_traces_make_no_other_study(tmp_path: Path) -> None:
     """The two largest x get a trace afterwards; no run is flown for the table."""
     values = [0.0, 3.0, 1.0, 2.0]
-    conduct(plan(values), tmp_path)
-    done = conduct(plan(values, title="Two traces", traces="worst:2 by x"), tmp_path)
-    assert done.flown == 0
+    execute_study(plan(values), tmp_path)
+    done = execute_study(plan(values, title="Two traces", traces="worst:2 by x"), tmp_path)
+    assert done.executed == 0
     assert done.traces == {1: None, 3: None}
     names = sorted(p.name for p in (tmp_path / "traces").iterdir())
     assert names == ["run-1.mcap", "run-3.mcap"]
     trace = Trace(tmp_path / "traces" / "run-1.mcap")
     assert trace.read("/tiny/output")["x[1]"][-1] == pytest.approx(truth(3.0), rel=1e-14)
-    smallest = conduct(plan(values, traces="worst:1 by -x"), tmp_path)
+    smallest = execute_study(plan(values, traces="worst:1 by -x"), tmp_path)
     assert list(smallest.traces) == [0]
 
 
 def test_traces_of_all_and_of_failed_runs(tmp_path: Path) -> None:
     """A run that fails leaves a trace up to there."""
     values = [0.0, FAILING]
-    assert list(conduct(plan(values, traces="all"), tmp_path / "a").traces) == [0, 1]
-    assert list(conduct(plan(values, traces="failed"), tmp_path / "b").traces) == [1]
+    assert list(execute_study(plan(values, traces="all"), tmp_path / "a").traces) == [0, 1]
+    assert list(execute_study(plan(values, traces="failed"), tmp_path / "b").traces) == [1]
     assert [p.name for p in (tmp_path / "b" / "traces").iterdir()] == ["run-1.mcap"]
 
 
@@ -179,8 +179,8 @@ def test_one_process_at_a_time(tmp_path: Path) -> None:
     with Folder(tmp_path) as first:
         first.begin(manifest_of(made))
         with pytest.raises(InputError, match="another process works on this study"):
-            conduct(made, tmp_path)
-    conduct(made, tmp_path)
+            execute_study(made, tmp_path)
+    execute_study(made, tmp_path)
 
 
 def test_a_table_with_a_hole_is_not_written(
@@ -191,10 +191,10 @@ def test_a_table_with_a_hole_is_not_written(
     class Forgetful:
         size = 1
 
-        def work(self, do: Any, job: Any, take: Any) -> Any:
-            while (runs := take()) is not None:
+        def run_batches(self, function: Any, job: Any, next_batch: Any) -> Any:
+            while (runs := next_batch()) is not None:
                 if runs != [2]:
-                    yield runs, do(job, runs)
+                    yield runs, function(job, runs)
 
         def __enter__(self) -> Any:
             return self
@@ -202,10 +202,10 @@ def test_a_table_with_a_hole_is_not_written(
         def __exit__(self, *_: object) -> None:
             pass
 
-    monkeypatch.setattr("cosim.study.conduct.MOST_AT_ONCE", 1)
-    with pytest.raises(LossError, match="runs are missing") as said:
-        conduct(plan([0.0, 1.0, 2.0, 3.0]), tmp_path, Forgetful)
-    assert "without number 2" in said.value.text()
+    monkeypatch.setattr("cosim.study.execution.MOST_AT_ONCE", 1)
+    with pytest.raises(LossError, match="runs are missing") as message:
+        execute_study(plan([0.0, 1.0, 2.0, 3.0]), tmp_path, Forgetful)
+    assert "without number 2" in message.value.text()
     assert not (tmp_path / RESULTS).exists()
 
 
@@ -219,12 +219,12 @@ def test_a_table_with_a_hole_is_not_written(
         ({"signal": "tinny.x[1]", "reduce": "rms"}, "did you mean tiny"),
     ],
 )
-def test_a_metric_that_no_run_has_is_said_before_the_study_begins(
+def test_a_metric_that_no_run_has_is_refused_before_the_study_begins(
     tmp_path: Path, metric: Any, words: str
 ) -> None:
     """With the metric's own name; nothing is flown."""
     with pytest.raises(InputError) as refused:
-        conduct(plan([0.0, 1.0], metrics={"mine": metric}), tmp_path)
+        execute_study(plan([0.0, 1.0], metrics={"mine": metric}), tmp_path)
     import re  # noqa: PLC0415
 
     assert re.search(words, refused.value.text())
@@ -232,22 +232,22 @@ def test_a_metric_that_no_run_has_is_said_before_the_study_begins(
     assert table(tmp_path)["run"] == []
 
 
-def test_a_study_of_which_nothing_flies_says_why(tmp_path: Path) -> None:
+def test_a_study_of_which_no_run_succeeds_reports_why(tmp_path: Path) -> None:
     """The error of its first run, as if that were flown alone."""
     axis = {"kind": "grid", "name": "step", "path": "run.step", "values": [50.0, 60.0]}
     with pytest.raises(InputError, match="does not fit the run"):
-        conduct(plan([], vary=[axis]), tmp_path)
+        execute_study(plan([], vary=[axis]), tmp_path)
 
 
 def test_provenance_travels_with_the_table(tmp_path: Path) -> None:
     """Study, scenario, hashes, versions and seeds are in the file itself."""
     made = plan([0.0, 1.0], seed=17)
-    conduct(made, tmp_path)
+    execute_study(made, tmp_path)
     _, about = read_table(tmp_path / RESULTS)
     assert about["digest"] == made.job.digest
     assert about["study"]["vary"][0]["path"] == U
     assert "x follows u" in about["scenario"]["text"]
-    assert about["fmus"] == {"tiny1.fmu": made.flyer.shelf.find("tiny1.fmu").sha256}
+    assert about["fmus"] == {"tiny1.fmu": made.runner.fmu_cache.find("tiny1.fmu").sha256}
     assert about["seeds"] == {"samples": 17, "run": 1}
     assert "auv-cosim" in about["versions"]
 
@@ -255,13 +255,13 @@ def test_provenance_travels_with_the_table(tmp_path: Path) -> None:
 def test_an_fmu_that_was_exchanged_is_another_study(tmp_path: Path) -> None:
     """Its hash is part of what the results depend on, and workers check it."""
     made = plan([0.0])
-    flyer = made.flyer
-    flyer._hashes = {"tiny1.fmu": "0" * 64}
+    runner = made.runner
+    runner._hashes = {"tiny1.fmu": "0" * 64}
     with pytest.raises(InputError, match="not the one the study was started with"):
-        conduct(made, tmp_path)
+        execute_study(made, tmp_path)
 
 
-def test_what_cannot_be_shown_is_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_displayed_is_refused(tmp_path: Path) -> None:
     """No folder of a study, no table of one."""
     with pytest.raises(InputError, match="not the folder of a study"):
         read_table(tmp_path)

@@ -30,9 +30,9 @@ def test_shares_have_wilsons_interval(count: int, of: int, low: float, high: flo
 def test_means_have_students_interval() -> None:
     """1 to 10: 5.5 +- t(0.975; 9) s / sqrt 10 = 2.262157 * 3.027650 / 3.162278."""
     found = mean_of([float(i) for i in range(1, 11)], 12)
-    reach = 2.262157 * 3.027650 / 3.162278
+    half_width = 2.262157 * 3.027650 / 3.162278
     assert found.mean == 5.5
-    assert (found.low, found.high) == pytest.approx((5.5 - reach, 5.5 + reach), rel=1e-6)
+    assert (found.low, found.high) == pytest.approx((5.5 - half_width, 5.5 + half_width), rel=1e-6)
     assert (found.count, found.missing, found.median) == (10, 2, 5.5)
     alone = mean_of([1.0], 1)
     assert (alone.low, alone.high) == (None, None)

@@ -16,20 +16,20 @@ import pytest
 from study.deadly import DEADLY, SLOW, U, folder, plan, truth
 
 from cosim.core.errors import ComponentError, InputError
-from cosim.study.conduct import conduct
+from cosim.study.execution import execute_study
 from cosim.study.folder import RESULTS
 from cosim.study.table import read_table
-from cosim.study.workers import Died, cluster, local
+from cosim.study.workers import WorkerDied, cluster, local
 
 
 def test_two_processes_give_the_table_of_one_bit_for_bit(tmp_path: Path) -> None:
     """And the scheduler of the same cluster, asked by its address, as well."""
     values = [0.1 * i for i in range(24)]
-    conduct(plan(values), tmp_path / "here")
-    with local(2) as crew:
-        conduct(plan(values), tmp_path / "local", lambda: contextlib.nullcontext(crew))
-        address = crew._client.scheduler.address
-        conduct(plan(values), tmp_path / "cluster", lambda: cluster(address))
+    execute_study(plan(values), tmp_path / "here")
+    with local(2) as pool:
+        execute_study(plan(values), tmp_path / "local", lambda: contextlib.nullcontext(pool))
+        address = pool._client.scheduler.address
+        execute_study(plan(values), tmp_path / "cluster", lambda: cluster(address))
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("here", "local", "cluster")]
     assert tables[0] == tables[1] == tables[2]
 
@@ -38,7 +38,7 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     """As what was asked for; what was flown for a start stays."""
     wrong = "no address at all://"
     with pytest.raises(InputError, match="no scheduler answers") as refused:
-        conduct(plan([0.0, 1.0]), tmp_path, lambda: cluster(wrong))
+        execute_study(plan([0.0, 1.0]), tmp_path, lambda: cluster(wrong))
     assert wrong in refused.value.text()
     assert read_table(tmp_path)[0]["run"].to_pylist() == [0]
 
@@ -47,21 +47,21 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
 def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
     """Three processes, one ended by -9 after a third of the runs: the undisturbed table."""
     values = [SLOW + 0.1 * i for i in range(150)]
-    conduct(plan(values), tmp_path / "undisturbed")
+    execute_study(plan(values), tmp_path / "undisturbed")
     killed: list[int] = []
-    with local(3) as crew:
-        pids = list(crew._client.run(os.getpid).values())
+    with local(3) as pool:
+        pids = list(pool._client.run(os.getpid).values())
 
         def kill(_what: str, share: float) -> None:
             if share > 0.3 and not killed:
                 killed.append(pids[0])
                 os.kill(pids[0], signal.SIGKILL)
 
-        done = conduct(
-            plan(values), tmp_path / "hit", lambda: contextlib.nullcontext(crew), progress=kill
+        done = execute_study(
+            plan(values), tmp_path / "hit", lambda: contextlib.nullcontext(pool), progress=kill
         )
     assert len(killed) == 1
-    assert (done.runs, done.flown) == (150, 150)
+    assert (done.runs, done.executed) == (150, 150)
     tables = [(tmp_path / name / RESULTS).read_bytes() for name in ("undisturbed", "hit")]
     assert tables[0] == tables[1]
 
@@ -73,10 +73,10 @@ def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Pa
 
     @contextlib.contextmanager
     def two() -> Iterator[Any]:
-        with local(2) as crew:
-            yield crew
+        with local(2) as pool:
+            yield pool
 
-    done = conduct(plan(values), tmp_path, two)
+    done = execute_study(plan(values), tmp_path, two)
     found = read_table(tmp_path)[0].to_pydict()
     assert done.statuses == {"finished": 14, "failed": 1}
     assert found["status"][2] == "failed"
@@ -85,9 +85,9 @@ def test_a_run_that_kills_its_worker_is_recorded_and_stops_no_other(tmp_path: Pa
     assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
 
 
-def give_up(crew: Any) -> None:
+def give_up(pool: Any) -> None:
     """The one who would start the only worker again does not, as when a start fails."""
-    cluster = crew._client.cluster
+    cluster = pool._client.cluster
     cluster.sync(cluster.workers[0].close)
 
 
@@ -96,11 +96,11 @@ def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_pat
 
     Several runs that kill their workers hit that moment sooner or later, and nobody was left.
     """
-    with local(1) as crew:
-        told = dask.config.get("distributed.deploy.lost-worker-timeout")
-        assert dask.utils.parse_timedelta(told) > 365 * 24 * 3600
-        give_up(crew)
-        done = conduct(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(crew))
+    with local(1) as pool:
+        reported = dask.config.get("distributed.deploy.lost-worker-timeout")
+        assert dask.utils.parse_timedelta(reported) > 365 * 24 * 3600
+        give_up(pool)
+        done = execute_study(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(pool))
     assert done.statuses == {"finished": 2}
 
 
@@ -110,12 +110,12 @@ def test_a_study_without_workers_ends_and_can_be_taken_up(
     """Where none can be started any more, that is said; what is done is kept."""
     monkeypatch.setattr("cosim.study.workers._NO_WORKER", "100 ms")
     monkeypatch.setattr("cosim.study.workers._LOOK_S", 3600.0)
-    with local(1) as crew:
-        give_up(crew)
+    with local(1) as pool:
+        give_up(pool)
         with pytest.raises(ComponentError, match="cannot be carried out") as caught:
-            conduct(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(crew))
+            execute_study(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(pool))
     assert "without any running workers" in str(caught.value.got)
-    assert conduct(plan([0.0, 1.0]), tmp_path).statuses == {"finished": 2}
+    assert execute_study(plan([0.0, 1.0]), tmp_path).statuses == {"finished": 2}
 
 
 @pytest.mark.slow
@@ -144,23 +144,23 @@ def test_many_runs_that_kill_their_workers_stop_no_study(tmp_path: Path) -> None
 
 def test_of_a_batch_that_kills_all_but_one_run_are_kept(tmp_path: Path) -> None:
     """Halved down to the one that kills; a crew that dies on it, in this process."""
-    flown: list[int] = []
+    executed: list[int] = []
 
     class Fragile:
         size = 2
 
-        def work(self, do: Any, job: Any, take: Any) -> Iterator[Any]:
-            while (runs := take()) is not None:
+        def run_batches(self, function: Any, job: Any, next_batch: Any) -> Iterator[Any]:
+            while (runs := next_batch()) is not None:
                 if 7 in runs:
-                    yield runs, Died(2)
+                    yield runs, WorkerDied(2)
                 else:
-                    flown.extend(runs)
-                    yield runs, do(job, runs)
+                    executed.extend(runs)
+                    yield runs, function(job, runs)
 
-    done = conduct(
+    done = execute_study(
         plan([0.1 * i for i in range(100)]), tmp_path, lambda: contextlib.nullcontext(Fragile())
     )
     assert done.statuses == {"finished": 99, "failed": 1}
-    assert sorted([0, *flown]) == [i for i in range(100) if i != 7]
+    assert sorted([0, *executed]) == [i for i in range(100) if i != 7]
     found = read_table(tmp_path)[0].to_pydict()
     assert found["status"][7] == "failed"

@@ -13,38 +13,38 @@ from pathlib import Path
 
 from fmu_manipulation_toolbox.assembly import Assembly
 from toolchains import by_fmpy
-from toolchains.flight import Flight, Part, Rows, label, serve
+from toolchains.peer_run import Part, PeerRun, Rows, label, serve
 
 
-def fly(flight: Flight) -> Rows:
+def run_tool(peer_run: PeerRun) -> Rows:
     """Pack, then let FMPy step the container."""
     logging.disable(logging.WARNING)
     folder = Path("parts")
     folder.mkdir()
-    for name, part in flight.parts.items():
+    for name, part in peer_run.parts.items():
         shutil.copy(part.fmu, folder / f"{name}.fmu")
-    named = {f"row_{i}": watched for i, watched in enumerate(flight.watch)}
+    named = {f"row_{i}": watched for i, watched in enumerate(peer_run.watch)}
     description = {
         "name": "container.fmu",
-        "fmu": [f"{name}.fmu" for name in flight.parts],
-        "link": [[f"{a}.fmu", output, f"{b}.fmu", put] for a, output, b, put in flight.wires],
+        "fmu": [f"{name}.fmu" for name in peer_run.parts],
+        "link": [[f"{a}.fmu", output, f"{b}.fmu", put] for a, output, b, put in peer_run.wires],
         "start": [
             [f"{name}.fmu", variable, value]
-            for name, part in flight.parts.items()
+            for name, part in peer_run.parts.items()
             for variable, value in part.parameters.items()
         ],
         "output": [[f"{part}.fmu", output, row] for row, (part, output) in named.items()],
-        "step_size": flight.step,
+        "step_size": peer_run.step,
         **dict.fromkeys(("auto_link", "auto_input", "auto_output", "auto_parameter"), False),
     }
     (folder / "flight.json").write_text(json.dumps(description), "utf-8")
     Assembly("flight.json", fmu_directory=folder).make_fmu(fmi_version=2)
-    rows = by_fmpy.fly(
-        Flight(
+    rows = by_fmpy.run_tool(
+        PeerRun(
             parts={"container": Part(str(folder / "container.fmu"), {})},
             wires=(),
-            step_ns=flight.step_ns,
-            steps=flight.steps,
+            step_ns=peer_run.step_ns,
+            steps=peer_run.steps,
             watch=tuple(("container", row) for row in named),
         )
     )
@@ -52,4 +52,4 @@ def fly(flight: Flight) -> Rows:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

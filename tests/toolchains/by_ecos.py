@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import importlib.metadata
 
-from toolchains.flight import Flight, Rows, label, serve
+from toolchains.peer_run import PeerRun, Rows, label, serve
 
 for _file in importlib.metadata.files("tbb") or ():
     if _file.name == "libtbb.so.12":
@@ -18,26 +18,26 @@ for _file in importlib.metadata.files("tbb") or ():
 from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure  # noqa: E402 - needs tbb
 
 
-def fly(flight: Flight) -> Rows:
+def run_tool(peer_run: PeerRun) -> Rows:
     """Its fixed-step algorithm."""
     EcosLib.set_log_level("warn")
     parameters = {
         f"{name}::{variable}": value
-        for name, part in flight.parts.items()
+        for name, part in peer_run.parts.items()
         for variable, value in part.parameters.items()
     }
-    rows: dict[str, list[float]] = {label(*watched): [] for watched in flight.watch}
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in peer_run.watch}
     with EcosSimulationStructure() as structure:
-        for name, part in flight.parts.items():
+        for name, part in peer_run.parts.items():
             structure.add_model(name, part.fmu)
-        for a, output, b, variable in flight.wires:
+        for a, output, b, variable in peer_run.wires:
             structure.make_real_connection(f"{a}::{output}", f"{b}::{variable}")
         structure.add_parameter_set("flight", parameters)
-        with EcosSimulation(flight.step, structure=structure) as simulation:
+        with EcosSimulation(peer_run.step, structure=structure) as simulation:
             assert simulation.init(parameter_set="flight"), EcosLib.get_last_error()
-            for _ in range(flight.steps):
+            for _ in range(peer_run.steps):
                 simulation.step()
-                for part, variable in flight.watch:
+                for part, variable in peer_run.watch:
                     value = simulation.get_real(f"{part}::{variable}")
                     rows[label(part, variable)].append(value)
             simulation.terminate()
@@ -45,4 +45,4 @@ def fly(flight: Flight) -> Rows:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

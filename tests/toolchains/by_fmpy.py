@@ -8,36 +8,36 @@ from typing import Any
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
-from toolchains.flight import Flight, Part, Rows, label, serve
+from toolchains.peer_run import Part, PeerRun, Rows, label, serve
 
 
-def fly(flight: Flight) -> Rows:
+def run_tool(peer_run: PeerRun) -> Rows:
     """Couple the parts; or simulate the only one."""
-    if len(flight.parts) == 1:
-        return _simulated(flight)
-    members = {name: _Member(name, part, flight) for name, part in flight.parts.items()}
-    rows: dict[str, list[float]] = {label(*watched): [] for watched in flight.watch}
-    for k in range(flight.steps):
-        handed = [members[a].get(output) for a, output, _, _ in flight.wires]
-        for (_, _, b, name), value in zip(flight.wires, handed, strict=True):
+    if len(peer_run.parts) == 1:
+        return _simulated(peer_run)
+    members = {name: _Member(name, part, peer_run) for name, part in peer_run.parts.items()}
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in peer_run.watch}
+    for k in range(peer_run.steps):
+        handed = [members[a].get(output) for a, output, _, _ in peer_run.wires]
+        for (_, _, b, name), value in zip(peer_run.wires, handed, strict=True):
             members[b].set(name, value)
         for member in members.values():
-            member.fmu.doStep(k * flight.step_ns / 1e9, flight.step)
-        for part, variable in flight.watch:
+            member.fmu.doStep(k * peer_run.step_ns / 1e9, peer_run.step)
+        for part, variable in peer_run.watch:
             rows[label(part, variable)].append(members[part].get(variable))
     for member in members.values():
         member.end()
     return rows
 
 
-def _simulated(flight: Flight) -> Rows:
+def _simulated(peer_run: PeerRun) -> Rows:
     """FMPy's own loop over one FMU."""
-    ((name, part),) = flight.parts.items()
-    outputs = [variable for _, variable in flight.watch]
+    ((name, part),) = peer_run.parts.items()
+    outputs = [variable for _, variable in peer_run.watch]
     result: Any = simulate_fmu(
         part.fmu,
-        stop_time=flight.steps * flight.step_ns / 1e9,
-        output_interval=flight.step,
+        stop_time=peer_run.steps * peer_run.step_ns / 1e9,
+        output_interval=peer_run.step,
         start_values=dict(part.parameters),
         output=outputs,
         fmi_type="CoSimulation",
@@ -48,9 +48,9 @@ def _simulated(flight: Flight) -> Rows:
 class _Member:
     """One FMU of FMI 2 or 3 through FMPy."""
 
-    def __init__(self, name: str, part: Part, flight: Flight) -> None:
+    def __init__(self, name: str, part: Part, peer_run: PeerRun) -> None:
         model: Any = read_model_description(part.fmu)
-        self.references = flight.references(name)
+        self.references = peer_run.references(name)
         self.folder = extract(part.fmu)
         self.three = model.fmiVersion.startswith("3")
         self.fmu: Any = (FMU3Slave if self.three else FMU2Slave)(
@@ -87,4 +87,4 @@ class _Member:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

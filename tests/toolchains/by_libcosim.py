@@ -7,19 +7,19 @@ from libcosimpy.CosimExecution import CosimExecution
 from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimSlave import CosimLocalSlave
-from toolchains.flight import Flight, Rows, label, serve
+from toolchains.peer_run import PeerRun, Rows, label, serve
 
 
-def fly(flight: Flight) -> Rows:
+def run_tool(peer_run: PeerRun) -> Rows:
     """Its fixed-step algorithm: all step, then all variables are handed over."""
     log_output_level(CosimLogLevel.WARNING)
-    execution = CosimExecution.from_step_size(flight.step_ns)
+    execution = CosimExecution.from_step_size(peer_run.step_ns)
     slaves, index, references = [], {}, {}
-    for name, part in flight.parts.items():
+    for name, part in peer_run.parts.items():
         slave = CosimLocalSlave(part.fmu, name)
         slaves.append(slave)  # the execution does not keep it
         index[name] = execution.add_local_slave(slave)
-        references[name] = flight.references(name)
+        references[name] = peer_run.references(name)
         for variable, value in part.parameters.items():
             initial = (
                 execution.integer_initial_value
@@ -27,21 +27,21 @@ def fly(flight: Flight) -> Rows:
                 else execution.real_initial_value
             )
             assert initial(index[name], references[name][variable], value)
-    for a, output, b, name in flight.wires:
+    for a, output, b, name in peer_run.wires:
         connected = execution.connect_real_variables(
             index[a], references[a][output], index[b], references[b][name]
         )
         assert connected == success
     observer = CosimObserver.create_last_value()
     assert execution.add_observer(observer)
-    rows: dict[str, list[float]] = {label(*watched): [] for watched in flight.watch}
-    for _ in range(flight.steps):
+    rows: dict[str, list[float]] = {label(*watched): [] for watched in peer_run.watch}
+    for _ in range(peer_run.steps):
         assert execution.step(), execution.status()
-        for part, variable in flight.watch:
+        for part, variable in peer_run.watch:
             (value,) = observer.last_real_values(index[part], [references[part][variable]])
             rows[label(part, variable)].append(value)
     return rows
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

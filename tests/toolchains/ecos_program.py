@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from toolchains.flight import EXTRA, TOOLS, installed
+from toolchains.peer_run import EXTRA, TOOLS, installed
 
 DIGITS = 0.5e-6  # it prints six places after the point
 
@@ -22,7 +22,7 @@ class Simulated:
     """How the program ended, and its table: variable -> value at each point, the start first."""
 
     code: int
-    said: str
+    output: str
     table: dict[str, NDArray[np.float64]]
 
 

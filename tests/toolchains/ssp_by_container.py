@@ -13,13 +13,13 @@ from pathlib import Path
 from fmu_manipulation_toolbox.assembly import Assembly
 from lxml import etree
 from toolchains import by_fmpy
-from toolchains.flight import Flight, Part
-from toolchains.ssp_flight import Archive, Rows, label, serve
+from toolchains.peer_run import Part, PeerRun
+from toolchains.ssp_peer_run import Archive, Rows, label, serve
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 
 
-def fly(archive: Archive) -> Rows:
+def run_tool(archive: Archive) -> Rows:
     """Pack, then let FMPy step the container."""
     logging.disable(logging.WARNING)
     folder = Path("parts")
@@ -36,8 +36,8 @@ def fly(archive: Archive) -> Rows:
         root.add_output(fmu, variable, f"row_{i}")
         named[f"row_{i}"] = (element, variable)
     assembly.make_fmu(fmi_version=2)
-    rows = by_fmpy.fly(
-        Flight(
+    rows = by_fmpy.run_tool(
+        PeerRun(
             parts={"container": Part(str(folder / "system.fmu"), {})},
             wires=(),
             step_ns=archive.step_ns,
@@ -56,4 +56,4 @@ def _sources(ssp: str) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import importlib.metadata
 
-from toolchains.ssp_flight import Archive, Rows, label, serve
+from toolchains.ssp_peer_run import Archive, Rows, label, serve
 
 for _file in importlib.metadata.files("tbb") or ():
     if _file.name == "libtbb.so.12":
@@ -14,7 +14,7 @@ for _file in importlib.metadata.files("tbb") or ():
 from ecospy import EcosLib, EcosSimulation  # noqa: E402 - needs tbb
 
 
-def fly(archive: Archive) -> Rows:
+def run_tool(archive: Archive) -> Rows:
     """Its fixed-step algorithm."""
     EcosLib.set_log_level("warn")
     rows: dict[str, list[float]] = {label(*watched): [] for watched in archive.watch}
@@ -30,4 +30,4 @@ def fly(archive: Archive) -> Rows:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

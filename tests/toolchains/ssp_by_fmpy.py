@@ -10,10 +10,10 @@ from typing import Any
 
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
-from toolchains.ssp_flight import Archive, Rows, label, serve
+from toolchains.ssp_peer_run import Archive, Rows, label, serve
 
 
-def fly(archive: Archive) -> Rows:
+def run_tool(archive: Archive) -> Rows:
     """Its own loop."""
     bound: Any = ParameterSet(name="parameters")
     for component in find_components(read_ssd(archive.ssp).system):
@@ -31,4 +31,4 @@ def fly(archive: Archive) -> Rows:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

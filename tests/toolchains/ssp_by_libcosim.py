@@ -10,12 +10,12 @@ from libcosimpy.CosimExecution import CosimExecution
 from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimObserver import CosimObserver
 from lxml import etree
-from toolchains.ssp_flight import Archive, Rows, label, serve
+from toolchains.ssp_peer_run import Archive, Rows, label, serve
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 
 
-def fly(archive: Archive) -> Rows:
+def run_tool(archive: Archive) -> Rows:
     """The algorithm of the archive: fixed steps."""
     log_output_level(CosimLogLevel.WARNING)
     folder = Path("unpacked")
@@ -48,4 +48,4 @@ def _references(folder: Path) -> dict[str, dict[str, int]]:
 
 
 if __name__ == "__main__":
-    serve(fly)
+    serve(run_tool)

@@ -46,16 +46,16 @@ def test_rerun_loads_every_message(tmp_path: Path) -> None:
         writer.finish({"status": "finished"})
     command = [sys.executable, "-c", LOAD, str(trace), str(recording)]
     subprocess.run(command, check=True)  # noqa: S603 - our own script
-    told = subprocess.run(  # noqa: S603 - the tool under test
+    reported = subprocess.run(  # noqa: S603 - the tool under test
         [sys.executable, "-m", "rerun", "rrd", "stats", str(recording)],
         check=True,
         capture_output=True,
         text=True,
     ).stdout
     for topic in ("/plant/output", "/link/sc", "/auv/pose", "/tf", "/log"):
-        assert re.search(rf"^{re.escape(topic)}: ", told, re.MULTILINE), told
+        assert re.search(rf"^{re.escape(topic)}: ", reported, re.MULTILINE), reported
     rows, static = (
-        int(re.sub(r"\D", "", re.search(rf"^{name} = (.*)$", told, re.MULTILINE)[1]))
+        int(re.sub(r"\D", "", re.search(rf"^{name} = (.*)$", reported, re.MULTILINE)[1]))
         for name in ("num_rows", "num_static")
     )
     assert rows - static == 3000 + 300 + 30 + 1 + 1

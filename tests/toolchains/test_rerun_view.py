@@ -110,8 +110,8 @@ def test_limits_age_losses_and_log_are_there(chunks: dict[str, list[Any]]) -> No
     dropped = Trace(trace_of("auv-acoustic")).read("/link/uplink/dropped")
     assert np.array_equal(column(lost, "scalars")[0], dropped.log_time_ns)
     assert ["master: the end is reached"] in column(chunks["/log"], "TextLog:text")[1]
-    told = static(chunks["/verdict"], "TextDocument:text")[0]
-    assert "The guarantee holds for this run" in told
+    reported = static(chunks["/verdict"], "TextDocument:text")[0]
+    assert "The guarantee holds for this run" in reported
 
 
 def test_the_layout_shows_what_is_recorded(saved: Path, chunks: dict[str, list[Any]]) -> None:

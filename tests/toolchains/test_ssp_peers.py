@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from toolchains.ssp_flight import PEERS, Archive, Peer, flown, label
+from toolchains.ssp_peer_run import PEERS, Archive, Peer, label, run_peer
 
 from cosim.master import simulate
-from cosim.scenario.assemble import Hangar
+from cosim.scenario.assembly import FmuCache
 from cosim.scenario.execute import prepare
 from cosim.scenario.read import parse
 from cosim.scenario.ssp.export import Links, export_ssp, system_of
@@ -99,11 +99,11 @@ def exported(
 ) -> tuple[Archive, dict[str, NDArray[np.float64]]]:
     """The archive, and what our own master makes of the scenario at the end of each step."""
     loaded = parse(text, name="peer", where="peer.toml", folder=folder)
-    prepared = prepare(loaded, Hangar(fmus.parent, folder, flavour="native"))
+    prepared = prepare(loaded, FmuCache(fmus.parent, folder, flavour="native"))
     ssp = folder / "peer.ssp"
     export_ssp(prepared, ssp, links)
     run = simulate(system_of(prepared, loaded.scenario))
-    assert run.ending == "finished"
+    assert run.status == "finished"
     watch = (("plant", "x[1]"), ("plant", "x[2]"), ("controller", "u[1]"))
     archive = Archive(str(ssp), 10_000_000, run.points_ns.size - 1, watch)
     return archive, {label(*w): run.signal(*w)[1:] for w in watch}
@@ -120,18 +120,18 @@ def assert_equal(
 
 @pytest.mark.parametrize("links", ["no links", "link FMUs"])
 @pytest.mark.parametrize("peer", PEERS.values(), ids=PEERS)
-def test_archive_flies_elsewhere_as_here(
+def test_archive_runs_elsewhere_as_here(
     native_fmus: Path, tmp_path: Path, peer: Peer, links: str
 ) -> None:
     """Without links, and with links that lose, delay and quantize as FMUs."""
     linked = links == "link FMUs"
     text = scenario("from rest" if peer.bound else "defaults", linked=linked)
     archive, ours = exported(text, "fmu", native_fmus, tmp_path)
-    assert_equal(flown(peer, archive, tmp_path), ours)
+    assert_equal(run_peer(peer, archive, tmp_path), ours)
 
 
 @pytest.mark.parametrize("peer", [PEERS["ecos"], PEERS["libcosim"]], ids=["ecos", "libcosim"])
-def test_vehicle_over_its_acoustic_links_flies_elsewhere_as_here(
+def test_vehicle_over_its_acoustic_links_runs_elsewhere_as_here(
     native_fmus: Path, tmp_path: Path, peer: Peer
 ) -> None:
     """A designed gain, a sea, a path to follow, and two lossy links with jitter."""
@@ -140,13 +140,13 @@ def test_vehicle_over_its_acoustic_links_flies_elsewhere_as_here(
     text = load("auv-acoustic").text.replace("end = 180.0", "end = 60.0")
     text = text.replace('events = "align"', 'events = "grid"')
     loaded = parse(text, name="vehicle", where="vehicle.toml", folder=tmp_path)
-    prepared = prepare(loaded, Hangar(native_fmus.parent, tmp_path, flavour="native"))
+    prepared = prepare(loaded, FmuCache(native_fmus.parent, tmp_path, flavour="native"))
     export_ssp(prepared, tmp_path / "vehicle.ssp", "fmu")
     run = simulate(system_of(prepared, loaded.scenario))
     watch = tuple(("plant", f"eta.{axis}") for axis in ("x", "y", "z", "psi"))
     watch += (("controller", "force.x"), ("controller", "moment.z"))
     archive = Archive(str(tmp_path / "vehicle.ssp"), 50_000_000, run.points_ns.size - 1, watch)
-    assert_equal(flown(peer, archive, tmp_path), {label(*w): run.signal(*w)[1:] for w in watch})
+    assert_equal(run_peer(peer, archive, tmp_path), {label(*w): run.signal(*w)[1:] for w in watch})
 
 
 def test_annotated_links_are_wires_to_others(native_fmus: Path, tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_annotated_links_are_wires_to_others(native_fmus: Path, tmp_path: Path) 
     )
     (tmp_path / "plain").mkdir()
     _, plain = exported(scenario("from rest", linked=False), "fmu", native_fmus, tmp_path / "plain")
-    found = flown(PEERS["ecos"], archive, tmp_path)
+    found = run_peer(PEERS["ecos"], archive, tmp_path)
     assert_equal(found, plain)
     with pytest.raises(AssertionError):
         assert_equal(found, linked)

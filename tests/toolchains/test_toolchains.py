@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from shared import fmu_folder
 from toolchains import ecos_program
-from toolchains.flight import TOOLS, Flight, Part, Tool, flown, label
+from toolchains.peer_run import TOOLS, Part, PeerRun, Tool, label, run_peer
 
 from cosim.fmu import describe_fmu
 from cosim.fmu.export.build import FMI_VERSION
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.inspect import inspect_fmu
-from cosim.master import Component, Connection, Endpoint, System, make_timetable, simulate
+from cosim.master import Component, Connection, Endpoint, System, make_schedule, simulate
 
 TOLERANCE = 1e-9
 SINE: Mapping[str, float | int] = {
@@ -87,19 +87,19 @@ def taken(flavour: str, tool: Tool) -> tuple[Path, Path]:
     return fmu_folder(flavour), fmu_folder(ours_instead)
 
 
-def flight(
+def peer_run(
     fmus: Path,
     names: tuple[str, ...],
     wires: tuple[tuple[str, str, str, str], ...],
     step_ns: int,
     steps: int,
     first: Mapping[str, float] | None = None,
-) -> Flight:
+) -> PeerRun:
     """Parts by name, every output watched; `first` is also told to the first part."""
-    told = {n: dict(PARTS[n][1]) for n in names}
-    told[names[0]] |= first or {}
-    return Flight(
-        parts={n: Part(str(fmus / f"{PARTS[n][0]}.fmu"), told[n]) for n in names},
+    reported = {n: dict(PARTS[n][1]) for n in names}
+    reported[names[0]] |= first or {}
+    return PeerRun(
+        parts={n: Part(str(fmus / f"{PARTS[n][0]}.fmu"), reported[n]) for n in names},
         wires=wires,
         step_ns=step_ns,
         steps=steps,
@@ -107,25 +107,23 @@ def flight(
     )
 
 
-def ours(flown_by_us: Flight) -> dict[str, NDArray[np.float64]]:
+def ours(peer_run: PeerRun) -> dict[str, NDArray[np.float64]]:
     """The same by this project's master: every connection a wire."""
-    end_ns = flown_by_us.step_ns * flown_by_us.steps
+    end_ns = peer_run.step_ns * peer_run.steps
     system = System(
         components={
             name: Component(describe_fmu(Path(part.fmu)), part.parameters)
-            for name, part in flown_by_us.parts.items()
+            for name, part in peer_run.parts.items()
         },
-        connections=[
-            Connection(Endpoint(a, o), Endpoint(b, i)) for a, o, b, i in flown_by_us.wires
-        ],
+        connections=[Connection(Endpoint(a, o), Endpoint(b, i)) for a, o, b, i in peer_run.wires],
         links={},
         driven={},
-        timetable=make_timetable({}, flown_by_us.step_ns, end_ns, "align"),
+        comm_schedule=make_schedule({}, peer_run.step_ns, end_ns, "align"),
         divergence=1e9,
     )
     run = simulate(system)
-    assert run.ending == "finished", run.reason
-    return {label(*watched): run.signal(*watched)[1:] for watched in flown_by_us.watch}
+    assert run.status == "finished", run.reason
+    return {label(*watched): run.signal(*watched)[1:] for watched in peer_run.watch}
 
 
 def assert_equal(
@@ -147,8 +145,8 @@ def test_loop_is_that_of_our_master(tmp_path: Path, tool: Tool, flavour: str, lo
     names, wires = COUPLED[loop]
     step = {"section 5": 10_000_000, "vehicle": 50_000_000}[loop]
     theirs, own = taken(flavour, tool)
-    found = flown(tool, flight(theirs, names, wires, step, 200), tmp_path)
-    assert_equal(found, ours(flight(own, names, wires, step, 200)))
+    found = run_peer(tool, peer_run(theirs, names, wires, step, 200), tmp_path)
+    assert_equal(found, ours(peer_run(own, names, wires, step, 200)))
 
 
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
@@ -159,17 +157,17 @@ def test_fmu_alone_is_that_of_our_master(
 ) -> None:
     """Each FMU by itself, from its own start and inputs."""
     theirs, own = taken(flavour, tool)
-    found = flown(tool, flight(theirs, (name,), (), 20_000_000, 50, ALONE.get(name)), tmp_path)
-    assert_equal(found, ours(flight(own, (name,), (), 20_000_000, 50, ALONE.get(name))))
+    found = run_peer(tool, peer_run(theirs, (name,), (), 20_000_000, 50, ALONE.get(name)), tmp_path)
+    assert_equal(found, ours(peer_run(own, (name,), (), 20_000_000, 50, ALONE.get(name))))
 
 
 def test_comparison_notices_a_millionth(fmus: Path) -> None:
     """A delay or a wire that differs a little gives another flight: the tolerance is not wide."""
     names, wires = COUPLED["section 5"]
-    plain = ours(flight(fmus, names, wires, 10_000_000, 200))
+    plain = ours(peer_run(fmus, names, wires, 10_000_000, 200))
     for other in (
-        ours(flight(fmus, names, wires, 10_000_000, 200, {"delay.d": 0.3 + 1e-6})),
-        ours(flight(fmus, names, wires[1:], 10_000_000, 200)),
+        ours(peer_run(fmus, names, wires, 10_000_000, 200, {"delay.d": 0.3 + 1e-6})),
+        ours(peer_run(fmus, names, wires[1:], 10_000_000, 200)),
     ):
         with pytest.raises(AssertionError):
             assert_equal(other, plain)
@@ -184,16 +182,16 @@ def test_host_without_python_fails_where_the_check_says_so(fmus: Path, tmp_path:
 
 @pytest.mark.parametrize("flavour", [f for f in FLAVOURS if f != "python"])
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
-def test_host_without_python_flies_the_native(tmp_path: Path, flavour: str, name: str) -> None:
+def test_host_without_python_runs_the_native(tmp_path: Path, flavour: str, name: str) -> None:
     """A program in C++ on the file alone: the same figures, as far as it prints them."""
     fmu = fmu_folder(flavour) / f"{name}.fmu"
     assert all(each.level == "note" for each in inspect_fmu(fmu).findings)
     done = ecos_program.simulate(fmu, 0.02, 1.0, tmp_path)
-    assert done.code == 0, done.said
+    assert done.code == 0, done.output
     (part,) = [n for n in ("plant", "controller", "sea", "vehicle", "pilot") if PARTS[n][0] == name]
     plain = Part(str(fmu_folder("native") / f"{name}.fmu"), {})
     watch = tuple((part, output) for output in OUTPUTS[part])
-    expected = ours(Flight({part: plain}, (), 20_000_000, 49, watch))
+    expected = ours(PeerRun({part: plain}, (), 20_000_000, 49, watch))
     for label_, row in expected.items():
-        shown = done.table[label_.partition(".")[2]]
-        assert np.abs(shown[1 : row.size + 1] - row).max() <= ecos_program.DIGITS + TOLERANCE
+        printed = done.table[label_.partition(".")[2]]
+        assert np.abs(printed[1 : row.size + 1] - row).max() <= ecos_program.DIGITS + TOLERANCE

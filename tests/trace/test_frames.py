@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 from cosim.core.errors import InputError
 from cosim.network import GilbertElliott, Jitter, PacketLink, schedule
 from cosim.trace import DROPPED_SIGNALS, Rows, Signal, Trace, TraceWriter
-from cosim.trace.hold import held, rows_in_force
+from cosim.trace.hold import rows_in_force, sample_and_hold
 
 S = 10**9
 
@@ -56,7 +56,7 @@ def test_a_topic_is_a_frame_over_time(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_signals_are_joined_as_they_were_held(tmp_path: Path) -> None:
+def test_signals_are_joined_by_sample_and_hold(tmp_path: Path) -> None:
     trace = recorded(tmp_path / "a.mcap")
     frame = trace.to_pandas(["plant.eta.x", "/pilot/output", "/link/up:plant.eta.x"])
     assert list(frame.columns) == [
@@ -94,7 +94,7 @@ def test_rows_in_force_as_pandas_has_them(times: list[int], at: list[int]) -> No
     """The last row up to an instant; of several at once the last; in any order of rows."""
     stamps = np.array(times, np.int64)
     values = np.arange(len(times), dtype=np.float64)
-    found, there = held(values, rows_in_force(stamps, np.array(at, np.int64)))
+    found, there = sample_and_hold(values, rows_in_force(stamps, np.array(at, np.int64)))
     series = pd.Series(values, index=times, dtype=float).sort_index(kind="stable")
     for value, known, t in zip(found, there, at, strict=True):
         before = series[series.index <= t]

@@ -40,7 +40,7 @@ MIXED = [
 ]
 
 
-def flight(path: Path, **options: Any) -> Path:
+def recorded_run(path: Path, **options: Any) -> Path:
     """Four topics between each other: doubles, all kinds with gaps, poses, log lines."""
     draw = np.random.default_rng(5)
     with TraceWriter(path, run={"a": "b"}, chunk_bytes=5000, **options) as writer:
@@ -88,7 +88,7 @@ def inner(message: Any, path: str) -> Any:
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_every_topic_as_the_official_reader_has_it(tmp_path: Path, compression: str) -> None:
-    path = flight(tmp_path / "a.mcap", compression=compression)
+    path = recorded_run(tmp_path / "a.mcap", compression=compression)
     trace = Trace(path)
     tables = trace.read_all()
     expected = judged(path)
@@ -304,7 +304,7 @@ def plain_hash(path: Path) -> str:
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])
 def test_content_hash_as_defined(tmp_path: Path, compression: str) -> None:
-    path = flight(tmp_path / "a.mcap", compression=compression)
+    path = recorded_run(tmp_path / "a.mcap", compression=compression)
     assert content_hash(path) == plain_hash(path)
 
 
@@ -346,13 +346,13 @@ def test_json_of_other_tools(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("encoding", "said"),
+    ("encoding", "message"),
     [("ros1", "ROS 1"), ("cdr", "ROS 2"), ("cbor", "cbor"), ("", "no encoding")],
 )
-def test_other_encodings_are_refused_by_name(tmp_path: Path, encoding: str, said: str) -> None:
+def test_other_encodings_are_refused_by_name(tmp_path: Path, encoding: str, message: str) -> None:
     path = official(tmp_path / "r.mcap", [("/imu", encoding, "sensor_msgs/Imu", [b"\0\1"])])
     assert Trace(path).topics["/imu"].count == 1
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         Trace(path).read("/imu")
 
 
@@ -377,7 +377,7 @@ def test_several_channels_of_a_topic_are_one_table(tmp_path: Path) -> None:
     assert Trace(path).topics["/t"].count == 10
 
 
-def test_bad_rows_are_told(tmp_path: Path) -> None:
+def test_bad_rows_are_reported(tmp_path: Path) -> None:
     """A row that is no message of its schema, or no JSON, names file and topic."""
     path = official(
         tmp_path / "b.mcap",

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from written import ETA, write
 
 from cosim.core.errors import CosimError, InputError, LossError
-from cosim.trace import Rows, Trace, TraceWriter, content_hash, opening
+from cosim.trace import Rows, Trace, TraceWriter, content_hash, file_parts
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.summary import from_summary
 
@@ -35,29 +35,31 @@ def two_topics(path: Path) -> Path:
 
 
 @pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def read_segment(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Positions of the chunks opened so far."""
     positions: list[int] = []
-    real = opening.opened
+    real = file_parts.read_segment
 
-    def counting(stream: Any, stretch: Any, declared: Any) -> Any:
-        positions.append(stretch.position)
-        return real(stream, stretch, declared)
+    def counting(stream: Any, segment: Any, declared: Any) -> Any:
+        positions.append(segment.position)
+        return real(stream, segment, declared)
 
     monkeypatch.setattr("cosim.trace.reader.opened", counting)
     return positions
 
 
-def test_only_the_chunks_that_are_needed_are_opened(tmp_path: Path, opened: list[int]) -> None:
+def test_only_the_chunks_that_are_needed_are_opened(
+    tmp_path: Path, read_segment: list[int]
+) -> None:
     trace = Trace(two_topics(tmp_path / "a.mcap"))
     info = trace.topics["/link/up"]
     assert (info.count, info.start_ns, info.end_ns) == (1000, 1000 * 10**9, 1999 * 10**9)
-    assert not opened
+    assert not read_segment
     assert len(trace.read("/plant/output")) == 1000
-    half = len(opened)
-    assert half < 0.6 * len(by_scan(trace.path).stretches)
+    half = len(read_segment)
+    assert half < 0.6 * len(by_scan(trace.path).segments)
     assert trace.read("/link/up", start=1500.0, end=1501.0)["eta.x"].tolist() == [500.0, 501.0]
-    assert len(opened) - half <= 2
+    assert len(read_segment) - half <= 2
 
 
 @pytest.mark.parametrize(
@@ -111,13 +113,13 @@ def test_signals_by_name(tmp_path: Path) -> None:
 
 
 def test_the_summary_says_what_the_scan_finds(tmp_path: Path) -> None:
-    told, found = from_summary(path := two_topics(tmp_path / "a.mcap")), by_scan(path)
-    assert told is not None
-    assert [(s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in told.stretches] == [
-        (s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in found.stretches
-    ]
-    assert (told.counts, told.metadata) == (found.counts, found.metadata)
-    assert (told.attachments, told.library) == (found.attachments, found.library)
+    by_summary, found = from_summary(path := two_topics(tmp_path / "a.mcap")), by_scan(path)
+    assert by_summary is not None
+    assert [
+        (s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in by_summary.segments
+    ] == [(s.position, s.size, s.channels, s.start_ns, s.end_ns) for s in found.segments]
+    assert (by_summary.counts, by_summary.metadata) == (found.counts, found.metadata)
+    assert (by_summary.attachments, by_summary.library) == (found.attachments, found.library)
 
 
 def without_summary_checksum(whole: bytes) -> bytearray:
@@ -169,10 +171,10 @@ def test_a_message_outside_what_the_summary_names_is_found(tmp_path: Path) -> No
     assert Trace(path).read("/j")["k"].tolist() == [1, 2]
 
 
-def test_damage_behind_a_whole_summary_is_told_when_it_is_read(tmp_path: Path) -> None:
+def test_damage_behind_a_whole_summary_is_reported_when_it_is_read(tmp_path: Path) -> None:
     path = two_topics(tmp_path / "a.mcap")
     damaged = bytearray(path.read_bytes())
-    position = by_scan(path).stretches[3].position
+    position = by_scan(path).segments[3].position
     damaged[position + 80] ^= 1
     path.write_bytes(damaged)
     trace = Trace(path)

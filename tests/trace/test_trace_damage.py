@@ -140,7 +140,7 @@ HOSTILE = {
 def test_hostile_content(tmp_path: Path, name: str) -> None:
     """Damage is a `LossError`; under `.partial` it is told, and nothing else fails."""
     path = tmp_path / "a.mcap"
-    content, told = HOSTILE[name]
+    content, reported = HOSTILE[name]
     path.write_bytes(MAGIC + content)
     with pytest.raises(LossError) as caught:
         Trace(path)
@@ -148,7 +148,7 @@ def test_hostile_content(tmp_path: Path, name: str) -> None:
     partial = path.rename(tmp_path / "a.mcap.partial")
     trace = Trace(partial)
     assert trace.damage
-    assert told in trace.damage
+    assert reported in trace.damage
     assert not trace.complete
     json.dumps(describe(partial), allow_nan=False)
 

@@ -24,8 +24,8 @@ from cosim.trace import (
     TraceWriter,
     diff,
 )
-from cosim.trace.diff_json import diff_json, differences, verdict
-from cosim.trace.tolerance import apart, beyond
+from cosim.trace.diff_format import diff_json, differences, verdict
+from cosim.trace.tolerance import distances, exceeds
 
 S = 10**9
 
@@ -92,7 +92,7 @@ def test_where_and_by_how_much(tmp_path: Path) -> None:
         4,
     )
     assert (signal.max_abs, signal.max_rel) == (6.0, 0.75)
-    assert (signal.first_s, signal.max_at_s, signal.held) == (1.0, 3.0, False)
+    assert (signal.first_s, signal.max_at_s, signal.sample_and_hold) == (1.0, 3.0, False)
     assert not found.equal
     assert verdict(found) == "the first to part is plant.eta.x at t = 1 s"
     assert next(differences(found)) == "/plant/output eta.x: from t = 1 s, at most 6 m"
@@ -115,8 +115,8 @@ def test_a_tolerance_is_that_of_math_isclose(
 ) -> None:
     """But NaN is close to NaN."""
     a, b = (np.array(column) for column in zip(*pairs, strict=True))
-    told = beyond(Tolerance(absolute, relative), *apart(a, b))
-    for x, y, far in zip(a.tolist(), b.tolist(), told.tolist(), strict=True):
+    reported = exceeds(Tolerance(absolute, relative), *distances(a, b))
+    for x, y, far in zip(a.tolist(), b.tolist(), reported.tolist(), strict=True):
         close = math.isclose(x, y, rel_tol=relative, abs_tol=absolute) or (
             math.isnan(x) and math.isnan(y)
         )
@@ -134,17 +134,17 @@ def test_nan_infinity_and_large_integers(tmp_path: Path) -> None:
     assert found.signals[0].differing == 3
     assert found.signals[0].max_abs is None
     json.dumps(diff_json(found), allow_nan=False)
-    assert beyond(Tolerance(), *apart(np.array([2**60]), np.array([2**60 + 1]))).all()
+    assert exceeds(Tolerance(), *distances(np.array([2**60]), np.array([2**60 + 1]))).all()
 
 
-def test_other_rates_are_compared_as_held(tmp_path: Path) -> None:
+def test_other_rates_are_compared_by_sample_and_hold(tmp_path: Path) -> None:
     """A step function sampled at other instants is the same function."""
     a = one(tmp_path / "a.mcap", [0, 0, 1, 1, 2], np.array([0, 1, 2, 3, 4]) * S)
     b = one(tmp_path / "b.mcap", [0, 1, 2], np.array([0, 2, 4]) * S)
     found = diff(a, b)
     assert found.equal
     assert not found.identical
-    assert (found.signals[0].held, found.signals[0].compared) == (True, 5)
+    assert (found.signals[0].sample_and_hold, found.signals[0].compared) == (True, 5)
     late = one(tmp_path / "c.mcap", [0, 1, 2], np.array([0, 2.5 * S, 4 * S]).astype(np.int64))
     parted = diff(a, late).parted[0]
     assert (parted.first_s, parted.differing, parted.rows) == (2.0, 1, (5, 3))

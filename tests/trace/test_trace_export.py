@@ -16,7 +16,7 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.trace import Rows, Signal, Trace, TraceWriter, content_hash
-from cosim.trace.export import export
+from cosim.trace.table_export import export
 
 KINDS = [
     Signal("x", unit="m", description="north"),
@@ -72,7 +72,7 @@ def test_csv_gives_every_bit_back(trace: Path, tmp_path: Path) -> None:
     assert [float(row["time_s"]) for row in found] == table.delivered.tolist()
 
 
-def test_parquet_carries_units_and_provenance(trace: Path, tmp_path: Path) -> None:
+def test_parquet_has_units_and_provenance(trace: Path, tmp_path: Path) -> None:
     written = export(trace, tmp_path / "out", "parquet")
     table = pq.read_table(written[0].path)
     assert table.column("x").to_pylist()[0] == 0.1

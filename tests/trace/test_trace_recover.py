@@ -133,9 +133,9 @@ def test_recovered_trace_is_a_trace(tmp_path: Path) -> None:
     assert result.output == tmp_path / "b.recovered.mcap"
     assert (result.lost, result.lost_messages, result.finished) == (True, None, False)
     assert content_hash(result.output) == content_hash(partial)
-    told = dict(Trace(result.output).metadata)["cosim.recovered"]
-    assert told["host.lost_messages"] == "unknown"
-    assert "ends within a record" in told["host.damage"]
+    reported = dict(Trace(result.output).metadata)["cosim.recovered"]
+    assert reported["host.lost_messages"] == "unknown"
+    assert "ends within a record" in reported["host.damage"]
     assert partial.stat().st_size == 4000
     assert not list(tmp_path.glob("*recovering*"))
 
@@ -197,7 +197,7 @@ def test_messages_on_a_channel_that_is_not_declared_are_counted(tmp_path: Path) 
     assert (result.messages, result.lost_messages, result.lost) == (40, 20, True)
 
 
-def test_destroyed_stretch_anywhere(tmp_path: Path) -> None:
+def test_destroyed_bytes_anywhere(tmp_path: Path) -> None:
     """Bytes overwritten anywhere, lengths included: what is kept is true, and a loss is told."""
     choose = random.Random(3)  # noqa: S311 - to be repeatable
     out = tmp_path / "out.mcap"

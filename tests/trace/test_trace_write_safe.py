@@ -135,7 +135,7 @@ DEFAULTS = {
     [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, None)],
     ids=["terminated", "hung up", "Ctrl-C"],
 )
-def test_told_to_go(tmp_path: Path, number: signal.Signals, code: int | None) -> None:
+def test_sigterm_closes_the_trace(tmp_path: Path, number: signal.Signals, code: int | None) -> None:
     """Nothing that was handed over is lost, and the file is well-formed, without a result."""
     # whoever started the tests may have had them ignore the signal, and what they start
     default = f"import signal; signal.signal({int(number)}, {DEFAULTS[number]})\n"

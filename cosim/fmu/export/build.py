@@ -16,7 +16,7 @@ from cosim.fmu.export.native.platforms import Platform, host
 from cosim.fmu.export.python.package import build_python_fmu, guid as python_guid
 from cosim.fmu.export.spec import ComponentSpec
 
-FLAVOUR = "python"
+DEFAULT_FLAVOUR = "python"
 """The flavour that is meant where none is named."""
 
 FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
@@ -36,7 +36,7 @@ def ensure_fmu(
     name: str,
     root: Path,
     *,
-    flavour: str = FLAVOUR,
+    flavour: str = DEFAULT_FLAVOUR,
     platforms: Sequence[Platform] = (),
     force: bool = False,
 ) -> Built:
@@ -91,7 +91,7 @@ def ensure_all(
     root: Path,
     names: Iterable[str] = (),
     *,
-    flavour: str = FLAVOUR,
+    flavour: str = DEFAULT_FLAVOUR,
     platforms: Sequence[Platform] = (),
     force: bool = False,
 ) -> list[Built]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.fmu.export.components import component_module
-from cosim.fmu.export.fmu_file import Kind, checked_name, model_name, write_fmu
+from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.hinf import certificate_bytes, certificate_hash, check_certificate, system_from_json
 from cosim.models import DelaySystem
@@ -24,7 +24,7 @@ Form = Literal["vehicle", "system"]
 
 
 @dataclass(frozen=True)
-class Packed:
+class ControllerFmu:
     """A controller FMU that was made.
 
     Attributes
@@ -40,23 +40,23 @@ class Packed:
 
     path: Path
     name: str
-    kind: Kind
+    kind: FmuTarget
     form: Form
     K: list[list[float]]
     claim: dict[str, Any]
     sha256: str
 
 
-def pack_controller(
+def export_controller(
     data: Any,
     path: Path,
     *,
     where: str,
-    kind: Kind,
+    kind: FmuTarget,
     name: str | None = None,
     sample_time: float | None = None,
     limits: Sequence[float] | None = None,
-) -> Packed:
+) -> ControllerFmu:
     """Write the FMU of a proved gain.
 
     Parameters
@@ -95,7 +95,9 @@ def pack_controller(
     chosen = model_name(path) if name is None else checked_name(name)
     spec = _spec(form, chosen, data, _checked(sample_time, limits, form, m))
     write_fmu(spec, path, kind)
-    return Packed(path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data))
+    return ControllerFmu(
+        path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data)
+    )
 
 
 def is_vehicle(system: DelaySystem) -> bool:

@@ -6,7 +6,7 @@ import base64
 import html
 from importlib.resources import files
 
-from cosim.fmu.export.certified import certified_section
+from cosim.fmu.export.certificate_section import certified_section
 from cosim.fmu.export.components import components_folder
 from cosim.fmu.export.page.connect import connect_section
 from cosim.fmu.export.page.text import to_html

@@ -25,7 +25,7 @@ LONGEST_NAME = 80
 
 
 @dataclass(frozen=True)
-class Kind:
+class FmuTarget:
     """Which FMU is made of a component.
 
     Attributes
@@ -53,7 +53,7 @@ class Kind:
         return f"FMI {FMI_VERSION[self.flavour]}, {what}"
 
 
-def write_fmu(spec: ComponentSpec, path: Path, kind: Kind) -> None:
+def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
     """Write the FMU of a component; the same content gives the same bytes.
 
     Raises

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cosim.core import InputError
 from cosim.fmu.export.components import component_module
-from cosim.fmu.export.fmu_file import Kind, checked_name, model_name, write_fmu
+from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.hinf import system_by_name
 from cosim.models import DelaySystem, paper_example
 
@@ -18,7 +18,7 @@ _PAPER_F = (paper_example.F_AMPLITUDE, paper_example.F_OMEGA)
 
 
 @dataclass(frozen=True)
-class PackedPlant:
+class PlantFmu:
     """A plant FMU that was made.
 
     Attributes
@@ -33,20 +33,20 @@ class PackedPlant:
 
     path: Path
     name: str
-    kind: Kind
+    kind: FmuTarget
     system: DelaySystem
     delays: dict[str, float]
     step: float
 
 
-def pack_plant(
+def export_plant(
     system: str,
     path: Path,
     *,
-    kind: Kind,
+    kind: FmuTarget,
     name: str | None = None,
     initial: Sequence[float] | None = None,
-) -> PackedPlant:
+) -> PlantFmu:
     """Write the FMU of a system.
 
     Parameters
@@ -85,4 +85,4 @@ def pack_plant(
     write_fmu(spec, path, kind)
     delays = _VARIABLES.plant_delays(given)
     named = zip(_VARIABLES.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
-    return PackedPlant(path, chosen, kind, given, dict(named), spec.step_size)
+    return PlantFmu(path, chosen, kind, given, dict(named), spec.step_size)

@@ -18,7 +18,7 @@ CERTIFICATE = "resources/certificate.json"
 """Where a controller carries the proof of its gain."""
 
 Causality = Literal["input", "output", "parameter"]
-Kind = Literal["Real", "Integer"]
+FmuTarget = Literal["Real", "Integer"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Variable:
     description: str
     unit: str | None = None
     start: float = 0.0
-    kind: Kind = "Real"
+    kind: FmuTarget = "Real"
     discrete: bool = False
     minimum: float | None = None
     maximum: float | None = None

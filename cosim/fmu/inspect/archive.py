@@ -13,10 +13,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 from cosim.core import InputError
-from cosim.fmu.inspect.finding import Finding, finding, printable, refusal
+from cosim.fmu.inspect.findings import Finding, finding, printable, refusal
 
 MOST_BYTES = 4 << 30  # unpacked in all; the largest FMUs of practice have about 1 GiB
-MOST_ENTRIES = 100_000
+MAX_ENTRIES = 100_000
 _BOMB_BYTES = 64 << 20  # below this size no ratio harms
 _BOMB_RATIO = 250  # deflate reaches 1032; text of numbers about 10
 _BOMB = f"at most {_BOMB_RATIO} times as many, where it is more than {_BOMB_BYTES}"
@@ -47,7 +47,7 @@ class Archive:
     path : the file.
     entries : path inside -> entry, files only, the first of each name.
     findings : what is wrong with the ZIP itself.
-    sound : whether it may be unpacked.
+    may_be_unpacked : whether it may be unpacked.
     """
 
     def __init__(self, path: Path, zipped: zipfile.ZipFile) -> None:
@@ -72,15 +72,15 @@ class Archive:
                 self.findings.append(finding("entry-case", name, f"differs from {other} by case"))
         self.entries = MappingProxyType(entries)
         self.unpacked_bytes = sum(info.file_size for info in every)
-        if self.unpacked_bytes > MOST_BYTES or len(every) > MOST_ENTRIES:
+        if self.unpacked_bytes > MOST_BYTES or len(every) > MAX_ENTRIES:
             size = f"{len(every)} entries of {self.unpacked_bytes} bytes in all"
-            limit = f"at most {MOST_ENTRIES} of {MOST_BYTES}"
+            limit = f"at most {MAX_ENTRIES} of {MOST_BYTES}"
             self.findings.append(finding("archive-bomb", path.name, f"{size}; {limit}"))
         # no entry of many need be large
         self.findings += _bomb(path.name, sum(i.compress_size for i in every), self.unpacked_bytes)
 
     @property
-    def sound(self) -> bool:
+    def may_be_unpacked(self) -> bool:
         """Whether nothing speaks against unpacking it."""
         return not any(each.level == "error" for each in self.findings)
 
@@ -98,7 +98,7 @@ class Archive:
 
     def read_all(self) -> None:
         """Read every entry once, and find those that do not unpack to what was packed."""
-        if not self.sound:
+        if not self.may_be_unpacked:
             return
         for name, info in self.entries.items():
             try:
@@ -116,7 +116,7 @@ class Archive:
 
         Raises
         ------
-        InputError : it is not `sound`; names the entry, and the limit that it exceeds.
+        InputError : it is not `may_be_unpacked`; names the entry, and the limit that it exceeds.
         """
         for wrong in self.findings:
             if wrong.level == "error":
@@ -127,7 +127,7 @@ class Archive:
 
         Raises
         ------
-        InputError : it is not `sound`, or an entry is damaged.
+        InputError : it is not `may_be_unpacked`, or an entry is damaged.
         """
         self.require_sound()
         try:
@@ -199,6 +199,6 @@ def _entry_findings(info: zipfile.ZipInfo) -> Iterator[Finding]:
     yield from _bomb(name, info.compress_size, info.file_size)
 
 
-def _bomb(name: str, packed: int, unpacked: int) -> Iterator[Finding]:
-    if unpacked > _BOMB_BYTES and unpacked > _BOMB_RATIO * max(packed, 1):
-        yield finding("archive-bomb", name, f"{packed} bytes unpack to {unpacked}; {_BOMB}")
+def _bomb(name: str, packed: int, unpacked_bytes: int) -> Iterator[Finding]:
+    if unpacked_bytes > _BOMB_BYTES and unpacked_bytes > _BOMB_RATIO * max(packed, 1):
+        yield finding("archive-bomb", name, f"{packed} bytes unpack to {unpacked_bytes}; {_BOMB}")

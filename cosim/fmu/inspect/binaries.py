@@ -7,9 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from cosim.fmu.inspect.declared import Declared
-from cosim.fmu.inspect.finding import Finding, finding
-from cosim.fmu.inspect.functions import functions
+from cosim.fmu.inspect.declared_model import DeclaredModel
+from cosim.fmu.inspect.findings import Finding, finding
+from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary
 from cosim.fmu.inspect.platforms import FMI2, Platform, named_by_tuple, this_libc, this_machine
@@ -51,7 +51,7 @@ def platform_of(folder: str) -> Platform | None:
 
 
 def binary_findings(
-    model: Declared, names: Sequence[str], binaries: Sequence[Binary], *, sources: bool
+    model: DeclaredModel, names: Sequence[str], binaries: Sequence[Binary], *, sources: bool
 ) -> Iterator[Finding]:
     """Everything about the folders of binaries and their content."""
     inside: Mapping[str, set[str]] = defaultdict(set)
@@ -95,7 +95,7 @@ def _folder(folder: str, major: int) -> Iterator[Finding]:
         yield finding("binary-folder-tuple", where, "a folder as FMI 3 names it")
 
 
-def _binary(model: Declared, binary: Binary, beside: set[str]) -> Iterator[Finding]:
+def _binary(model: DeclaredModel, binary: Binary, beside: set[str]) -> Iterator[Finding]:
     where = binary.name
     if binary.damage is not None:
         yield finding("binary-damaged", where, binary.damage)
@@ -117,14 +117,14 @@ def _binary(model: Declared, binary: Binary, beside: set[str]) -> Iterator[Findi
     if interfaces:
         yield from _exports(model, binary, image)
         if image.needs_python:
-            told = all(i.says("needsExecutionTool") for i in interfaces)
+            declared = all(i.is_true("needsExecutionTool") for i in interfaces)
             count = sum(name.startswith(("Py", "_Py")) for name in image.imports)
             what = f"it takes {count} functions from a Python interpreter"
-            yield finding("needs-python", where, what, level="note" if told else "warning")
+            yield finding("needs-python", where, what, level="note" if declared else "warning")
     yield from _needs(binary, image, beside)
 
 
-def _exports(model: Declared, binary: Binary, image: Image) -> Iterator[Finding]:
+def _exports(model: DeclaredModel, binary: Binary, image: Image) -> Iterator[Finding]:
     stem = PurePosixPath(binary.name).stem
     core: set[str] = set()
     others: set[str] = set()
@@ -171,8 +171,8 @@ def _library(where: str, image: Image, library: str, present: set[str]) -> Itera
     elif _SYSTEM.fullmatch(library):
         return
     elif base.lower() in present:
-        reached = any(_BESIDE.search(path) for path in (*image.search, library))
-        if image.format != "PE" and not reached:
+        on_search_path = any(_BESIDE.search(path) for path in (*image.search, library))
+        if image.format != "PE" and not on_search_path:
             yield finding("library-unreached", where, f"{base} is packed beside it")
     elif library.startswith("/"):
         yield finding("library-path", where, f"it needs {library}")

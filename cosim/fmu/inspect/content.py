@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from cosim.fmu.inspect.declared import Declared
-from cosim.fmu.inspect.finding import Finding, finding
+from cosim.fmu.inspect.declared_model import DeclaredModel
+from cosim.fmu.inspect.findings import Finding, finding
 
 SOURCES = "sources/"
 BUILD = "sources/buildDescription.xml"
@@ -19,22 +19,22 @@ _DOCUMENTATION = {
 }
 
 
-def content_findings(model: Declared, names: Collection[str], build: Any) -> Iterator[Finding]:
+def content_findings(model: DeclaredModel, names: Collection[str], build: Any) -> Iterator[Finding]:
     """Sources, documentation, capabilities; `build` is the root of buildDescription.xml or None."""
     yield from _sources(model, names, build)
     wanted = _DOCUMENTATION[model.major]
     if not any(name in names for name in wanted):
         yield finding("documentation", "documentation/", f"there is no {wanted[0]}")
     for interface in model.interfaces:
-        if interface.says("needsExecutionTool"):
+        if interface.is_true("needsExecutionTool"):
             tool = model.attributes.get("generationTool", "a tool that it does not name")
             yield finding("needs-tool", interface.kind, f"it needs {tool}")
-        if interface.says("canBeInstantiatedOnlyOncePerProcess"):
+        if interface.is_true("canBeInstantiatedOnlyOncePerProcess"):
             what = "it can be instantiated only once per process"
             yield finding("once-per-process", interface.kind, what)
 
 
-def source_files(model: Declared, build: Any) -> list[str]:
+def source_files(model: DeclaredModel, build: Any) -> list[str]:
     """Paths inside the FMU of every source file that a description lists."""
     if model.major == 3:
         listed = [] if build is None else [e.get("name", "") for e in build.iter("SourceFile")]
@@ -43,7 +43,7 @@ def source_files(model: Declared, build: Any) -> list[str]:
     return [SOURCES + name for name in dict.fromkeys(listed)]
 
 
-def _sources(model: Declared, names: Collection[str], build: Any) -> Iterator[Finding]:
+def _sources(model: DeclaredModel, names: Collection[str], build: Any) -> Iterator[Finding]:
     listed = source_files(model, build)
     for name in listed:
         if name not in names:

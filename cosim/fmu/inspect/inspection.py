@@ -11,11 +11,11 @@ from typing import Any
 from cosim.fmu.inspect.archive import Archive, open_archive
 from cosim.fmu.inspect.binaries import binary_entries, binary_findings
 from cosim.fmu.inspect.content import BUILD, SOURCES, TERMINALS, content_findings
-from cosim.fmu.inspect.declared import XML, Declared, known_version, read_declared
-from cosim.fmu.inspect.finding import Finding, finding, ordered
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, known_version, read_declared_model
+from cosim.fmu.inspect.findings import Finding, finding, ordered
+from cosim.fmu.inspect.fmpy_validation import fmpy_findings
 from cosim.fmu.inspect.library import Binary, read_binary
-from cosim.fmu.inspect.markup import MOST_XML, parse_xml, schema_findings
-from cosim.fmu.inspect.second_opinion import second_opinion
+from cosim.fmu.inspect.markup import MAX_XML, parse_xml, schema_findings
 from cosim.fmu.inspect.structure import structure_findings
 from cosim.fmu.inspect.variables import model_findings
 
@@ -35,8 +35,8 @@ class Inspection:
     ----------
     path, sha256, size : the file [bytes].
     names : every path inside, sorted.
-    unpacked : their size [bytes].
-    sound : whether the archive may be unpacked.
+    unpacked_bytes : their size [bytes].
+    may_be_unpacked : whether the archive may be unpacked.
     model : the description, or None if it cannot be read.
     binaries : every library by its headers.
     findings : errors first.
@@ -46,9 +46,9 @@ class Inspection:
     sha256: str
     size: int
     names: tuple[str, ...]
-    unpacked: int
-    sound: bool
-    model: Declared | None
+    unpacked_bytes: int
+    may_be_unpacked: bool
+    model: DeclaredModel | None
     binaries: tuple[Binary, ...]
     findings: tuple[Finding, ...]
 
@@ -57,7 +57,7 @@ class Inspection:
         """Whether no finding is an error."""
         return not any(each.level == "error" for each in self.findings)
 
-    def extended(self, more: Iterable[Finding]) -> Inspection:
+    def with_findings(self, more: Iterable[Finding]) -> Inspection:
         """The same with further findings."""
         values = {name: getattr(self, name) for name in self.__slots__}
         return Inspection(**values | {"findings": tuple(ordered([*self.findings, *more]))})
@@ -73,7 +73,7 @@ def inspect_fmu(path: Path) -> Inspection:
     with open_archive(path) as archive:
         archive.read_all()
         findings = list(archive.findings)
-        xml = archive.read(XML, MOST_XML)
+        xml = archive.read(XML, MAX_XML)
         model = None
         root, found = parse_xml(xml, XML)
         findings += found
@@ -99,32 +99,32 @@ def inspect_fmu(path: Path) -> Inspection:
             sha256=digest,
             size=path.stat().st_size,
             names=tuple(names),
-            unpacked=archive.unpacked_bytes,
-            sound=archive.sound,
+            unpacked_bytes=archive.unpacked_bytes,
+            may_be_unpacked=archive.may_be_unpacked,
             model=model,
             binaries=tuple(binaries),
             findings=tuple(ordered(findings)),
         )
 
 
-def _describe(root: Any, xml: bytes) -> tuple[Declared | None, list[Finding]]:
+def _describe(root: Any, xml: bytes) -> tuple[DeclaredModel | None, list[Finding]]:
     version = root.get("fmiVersion")
     if root.tag != "fmiModelDescription":
         return None, [finding("xml-schema", XML, f"the root element is {root.tag!s}")]
     if not known_version(version):
         return None, [finding("version-unknown", XML, f"fmiVersion is {version!r}")]
-    model = read_declared(root)
+    model = read_declared_model(root)
     findings = schema_findings(root, _SCHEMAS[model.major], XML)
     own = [*model_findings(model), *structure_findings(model)]
     if not findings:
         # FMPy ends at the first reference to nothing: what it then says is known already
-        second = list(second_opinion(xml))
+        second = list(fmpy_findings(xml))
         graver = any(each.level == "error" for each in own)
         findings += [each for each in second if not (graver and each.code == "fmpy-refuses")]
     return model, findings + own
 
 
-def _further(archive: Archive, model: Declared) -> tuple[Any, list[Finding]]:
+def _further(archive: Archive, model: DeclaredModel) -> tuple[Any, list[Finding]]:
     """The other XML files of FMI 3, held against their schemas; the build description's root."""
     build = None
     findings: list[Finding] = []
@@ -132,7 +132,7 @@ def _further(archive: Archive, model: Declared) -> tuple[Any, list[Finding]]:
     for name, schema in schemas:
         if model.major != 3 or name not in archive.entries:
             continue
-        root, found = parse_xml(archive.read(name, MOST_XML), name)
+        root, found = parse_xml(archive.read(name, MAX_XML), name)
         findings += found
         if root is not None:
             findings += schema_findings(root, f"fmi3/{schema}.xsd", name)

@@ -62,10 +62,10 @@ def read_binary(folder: str, name: str, content: bytes) -> Binary:
             except NotALibraryError as error:
                 return Binary(folder, name, (), str(error))
             except Exception as error:  # noqa: BLE001 - each reader has many ways to stumble
-                said = f"{type(error).__name__}: {error}"
+                declared = f"{type(error).__name__}: {error}"
                 if _speaks_of_the_file(error):
-                    return Binary(folder, name, (), said)
-                return Binary(folder, name, (), unread=said)
+                    return Binary(folder, name, (), declared)
+                return Binary(folder, name, (), unread=declared)
     return Binary(folder, name, (), f"it starts with {content[:4].hex() or 'nothing'}")
 
 

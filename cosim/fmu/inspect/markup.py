@@ -9,9 +9,9 @@ from typing import Any
 import fmpy
 from lxml import etree
 
-from cosim.fmu.inspect.finding import Finding, finding, printable
+from cosim.fmu.inspect.findings import Finding, finding, printable
 
-MOST_XML = 256 << 20
+MAX_XML = 256 << 20
 _SCHEMAS = Path(fmpy.__file__).with_name("schema")
 
 
@@ -24,7 +24,7 @@ def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
     name : path inside the FMU.
     """
     if content is None:
-        return None, [finding("xml-large", name, f"more than {MOST_XML} bytes, or damaged")]
+        return None, [finding("xml-large", name, f"more than {MAX_XML} bytes, or damaged")]
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
     )

@@ -26,7 +26,7 @@ _LEVELS = ("info", "warning", "warning", "error", "fatal", "info")
 _MOST_MESSAGES = 50
 
 
-class Journal:
+class EventLog:
     """The events, on disk as they happen."""
 
     def __init__(self, path: str) -> None:
@@ -55,9 +55,9 @@ class Journal:
 class Driver:
     """An FMU of any version and kind behind the same few calls."""
 
-    def __init__(self, request: dict[str, Any], folder: str, journal: Journal) -> None:
+    def __init__(self, request: dict[str, Any], folder: str, event_log: EventLog) -> None:
         self.request = request
-        self.journal = journal
+        self.event_log = event_log
         self.major, self.kind = request["major"], request["kind"]
         classes = {
             (1, "co-simulation"): fmi1.FMU1Slave,
@@ -104,10 +104,10 @@ class Driver:
         self.fmu.instantiate(**{key: callbacks, "loggingOn": True})
 
     def _log12(self, _env: int, _who: bytes, status: int, _category: bytes, text: bytes) -> None:
-        self.journal.log(status, text)
+        self.event_log.log(status, text)
 
     def _log3(self, _env: int, status: int, _category: bytes, text: bytes) -> None:
-        self.journal.log(status, text)
+        self.event_log.log(status, text)
 
     def initialise(self, inside: Callable[[], None] = lambda: None) -> None:
         """Pass through initialization, to where stepping begins; `inside` is done within."""
@@ -203,40 +203,40 @@ def main() -> None:
     """Read the request, run it, write down the events."""
     folder, request_file, events = sys.argv[1:]
     request = json.loads(Path(request_file).read_text("utf-8"))
-    journal = Journal(events)
+    event_log = EventLog(events)
     try:
-        _run(request, folder, journal)
+        _run(request, folder, event_log)
     except fmi1.FMICallException as error:
-        journal.write(refused=str(error), stage=journal.stage)
+        event_log.write(refused=str(error), stage=event_log.stage)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is the finding
-        journal.write(broken=f"{type(error).__name__}: {error}", stage=journal.stage)
-    journal.write(end=True)
+        event_log.write(broken=f"{type(error).__name__}: {error}", stage=event_log.stage)
+    event_log.write(end=True)
 
 
-def _run(request: dict[str, Any], folder: str, journal: Journal) -> None:
-    journal.enter("load")
-    driver = Driver(request, folder, journal)
-    journal.enter("instantiate")
+def _run(request: dict[str, Any], folder: str, event_log: EventLog) -> None:
+    event_log.enter("load")
+    driver = Driver(request, folder, event_log)
+    event_log.enter("instantiate")
     driver.instantiate()
-    journal.enter("initialise")
-    driver.initialise(lambda: _compare_starts(driver, request, journal))
+    event_log.enter("initialise")
+    driver.initialise(lambda: _compare_starts(driver, request, event_log))
     if request["kind"] != "scheduled execution":
-        _fly(driver, request, journal)
-    journal.enter("terminate")
+        _step_and_compare(driver, request, event_log)
+    event_log.enter("terminate")
     driver.fmu.terminate()
-    journal.enter("free")
+    event_log.enter("free")
     driver.fmu.freeInstance()
 
 
-def _compare_starts(driver: Driver, request: dict[str, Any], journal: Journal) -> None:
+def _compare_starts(driver: Driver, request: dict[str, Any], event_log: EventLog) -> None:
     """What the parameters are where nothing was set, against their description."""
     for name, kind, reference, start in request["starts"]:
         value = driver.read({kind: [[reference, 1]]})[0]
         if not math.isclose(value, start, rel_tol=1e-6, abs_tol=1e-300):
-            journal.write(start=name, said=start, got=repr(value))
+            event_log.write(start=name, described=start, got=repr(value))
 
 
-def _fly(driver: Driver, request: dict[str, Any], journal: Journal) -> None:
+def _step_and_compare(driver: Driver, request: dict[str, Any], event_log: EventLog) -> None:
     outputs, h, n = request["outputs"], request["step"], request["steps"]
 
     def steps(count: int) -> list[float]:
@@ -249,15 +249,15 @@ def _fly(driver: Driver, request: dict[str, Any], journal: Journal) -> None:
     def repeated(name: str, begin: Callable[[], None], reference: list[float]) -> None:
         begin()
         if not _same(reference, steps(n)):
-            journal.write(differs=name)
+            event_log.write(differs=name)
 
-    journal.enter("first outputs")
+    event_log.enter("first outputs")
     driver.read(outputs)
-    journal.enter("step")
+    event_log.enter("step")
     first = steps(n)
-    journal.write(steps=n, t=driver.t, finite=all(map(math.isfinite, first)))
+    event_log.write(steps=n, t=driver.t, finite=all(map(math.isfinite, first)))
     if request["state"]:
-        journal.enter("save the state")
+        event_log.enter("save the state")
         state, t = driver.save(), driver.t
         onward = steps(n)
 
@@ -267,16 +267,16 @@ def _fly(driver: Driver, request: dict[str, Any], journal: Journal) -> None:
             if driver.continuous:
                 driver.fmu.setTime(t)
 
-        journal.enter("restore the state")
+        event_log.enter("restore the state")
         repeated("state", lambda: back(state), onward)
         if request["serialize"]:
-            journal.enter("serialize the state")
+            event_log.enter("serialize the state")
             copy = driver.through_bytes(state)
             repeated("serialized", lambda: back(copy), onward)
             driver.release(copy)
         driver.release(state)
     if request["reset"]:
-        journal.enter("reset")
+        event_log.enter("reset")
         driver.fmu.reset()
         driver.initialise()
         repeated("reset", lambda: None, first)

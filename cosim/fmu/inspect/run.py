@@ -20,8 +20,8 @@ from typing import Any
 
 from cosim.fmu.inspect.archive import open_archive
 from cosim.fmu.inspect.binaries import ROOT, platform_of
-from cosim.fmu.inspect.declared import Declared, Interface, Variable, integer, number
-from cosim.fmu.inspect.finding import Finding, Level, finding
+from cosim.fmu.inspect.declared_model import DeclaredModel, Interface, Variable, integer, number
+from cosim.fmu.inspect.findings import Finding, Level, finding
 from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.platforms import this_machine
 from cosim.fmu.inspect.variables import identifier_findings
@@ -51,7 +51,7 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
     InputError : the archive does not unpack.
     """
     model = inspection.model
-    if model is None or not inspection.sound:
+    if model is None or not inspection.may_be_unpacked:
         return [finding("run-absent", inspection.path.name, "it cannot be unpacked or read")]
     findings: list[Finding] = []
     with (
@@ -86,7 +86,7 @@ def _library(folder: Path, interface: Interface) -> Path | None:
     return None
 
 
-def request(model: Declared, interface: Interface, library: Path) -> dict[str, Any]:
+def request(model: DeclaredModel, interface: Interface, library: Path) -> dict[str, Any]:
     """What the probe is asked to do."""
     start, stop, step = (
         number(model.experiment.get(key)) for key in ("startTime", "stopTime", "stepSize")
@@ -102,8 +102,12 @@ def request(model: Declared, interface: Interface, library: Path) -> dict[str, A
     state = "canGetAndSetFMUState" if model.major == 3 else "canGetAndSetFMUstate"
     serialize = "canSerializeFMUState" if model.major == 3 else "canSerializeFMUstate"
     derivatives = [u.target for u in model.structure if u.role == "derivative"]
-    pointed = model.pointed()
-    states = sum(_size(pointed[d], model) for d in derivatives if d is not None and d in pointed)
+    variables_by_target = model.variables_by_target()
+    states = sum(
+        _size(variables_by_target[d], model)
+        for d in derivatives
+        if d is not None and d in variables_by_target
+    )
     if model.major == 1:
         states = integer(model.attributes.get("numberOfContinuousStates")) or 0
     return {
@@ -119,8 +123,8 @@ def request(model: Declared, interface: Interface, library: Path) -> dict[str, A
         "steps": STEPS,
         "outputs": outputs,
         "starts": _starts(model),
-        "state": interface.says(state),
-        "serialize": interface.says(state) and interface.says(serialize),
+        "state": interface.is_true(state),
+        "serialize": interface.is_true(state) and interface.is_true(serialize),
         "reset": model.major > 1,
         "states": states,
     }
@@ -130,14 +134,14 @@ def _readable(v: Variable) -> bool:
     return (v.type in _NUMERIC or v.type == "Enumeration") and not v.clocks
 
 
-def _called(v: Variable, model: Declared) -> str:
+def _called(v: Variable, model: DeclaredModel) -> str:
     """The type in the names of the functions that read it."""
     if v.type == "Enumeration":
         return "Int64" if model.major == 3 else "Integer"
     return v.type
 
 
-def _size(v: Variable, model: Declared) -> int:
+def _size(v: Variable, model: DeclaredModel) -> int:
     """Number of elements at the start."""
     sizes = {w.reference: integer(w.start) for w in model.variables} if v.dimensions else {}
     size = 1
@@ -146,7 +150,7 @@ def _size(v: Variable, model: Declared) -> int:
     return size
 
 
-def _starts(model: Declared) -> list[list[Any]]:
+def _starts(model: DeclaredModel) -> list[list[Any]]:
     """Scalar parameters with a start: name, type, value reference, start."""
     found: list[list[Any]] = []
     if model.major == 1:
@@ -246,7 +250,7 @@ def _event(kind: str, event: dict[str, Any]) -> Iterator[Finding]:
         what = f"the outputs after {event['differs']} are not those before"
         yield finding(code.get(event["differs"], "run-reset"), kind, what)
     elif "start" in event:
-        what = f"{event['start']} is {event['got']}, described as {event['said']:g}"
+        what = f"{event['start']} is {event['got']}, described as {event['described']:g}"
         yield finding("run-start", f"{kind}: start values", what)
     elif event.get("finite") is False:
         yield finding("run-not-finite", f"{kind}: step", "some outputs are not finite numbers")

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from cosim.fmu.inspect.declared import XML, Declared, Unknown, Variable
-from cosim.fmu.inspect.finding import Finding, finding
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Unknown, Variable
+from cosim.fmu.inspect.findings import Finding, finding
 
 _KNOWNS = ("input", "independent")
 _SETTABLE = ("parameter", "structuralParameter", "calculatedParameter")
 
 
-def structure_findings(model: Declared) -> Iterator[Finding]:
+def structure_findings(model: DeclaredModel) -> Iterator[Finding]:
     """References, dependencies, and outputs that are missing."""
     if model.major == 1:
         return
-    pointed = model.pointed()
+    variables_by_target = model.variables_by_target()
     states = {v.derivative for v in model.variables if v.derivative is not None}
     has_inputs = any(v.causality == "input" for v in model.variables)
     open_outputs = []
     for unknown in model.structure:
         where = f"{XML}:{unknown.line} {unknown.role}"
-        target = pointed.get(unknown.target) if unknown.target is not None else None
+        target = variables_by_target.get(unknown.target) if unknown.target is not None else None
         if target is None:
             what = f"it points to {unknown.target}, and there is no such variable"
             yield finding("structure-dangling", where, what)
@@ -32,7 +32,7 @@ def structure_findings(model: Declared) -> Iterator[Finding]:
                 yield finding("structure-outputs", where, what)
             if unknown.role == "output" and unknown.dependencies is None and has_inputs:
                 open_outputs.append(target.name)
-        yield from _dependencies(unknown, where, pointed, states)
+        yield from _dependencies(unknown, where, variables_by_target, states)
     listed = {u.target for u in model.structure if u.role == "output"}
     for v in model.variables:
         key = v.index if model.major == 2 else v.reference
@@ -46,14 +46,14 @@ def structure_findings(model: Declared) -> Iterator[Finding]:
 
 
 def _dependencies(
-    unknown: Unknown, where: str, pointed: Mapping[int, Variable], states: set[int]
+    unknown: Unknown, where: str, variables_by_target: Mapping[int, Variable], states: set[int]
 ) -> Iterator[Finding]:
     given, kinds = unknown.dependencies, unknown.kinds
     if kinds is not None and (given is None or len(kinds) != len(given)):
         counted = "no dependencies" if given is None else f"{len(given)} dependencies"
         yield finding("dependency-kind", where, f"{len(kinds)} kinds for {counted}")
     for number in given or ():
-        known = pointed.get(number)
+        known = variables_by_target.get(number)
         if known is None:
             yield finding("dependency-dangling", where, f"dependency {number} is no variable")
         elif known.causality not in _KNOWNS and number not in states and not known.clocks:

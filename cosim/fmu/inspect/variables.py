@@ -7,8 +7,8 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 
-from cosim.fmu.inspect.declared import XML, Declared, Unit, Variable, integer, number
-from cosim.fmu.inspect.finding import Finding, finding
+from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Unit, Variable, integer, number
+from cosim.fmu.inspect.findings import Finding, finding
 from cosim.fmu.inspect.units import BASES, Si, si_of_name
 
 # FMI 2.0.4 and 3.0.2, 2.2.9 / 2.4.9: the grammar of structured names; linear in its length
@@ -20,7 +20,7 @@ _C_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _SETTABLE = ("input", "parameter", "structuralParameter")
 
 
-def model_findings(model: Declared) -> Iterator[Finding]:
+def model_findings(model: DeclaredModel) -> Iterator[Finding]:
     """Everything about the description but ModelStructure and the files."""
     for interface in model.interfaces:
         yield from identifier_findings(interface.identifier, interface.kind)
@@ -44,7 +44,7 @@ def identifier_findings(identifier: str, kind: str) -> Iterator[Finding]:
         yield finding("identifier", f"{XML} {kind}", f"modelIdentifier is {identifier!r}")
 
 
-def _names(model: Declared) -> Iterator[Finding]:
+def _names(model: DeclaredModel) -> Iterator[Finding]:
     structured = model.attributes.get("variableNamingConvention") == "structured"
     names = [(v.where, v.name) for v in model.variables]
     names += [(f"{XML} {name}", name) for name in model.aliases]
@@ -58,7 +58,7 @@ def _names(model: Declared) -> Iterator[Finding]:
             yield finding("name-structure", where, f"{name!r} is no structured name")
 
 
-def _values(v: Variable, model: Declared) -> Iterator[Finding]:
+def _values(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     low, high, start = number(v.minimum), number(v.maximum), v.start
     if low is not None and high is not None and low > high:
         yield finding("range-empty", v.where, f"min {v.minimum} is greater than max {v.maximum}")
@@ -82,7 +82,7 @@ def _values(v: Variable, model: Declared) -> Iterator[Finding]:
             yield finding("start-item", v.where, f"start {word} is none of {', '.join(items)}")
 
 
-def _array(v: Variable, model: Declared) -> Iterator[Finding]:
+def _array(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     sizes = (
         {w.reference: integer(w.start) for w in model.variables if w.causality in _SETTABLE[2:]}
         if any(reference is not None for _, reference in v.dimensions)
@@ -103,9 +103,9 @@ def _array(v: Variable, model: Declared) -> Iterator[Finding]:
             yield finding("start-length", v.where, f"{given} starts for {length} elements")
 
 
-def _derivative(v: Variable, model: Declared) -> Iterator[Finding]:
+def _derivative(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     if v.derivative is not None and model.major > 1:
-        state = model.pointed().get(v.derivative)
+        state = model.variables_by_target().get(v.derivative)
         if state is None:
             yield finding("derivative", v.where, f"derivative={v.derivative} is no variable")
         elif not state.real:
@@ -117,7 +117,7 @@ def _derivative(v: Variable, model: Declared) -> Iterator[Finding]:
                 yield finding("clock", v.where, f"value reference {reference} is no clock")
 
 
-def _references(model: Declared) -> Iterator[Finding]:
+def _references(model: DeclaredModel) -> Iterator[Finding]:
     by_reference = defaultdict(list)
     for v in model.variables:
         by_reference[v.reference].append(v)
@@ -155,7 +155,7 @@ def _alias_set(aliases: list[Variable]) -> Iterator[Finding]:
         yield finding("alias-settable", where, f"{', '.join(settable)} can all be set")
 
 
-def _units(model: Declared) -> Iterator[Finding]:
+def _units(model: DeclaredModel) -> Iterator[Finding]:
     defined = Counter(unit.name for unit in model.units)
     for name, times in defined.items():
         if times > 1:
@@ -182,9 +182,10 @@ def _base(unit: Unit, where: str, meant: Si | None) -> Iterator[Finding]:
     base = unit.base or {}
     if meant is None:
         return
-    said = tuple(integer(base.get(key, "0")) or 0 for key in BASES)
-    if said != meant.exponents:
-        what = f"defined as {_power_product(said)}, the name says {_power_product(meant.exponents)}"
+    declared = tuple(integer(base.get(key, "0")) or 0 for key in BASES)
+    if declared != meant.exponents:
+        named = _power_product(meant.exponents)
+        what = f"defined as {_power_product(declared)}, the name says {named}"
         yield finding("unit-base", where, what)
         return
     for key, true in (("factor", meant.factor), ("offset", meant.offset)):
@@ -199,7 +200,7 @@ def _power_product(exponents: tuple[int, ...]) -> str:
     return " ".join(b if e == 1 else f"{b}^{e}" for b, e in powers if e) or "1"
 
 
-def _experiment(model: Declared) -> Iterator[Finding]:
+def _experiment(model: DeclaredModel) -> Iterator[Finding]:
     start, stop, step = (
         number(model.experiment.get(key)) for key in ("startTime", "stopTime", "stepSize")
     )

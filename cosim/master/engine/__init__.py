@@ -1,18 +1,18 @@
 """What carries a run out: the same results bit for bit, at different speeds."""
 
-from cosim.master.engine.choice import Engine, EngineChoice, EngineName, build, choose
-from cosim.master.engine.program import Adjustment, Halt, Program, make_program
-from cosim.master.engine.waiting import fill_in
+from cosim.master.engine.choice import Engine, EngineChoice, EngineName, build_engine, choose_engine
+from cosim.master.engine.program import Adjustment, EarlyStop, Program, make_program
+from cosim.master.engine.unreceived_inputs import fill_unreceived_inputs
 
 __all__ = [
     "Adjustment",
+    "EarlyStop",
     "Engine",
     "EngineChoice",
     "EngineName",
-    "Halt",
     "Program",
-    "build",
-    "choose",
-    "fill_in",
+    "build_engine",
+    "choose_engine",
+    "fill_unreceived_inputs",
     "make_program",
 ]

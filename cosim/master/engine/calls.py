@@ -60,10 +60,10 @@ def step_2(_typing: Any, function: Any, component: Any, now: Any, size: Any, fin
 
 @intrinsic  # type: ignore[untyped-decorator]
 def step_3(
-    _typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any, said: Any
+    _typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any, results: Any
 ) -> Any:
-    """fmi3DoStep at an address; what it says lies at `said`: three C bools, a double at 8."""
-    del function, component, now, size, final, said
+    """fmi3DoStep at an address; what it says lies at `results`: three C bools, a double at 8."""
+    del function, component, now, size, final, results
     signature = types.int32(
         types.int64, types.int64, types.float64, types.float64, types.int32, types.int64
     )

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from typing import Literal, NamedTuple, Protocol
 
 from cosim.core import InputError
-from cosim.master.engine.program import Halt, Program
+from cosim.master.engine.program import EarlyStop, Program
 from cosim.master.engine.python import PythonEngine
 
 EngineName = Literal["auto", "python", "compiled"]
@@ -28,20 +28,20 @@ class Engine(Protocol):
     def where(self) -> tuple[int, bool]:
         """The point that is being worked on, and whether its row is complete."""
 
-    def advance(self, first: int, last: int) -> Halt | None:
+    def advance(self, first: int, last: int) -> EarlyStop | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
 
-    def known(self, first: int, last: int) -> None:
+    def update_routes(self, first: int, last: int) -> None:
         """The rows to be read at the points first to last - 1 are known now."""
 
-    def send(self, k: int) -> Halt | None:
+    def send(self, k: int) -> EarlyStop | None:
         """The first half of what happens at point k: after it, what is sent is in the row."""
 
-    def leave(self, k: int) -> Halt | None:
+    def receive_and_step(self, k: int) -> EarlyStop | None:
         """The other half."""
 
 
-def choose(asked: EngineName, points: int, *, texts: bool = False) -> EngineChoice:
+def choose_engine(asked: EngineName, points: int, *, texts: bool = False) -> EngineChoice:
     """The engine for a run of so many points; `texts`: it exchanges Strings.
 
     Raises
@@ -78,7 +78,7 @@ def choose(asked: EngineName, points: int, *, texts: bool = False) -> EngineChoi
     return EngineChoice("compiled", f"{points} points")
 
 
-def build(name: str, program: Program) -> Engine:
+def build_engine(name: str, program: Program) -> Engine:
     """The engine of that name."""
     if name == "python":
         return PythonEngine(program)

@@ -13,7 +13,7 @@ from cosim.master.engine.program import (
     Adjust,
     Call,
     Complete,
-    Halt,
+    EarlyStop,
     Move,
     Operation,
     Program,
@@ -45,20 +45,20 @@ class CompiledEngine:
         self._parts = (sending, leaving, concluding)
         self._point = _joined(sending, leaving)
         self._closing = _joined(sending, concluding)
-        course = program.course
-        n = course.points_ns.size
+        comm_points = program.comm_points
+        n = comm_points.points_ns.size
         self._stacked = np.array(self._tables, np.int64).reshape(-1, n)
         self._shares = np.array(self._weights, np.float64).reshape(-1, n)
         scratch = np.zeros(max(self._scratch, 1), np.uint64)
-        beats = [np.full(n, -1) if beat is None else beat for beat in program.beats]
+        next_points = [np.full(n, -1) if entry is None else entry for entry in program.next_points]
         self._arguments: tuple[Any, ...] = (
             self._place,
             program.rows,
-            course.points_ns,
-            course.seconds,
-            course.sizes,
-            np.array(beats, np.int64).reshape(-1, n)
-            if any(beat is not None for beat in program.beats)
+            comm_points.points_ns,
+            comm_points.seconds,
+            comm_points.sizes,
+            np.array(next_points, np.int64).reshape(-1, n)
+            if any(entry is not None for entry in program.next_points)
             else np.zeros((1, 1), np.int64),
             np.array(self._moves, np.int64).reshape(-1, kernel.MOVE_FIELDS),
             self._stacked,
@@ -74,33 +74,35 @@ class CompiledEngine:
         """The point that is being worked on, and whether its row is complete."""
         return int(self._place[0]), bool(self._place[1])
 
-    def advance(self, first: int, last: int) -> Halt | None:
+    def advance(self, first: int, last: int) -> EarlyStop | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
-        final = self._program.course.final
-        halt = self._run(0, 1, self._opening, checked=False) if first == 0 else None
-        if halt is None and first < min(last, final):
-            halt = self._run(first, min(last, final), self._point)
-        if halt is None and last > final:
-            halt = self._run(final, last, self._closing)
-        return halt
+        final = self._program.comm_points.final
+        early_stop = self._run(0, 1, self._opening, checked=False) if first == 0 else None
+        if early_stop is None and first < min(last, final):
+            early_stop = self._run(first, min(last, final), self._point)
+        if early_stop is None and last > final:
+            early_stop = self._run(final, last, self._closing)
+        return early_stop
 
-    def known(self, first: int, last: int) -> None:
+    def update_routes(self, first: int, last: int) -> None:
         """The rows to be read at the points first to last - 1 are known now."""
         for own, table in zip(self._stacked, self._tables, strict=True):
             own[first:last] = table[first:last]
         for shares, weight in zip(self._shares, self._weights, strict=True):
             shares[first:last] = weight[first:last]
 
-    def send(self, k: int) -> Halt | None:
+    def send(self, k: int) -> EarlyStop | None:
         """The first half of what happens at point k: after it, what is sent is in the row."""
-        halt = self._run(0, 1, self._opening, checked=False) if k == 0 else None
-        return halt or self._run(k, k + 1, self._parts[0], checked=False)
+        early_stop = self._run(0, 1, self._opening, checked=False) if k == 0 else None
+        return early_stop or self._run(k, k + 1, self._parts[0], checked=False)
 
-    def leave(self, k: int) -> Halt | None:
+    def receive_and_step(self, k: int) -> EarlyStop | None:
         """The other half."""
-        return self._run(k, k + 1, self._parts[2 if k == self._program.course.final else 1])
+        return self._run(k, k + 1, self._parts[2 if k == self._program.comm_points.final else 1])
 
-    def _run(self, first: int, last: int, what: _Coded, *, checked: bool = True) -> Halt | None:
+    def _run(
+        self, first: int, last: int, what: _Coded, *, checked: bool = True
+    ) -> EarlyStop | None:
         operations, table = what
         *arguments, outputs, bound = self._arguments
         k, complete, refused, status = kernel.run(
@@ -115,7 +117,7 @@ class CompiledEngine:
         if refused == kernel.NOTHING:
             return None
         if refused == kernel.RANGE:
-            return Halt(k, complete, "range", status, 0)
+            return EarlyStop(k, complete, "range", status, 0)
         return refusal(operations[refused], k, complete, status)
 
     def _coded(self, operations: Sequence[Operation]) -> _Coded:
@@ -123,10 +125,10 @@ class CompiledEngine:
         for line, operation in zip(table, operations, strict=True):
             self._code(line, operation)
             always = isinstance(operation, Complete) or (
-                self._program.beats[operation.station] is None
+                self._program.next_points[operation.instance] is None
             )
-            line[kernel.BEAT] = -1 if always else operation.station
-            if line[kernel.BEAT] < 0 and not line[kernel.AHEAD]:
+            line[kernel.POINTS_ROW] = -1 if always else operation.instance
+            if line[kernel.POINTS_ROW] < 0 and not line[kernel.AHEAD]:
                 line[kernel.KIND] = self._short(line)
         return tuple(operations), table
 

@@ -24,7 +24,7 @@ from cosim.master.exchange import TOO_LARGE, WARNING
     OFFSET,
     OWN,
     TABLE,
-    BEAT,
+    POINTS_ROW,
     AHEAD,
     VALUES,
     TYPE,
@@ -115,9 +115,9 @@ def _do_step_2(p: int, now: float, size: float) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _do_step_3(p: int, now: float, size: float) -> int:
-    said, final = _field(p, RESULTS), np.int32(_field(p, COUNT))
-    status = step_3(_field(p, FUNCTION), _field(p, COMPONENT), now, size, final, said)
-    if status <= WARNING and byte(said + 1) != 0:
+    results, final = _field(p, RESULTS), np.int32(_field(p, COUNT))
+    status = step_3(_field(p, FUNCTION), _field(p, COMPONENT), now, size, final, results)
+    if status <= WARNING and byte(results + 1) != 0:
         return ENDED
     return int(status)
 
@@ -249,7 +249,7 @@ def _seldom(
     size: float,
     rows: Any,
     points: Any,
-    beats: Any,
+    next_points: Any,
     moves: Any,
     tables: Any,
     weights: Any,
@@ -261,15 +261,15 @@ def _seldom(
 
     Apart from the loop, which it would make slower by a fifth even where it is not called.
     """
-    kind, beat, following = _field(p, KIND), _field(p, BEAT), k + 1
-    if beat >= 0:
-        following = beats[beat, k]
+    kind, points_row, following = _field(p, KIND), _field(p, POINTS_ROW), k + 1
+    if points_row >= 0:
+        following = next_points[points_row, k]
         if following < 0:
             return 0
     at = following if _field(p, AHEAD) == 1 else k
     status = 0
     if kind in (STEP_2, STEP_3):
-        own = size if beat < 0 else (points[following] - points[k]) / 1e9
+        own = size if points_row < 0 else (points[following] - points[k]) / 1e9
         status = _do_step_2(p, now, own) if kind == STEP_2 else _do_step_3(p, now, own)
     elif kind in (EXCHANGE_2, EXCHANGE_3):
         target = base + at * stride + _field(p, OFFSET)
@@ -296,7 +296,7 @@ def run(  # noqa: C901 - what happens at a point, in one place
     points: Any,
     seconds: Any,
     sizes: Any,
-    beats: Any,
+    next_points: Any,
     moves: Any,
     tables: Any,
     weights: Any,
@@ -347,7 +347,7 @@ def run(  # noqa: C901 - what happens at a point, in one place
                         size,
                         rows,
                         points,
-                        beats,
+                        next_points,
                         moves,
                         tables,
                         weights,

@@ -24,10 +24,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master.course import Course
+from cosim.master.communication_points import CommunicationPoints
+from cosim.master.component_instance import ComponentInstance, Group, Rows
 from cosim.master.exchange import Exchange
 from cosim.master.routes import Route
-from cosim.master.stations import Group, Rows, Station
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
@@ -43,7 +43,7 @@ class Adjustment(NamedTuple):
     factor: float
     offset: float
 
-    def put_on(self, rows: Rows, k: int, column: int) -> None:
+    def apply(self, rows: Rows, k: int, column: int) -> None:
         """Adjust one value."""
         value = rows[k, column]
         rows[k, column] = self.offset if self.factor == 0.0 else self.factor * value + self.offset
@@ -53,7 +53,7 @@ class Adjustment(NamedTuple):
 class Call:
     """An FMI call that moves a group.
 
-    station : number of the station.
+    instance : number of the station.
     way : "get" or "set".
     function, component, references, count, values, column : of the call; `column` is where the
         first value stands in the row written to or read from.
@@ -65,7 +65,7 @@ class Call:
     c_type : numpy's name of the type of one value.
     """
 
-    station: int
+    instance: int
     way: Literal["get", "set"]
     function: int
     component: int
@@ -85,7 +85,7 @@ class Call:
 class Move:
     """Put what a route has in use at point k into the receiver's part of row k."""
 
-    station: int
+    instance: int
     route: Route
 
 
@@ -93,7 +93,7 @@ class Move:
 class Adjust:
     """Adjust one column, of row k or, `ahead`, of the row of the station's next point."""
 
-    station: int
+    instance: int
     column: int
     by: Adjustment
     ahead: bool
@@ -107,7 +107,7 @@ class Step:
     no state from before the step will be restored.
     """
 
-    station: int
+    instance: int
     function: int
     component: int
     version: str
@@ -119,36 +119,36 @@ class Step:
 class Complete:
     """From here on row k is complete; under Gauss-Seidel, but for inputs that wait their turn."""
 
-    station: int = -1
+    instance: int = -1
 
 
 Operation = Call | Move | Adjust | Step | Complete
 
 
-class Halt(NamedTuple):
+class EarlyStop(NamedTuple):
     """Why a run cannot go on.
 
     k : the point.
     complete : number of rows that are complete.
     what : the FMI call that was refused, "get", "set" or "step"; "range", where an output has
         left it; "end", where a component asked for the end of the run.
-    station : number of the station in the wiring; of a "range", the column of the output.
+    instance : number of the station in the wiring; of a "range", the column of the output.
     status : as the FMU returned it.
     """
 
     k: int
     complete: int
     what: Literal["get", "set", "step", "range", "end"]
-    station: int
+    instance: int
     status: int
 
 
-def refusal(operation: Operation, k: int, complete: int, status: int) -> Halt:
+def refusal(operation: Operation, k: int, complete: int, status: int) -> EarlyStop:
     """The halt at an operation that a slave refused, or ended the run with."""
     if status == ENDED:
-        return Halt(k, complete, "end", operation.station, 0)
+        return EarlyStop(k, complete, "end", operation.instance, 0)
     what = operation.way if isinstance(operation, Call) else "step"
-    return Halt(k, complete, what, operation.station, status)
+    return EarlyStop(k, complete, what, operation.instance, status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,22 +158,22 @@ class Program:
     Attributes
     ----------
     rows, outputs : as in the wiring.
-    course : the points.
+    comm_points : the points.
     opening : at the first point, before all else.
     sending : at every point; what is sent is then in its row.
     leaving : after that, at every point but the last; concluding : at the last.
-    beats : per station, its next point at its own points, -1 elsewhere; None: every point.
+    next_points : per station, its next point at its own points, -1 elsewhere; None: every point.
     bound : an output beyond +-bound, or NaN, ends the run.
     """
 
     rows: Rows
     outputs: int
-    course: Course
+    comm_points: CommunicationPoints
     opening: tuple[Operation, ...]
     sending: tuple[Operation, ...]
     leaving: tuple[Operation, ...]
     concluding: tuple[Operation, ...]
-    beats: tuple[Integers | None, ...]
+    next_points: tuple[Integers | None, ...]
     bound: float
 
 
@@ -187,21 +187,23 @@ def make_program(
     """The program of a wiring whose stations have their slaves.
 
     `adjustments` : by column of the rows; the stations' routes that bring such columns are
-    to be moved ones (`Station.move`). `may_go_back` : saved states may be restored.
+    to be moved ones (`ComponentInstance.move`). `may_go_back` : saved states may be restored.
     """
-    maker = _Maker(wiring.stations, adjustments or {}, final=not may_go_back)
+    builder = _ProgramBuilder(wiring.instances, adjustments or {}, final=not may_go_back)
     opening, sending, leaving, concluding = (
-        maker.gauss_seidel() if system.algorithm == "gauss-seidel" else maker.jacobi(system)
+        builder.gauss_seidel() if system.algorithm == "gauss-seidel" else builder.jacobi(system)
     )
     return Program(
         rows=wiring.rows,
         outputs=wiring.outputs,
-        course=wiring.course,
+        comm_points=wiring.comm_points,
         opening=tuple(opening),
         sending=tuple(sending),
         leaving=tuple(leaving),
         concluding=tuple(concluding),
-        beats=tuple(None if s.beat.always else s.beat.following for s in wiring.stations),
+        next_points=tuple(
+            None if s.own_points.always else s.own_points.following for s in wiring.instances
+        ),
         bound=system.divergence,
     )
 
@@ -209,27 +211,27 @@ def make_program(
 _Lists = tuple[list[Operation], list[Operation], list[Operation], list[Operation]]
 
 
-class _Maker:
+class _ProgramBuilder:
     """Turns stations into operations."""
 
     def __init__(
         self,
-        stations: tuple[Station, ...],
+        instances: tuple[ComponentInstance, ...],
         adjustments: Mapping[int, Adjustment],
         *,
         final: bool,
     ) -> None:
-        self._stations = stations
+        self._instances = instances
         self._adjustments = adjustments
         self._final = final
 
     def jacobi(self, system: System) -> _Lists:
         sending: list[Operation] = []
         receiving: list[Operation] = []
-        for i, station in enumerate(self._stations):
-            sending += self._gets(i, station.sends)
-            receiving += [*self._takes(i), *self._gets(i, station.answers)]
-        places = {station.name: i for i, station in enumerate(self._stations)}
+        for i, instance in enumerate(self._instances):
+            sending += self._gets(i, instance.outputs_without_feedthrough)
+            receiving += [*self._takes(i), *self._gets(i, instance.outputs_with_feedthrough)]
+        places = {instance.name: i for i, instance in enumerate(self._instances)}
         steps = [self._step(places[name]) for name in system.components]
         return [], sending, [*receiving, Complete(), *steps], receiving
 
@@ -237,26 +239,26 @@ class _Maker:
         opening: list[Operation] = []
         point: list[Operation] = []
         closing: list[Operation] = []
-        for i, station in enumerate(self._stations):
-            outputs = (*station.sends, *station.answers)
+        for i, instance in enumerate(self._instances):
+            outputs = (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
             opening += self._gets(i, outputs)
             closing += self._takes(i)
             point += [*self._takes(i), self._step(i), *self._gets(i, outputs, ahead=True)]
         return opening, [], [Complete(), *point], [Complete(), *closing]
 
     def _takes(self, number: int) -> list[Operation]:
-        station = self._stations[number]
+        instance = self._instances[number]
         moves: list[Operation] = [
             Move(number, route)
-            for i, route in enumerate(station.routes)
-            if i not in station.straight
+            for i, route in enumerate(instance.routes)
+            if i not in instance.direct_routes
         ]
         adjusts: list[Operation] = []
         sets: list[Operation] = []
-        for group in station.takes:
+        for group in instance.connected_inputs:
             adjusts += self._adjusted(number, group, ahead=False)
-            if group.route in station.straight:
-                route = station.routes[group.route]
+            if group.route in instance.direct_routes:
+                route = instance.routes[group.route]
                 wire = bool((route.row == np.arange(route.row.size)).all())
                 table = None if wire else route.row
                 sets.append(self._call(number, group, "set", int(route.columns[0]), table))
@@ -291,10 +293,10 @@ class _Maker:
         *,
         ahead: bool = False,
     ) -> Call:
-        station = self._stations[number]
-        slave = station.slave
+        instance = self._instances[number]
+        slave = instance.slave
         return Call(
-            station=number,
+            instance=number,
             way=way,
             function=slave.address(way, group.getter_type),
             component=slave.component,
@@ -306,12 +308,12 @@ class _Maker:
             table=table,
             own=group.column,
             ahead=ahead,
-            exchange=None if group.c_type == "f8" else Exchange(station, group, way),
+            exchange=None if group.c_type == "f8" else Exchange(instance, group, way),
             c_type=group.c_type,
         )
 
     def _step(self, number: int) -> Step:
-        slave = self._stations[number].slave
+        slave = self._instances[number].slave
         version = slave.description.version
         results = slave.step_results if version == "3.0" else 0
         return Step(number, slave.address("step"), slave.component, version, results, self._final)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.master.engine.listing import Stretch, stretch
-from cosim.master.engine.program import Halt, Operation, Program, refusal
+from cosim.master.engine.generated_code import SegmentFunction, segment_function
+from cosim.master.engine.program import EarlyStop, Operation, Program, refusal
 
-_List = tuple[tuple[Operation, ...], Stretch]
+_List = tuple[tuple[Operation, ...], SegmentFunction]
 
 
 class PythonEngine:
@@ -26,7 +26,7 @@ class PythonEngine:
         self._point = self._written("point", point)
         self._closing = self._written("closing", closing)
         self._parts: tuple[_List, ...] = ()
-        if program.course.live:
+        if program.comm_points.live:
             self._parts = (
                 self._written("sending", program.sending),
                 self._written("leaving", program.leaving),
@@ -34,54 +34,54 @@ class PythonEngine:
             )
 
     def _written(self, name: str, operations: tuple[Operation, ...]) -> _List:
-        return operations, stretch(self._program, operations, self._place, name=name)
+        return operations, segment_function(self._program, operations, self._place, name=name)
 
     def where(self) -> tuple[int, bool]:
         """The point that is being worked on, and whether its row is complete."""
         return self._place[0], bool(self._place[1])
 
-    def advance(self, first: int, last: int) -> Halt | None:
+    def advance(self, first: int, last: int) -> EarlyStop | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
-        halt = self._advance(first, last)
-        complete = last if halt is None else halt.complete
+        early_stop = self._advance(first, last)
+        complete = last if early_stop is None else early_stop.complete
         # looked at a stretch at a time; what came after a point out of range does not count
-        return self._out_of_range(first, complete) or halt
+        return self._out_of_range(first, complete) or early_stop
 
-    def _out_of_range(self, first: int, last: int) -> Halt | None:
+    def _out_of_range(self, first: int, last: int) -> EarlyStop | None:
         bound = self._program.bound
         part = self._program.rows[first:last, : self._program.outputs]
         # NaN is in no range, and comes out of both
         if part.size == 0 or (part.min() >= -bound and part.max() <= bound):
             return None
         row, column = np.argwhere(~(np.abs(part) <= bound))[0].tolist()
-        return Halt(first + row, first + row + 1, "range", column, 0)
+        return EarlyStop(first + row, first + row + 1, "range", column, 0)
 
-    def known(self, first: int, last: int) -> None:
+    def update_routes(self, first: int, last: int) -> None:
         """The rows to be read at the points first to last - 1 are known now."""
 
-    def send(self, k: int) -> Halt | None:
+    def send(self, k: int) -> EarlyStop | None:
         """The first half of what happens at point k: after it, what is sent is in the row."""
-        halt = self._carry_out(self._opening, 0, 1) if k == 0 else None
-        return halt or self._carry_out(self._parts[0], k, k + 1)
+        early_stop = self._execute(self._opening, 0, 1) if k == 0 else None
+        return early_stop or self._execute(self._parts[0], k, k + 1)
 
-    def leave(self, k: int) -> Halt | None:
+    def receive_and_step(self, k: int) -> EarlyStop | None:
         """The other half."""
-        final = self._program.course.final
-        halt = self._carry_out(self._parts[2 if k == final else 1], k, k + 1)
-        complete = k + 1 if halt is None else halt.complete
-        return self._out_of_range(k, complete) or halt
+        final = self._program.comm_points.final
+        early_stop = self._execute(self._parts[2 if k == final else 1], k, k + 1)
+        complete = k + 1 if early_stop is None else early_stop.complete
+        return self._out_of_range(k, complete) or early_stop
 
-    def _advance(self, first: int, last: int) -> Halt | None:
-        final = self._program.course.final
-        halt = self._carry_out(self._opening, 0, 1) if first == 0 else None
-        halt = halt or self._carry_out(self._point, first, min(last, final))
-        if halt is None and last > final:
-            halt = self._carry_out(self._closing, final, last)
-        return halt
+    def _advance(self, first: int, last: int) -> EarlyStop | None:
+        final = self._program.comm_points.final
+        early_stop = self._execute(self._opening, 0, 1) if first == 0 else None
+        early_stop = early_stop or self._execute(self._point, first, min(last, final))
+        if early_stop is None and last > final:
+            early_stop = self._execute(self._closing, final, last)
+        return early_stop
 
-    def _carry_out(self, what: _List, first: int, last: int) -> Halt | None:
-        operations, carry_out = what
-        refused = carry_out(first, last) if operations else None
+    def _execute(self, what: _List, first: int, last: int) -> EarlyStop | None:
+        operations, execute = what
+        refused = execute(first, last) if operations else None
         if refused is None:
             return None
         k, number, status = refused

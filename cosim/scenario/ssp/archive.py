@@ -17,10 +17,10 @@ from cosim.core import InputError
 from cosim.scenario.ssp.names import SSD, tag
 from cosim.scenario.ssp.write_ssd import check_schema
 
-MOST_XML = 64 * 2**20
-MOST_FMU = 2**29
-MOST_IN_ALL = 2**31
-MOST_ENTRIES = 10_000
+MAX_XML = 64 * 2**20
+MAX_FMU = 2**29
+MAX_IN_ALL = 2**31
+MAX_ENTRIES = 10_000
 """More than these is no system but an attack, or needs another tool."""
 
 _ROOTS = (
@@ -55,11 +55,11 @@ class Archive:
         except (OSError, zipfile.BadZipFile, NotImplementedError, ValueError) as error:
             raise self.wrong("not an SSP archive", expected="a zip file", got=str(error)) from error
         names = self._zip.namelist()
-        if len(names) > MOST_ENTRIES or len(set(names)) != len(names):
+        if len(names) > MAX_ENTRIES or len(set(names)) != len(names):
             self._zip.close()
             raise self.wrong(
                 "not an SSP archive that can be read",
-                expected=f"at most {MOST_ENTRIES} entries, each name once",
+                expected=f"at most {MAX_ENTRIES} entries, each name once",
                 got=f"{len(names)} entries, {len(set(names))} names",
             )
         self._names = set(names)
@@ -99,7 +99,7 @@ class Archive:
             raise self.wrong("there is no such entry", where, got=joined)
         return joined
 
-    def read(self, name: str, most: int = MOST_XML) -> bytes:
+    def read(self, name: str, most: int = MAX_XML) -> bytes:
         """Content of an entry, of at most `most` bytes, whatever size it claims.
 
         Raises
@@ -122,7 +122,7 @@ class Archive:
         """
         try:
             with to.open("wb") as stream:
-                self._copy(name, stream, MOST_FMU)
+                self._copy(name, stream, MAX_FMU)
         except OSError as error:
             raise InputError("the FMU cannot be written", where=str(to), got=str(error)) from error
 
@@ -136,11 +136,11 @@ class Archive:
         except _UNREADABLE as error:
             raise self.wrong("an entry cannot be read", name, got=str(error)) from error
         self._read += copied
-        if copied > most or self._read > MOST_IN_ALL:
+        if copied > most or self._read > MAX_IN_ALL:
             raise self.wrong(
                 "an entry is too large",
                 name,
-                expected=f"at most {most} bytes, {MOST_IN_ALL} of all that is read",
+                expected=f"at most {most} bytes, {MAX_IN_ALL} of all that is read",
             )
 
     def xml(self, name: str, kind: str) -> Any:

@@ -13,12 +13,12 @@ import tomli_w
 from cosim.core import InputError
 from cosim.fmu import deterministic_zip
 from cosim.master import System
-from cosim.scenario.assemble import assemble
-from cosim.scenario.execute import Prepared
+from cosim.scenario.assembly import assemble
+from cosim.scenario.execute import PreparedScenario
 from cosim.scenario.gain import gain_parameters
 from cosim.scenario.schema import Scenario
+from cosim.scenario.ssp.elements import ArchiveElements, archive_elements
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.network import Built, network_of
 from cosim.scenario.ssp.resources import Resources
 from cosim.scenario.ssp.structure import Element, Structure
 from cosim.scenario.ssp.units import units_of
@@ -33,7 +33,7 @@ _EXPORTED = {
 
 
 @dataclass(frozen=True)
-class Exported:
+class SspExport:
     """An archive that was written.
 
     Attributes
@@ -66,7 +66,7 @@ class Exported:
         }
 
 
-def export_ssp(prepared: Prepared, path: Path, links: Links = "annotate") -> Exported:
+def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate") -> SspExport:
     """Write the archive; the same scenario gives the same bytes.
 
     Parameters
@@ -86,7 +86,7 @@ def export_ssp(prepared: Prepared, path: Path, links: Links = "annotate") -> Exp
     system = system_of(prepared, scenario)
     resources = Resources()
     tomls = {name: _toml(part) for name, part in scenario.links.items()}
-    built = network_of(system, resources, links, tomls)
+    built = archive_elements(system, resources, links, tomls)
     warnings = [*built.warnings, *_left_out(prepared, system)]
     units = units_of(system, warnings)
     structure = Structure(
@@ -98,16 +98,16 @@ def export_ssp(prepared: Prepared, path: Path, links: Links = "annotate") -> Exp
         links=built.annotated,
         run=_toml(scenario.run),
         rest=_rest(scenario),
-        step_s=system.timetable.step_ns / 1e9,
-        end_s=int(system.timetable.points_ns[-1]) / 1e9,
+        step_s=system.comm_schedule.step_ns / 1e9,
+        end_s=int(system.comm_schedule.points_ns[-1]) / 1e9,
     )
     content = {SSD: ssd_bytes(structure), **resources.files}
     _write(content, path)
-    return Exported(
+    return SspExport(
         path=path,
         components=tuple(e.name for e in built.elements),
         connections=len(built.wires),
-        links=_fates(built, scenario),
+        links=_link_forms(built, scenario),
         resources=tuple(sorted(resources.files)),
         step_s=structure.step_s,
         end_s=structure.end_s,
@@ -115,13 +115,13 @@ def export_ssp(prepared: Prepared, path: Path, links: Links = "annotate") -> Exp
     )
 
 
-def system_of(prepared: Prepared, scenario: Scenario) -> System:
+def system_of(prepared: PreparedScenario, scenario: Scenario) -> System:
     """What the master would run, the designed gain among the parameters."""
     parameters = {}
     if scenario.design is not None and prepared.design is not None:
         name = scenario.design.controller
         parameters[name] = gain_parameters(prepared.design.K, prepared.fmus[name])
-    return assemble(scenario, prepared.fmus, parameters=parameters, push=prepared.push)
+    return assemble(scenario, prepared.fmus, parameters=parameters, worst_case=prepared.worst_case)
 
 
 def _toml(part: object) -> str:
@@ -130,7 +130,7 @@ def _toml(part: object) -> str:
     return tomli_w.dumps(data)
 
 
-def _unspoken(scenario: Scenario) -> list[str]:
+def _inexpressible(scenario: Scenario) -> list[str]:
     """Parts that SSP has no word for."""
     return sorted(name for name in scenario.model_fields_set - _EXPORTED if getattr(scenario, name))
 
@@ -138,41 +138,45 @@ def _unspoken(scenario: Scenario) -> list[str]:
 def _rest(scenario: Scenario) -> str:
     """TOML of the parts that SSP has no word for, as they were given."""
     data = scenario.model_dump(
-        by_alias=True, exclude_unset=True, exclude_none=True, include=set(_unspoken(scenario))
+        by_alias=True, exclude_unset=True, exclude_none=True, include=set(_inexpressible(scenario))
     )
     return tomli_w.dumps(data)
 
 
-def _left_out(prepared: Prepared, system: System) -> list[str]:
+def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
     """Sentences about what the archive does not say."""
     scenario = prepared.loaded.scenario
-    said = [
+    sentences = [
         f"[{name}] is an annotation of this project's own: other tools ignore it"
-        for name in _unspoken(scenario)
+        for name in _inexpressible(scenario)
     ]
     if scenario.design is not None:
-        said.append("[design]: its gain is among the parameters; its proof is left out")
+        sentences.append("[design]: its gain is among the parameters; its proof is left out")
     if system.algorithm != "jacobi":
-        said.append(f"run.algorithm = {system.algorithm!r}: other tools step in their own order")
+        sentences.append(
+            f"run.algorithm = {system.algorithm!r}: other tools step in their own order"
+        )
     for name, component in system.components.items():
         if component.every_ns is not None:
-            said.append(
+            sentences.append(
                 f"component {name!r}: its own step of {component.every_ns / 1e9:g} s is left out"
             )
         if component.description.version != "2.0":
-            said.append(
+            sentences.append(
                 f"component {name!r} is an FMU of FMI {component.description.version}, which "
                 "SSP 1.0 does not speak of; many tools refuse it"
             )
         if component.description.needs_execution_tool:
-            said.append(f"component {name!r} needs another program (a Python host, for one)")
-    held = sorted({str(c.target) for c in system.connections if c.policy != "hold"})
-    if held:
-        said.append(f"other tools hold these inputs over a step: {', '.join(held)}")
-    return said
+            sentences.append(f"component {name!r} needs another program (a Python host, for one)")
+    interpolated_inputs = sorted({str(c.target) for c in system.connections if c.policy != "hold"})
+    if interpolated_inputs:
+        sentences.append(
+            f"other tools hold these inputs over a step: {', '.join(interpolated_inputs)}"
+        )
+    return sentences
 
 
-def _fates(built: Built, scenario: Scenario) -> dict[str, str]:
+def _link_forms(built: ArchiveElements, scenario: Scenario) -> dict[str, str]:
     fmus = {e.name for e in built.elements if e.link is not None}
     words = {}
     for name in scenario.links:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.parameters import Bound
-from cosim.scenario.ssp.tree import Joint, Part, SubSystem
+from cosim.scenario.ssp.parameters import BoundValue
+from cosim.scenario.ssp.tree import InnerConnection, Part, SubSystem
 
 Path = tuple[str, ...]
 End = tuple[Path, str]
@@ -31,7 +31,7 @@ class FlatWire:
 
 
 @dataclass(frozen=True)
-class Flat:
+class FlatSystem:
     """A system without systems in it.
 
     Attributes
@@ -43,7 +43,7 @@ class Flat:
     wires: list[FlatWire]
 
 
-def flatten(archive: Archive, system: SubSystem) -> Flat:
+def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
     """All components of a system and of the systems in it, connected to each other.
 
     Raises
@@ -52,44 +52,53 @@ def flatten(archive: Archive, system: SubSystem) -> Flat:
     """
     parts = dict(_parts(system, (), ()))
     systems = dict(_systems(system, ()))
-    into: dict[End, tuple[End, Joint]] = {}
+    into: dict[End, tuple[End, InnerConnection]] = {}
     for path, one in systems.items():
-        for joint in one.joints:
-            source, target = _end(path, joint.source), _end(path, joint.target)
+        for inner_connection in one.inner_connections:
+            source, target = (
+                _end(path, inner_connection.source),
+                _end(path, inner_connection.target),
+            )
             for end in (source, target):
                 if end[0] not in parts and end[0] not in systems:
                     raise archive.wrong(
                         "a connection of an element that is not there",
-                        f"{SSD}:{joint.line}",
+                        f"{SSD}:{inner_connection.line}",
                         expected=", ".join(sorted(_names(one))),
                         got=".".join((*end[0], end[1])),
                     )
             if target in into:
                 raise archive.wrong(
                     "an input has two sources",
-                    f"{SSD}:{joint.line}",
+                    f"{SSD}:{inner_connection.line}",
                     got=".".join((*target[0], target[1])),
                 )
-            into[target] = source, joint
+            into[target] = source, inner_connection
     wires = []
-    for target, (source, joint) in into.items():
+    for target, (source, inner_connection) in into.items():
         if target[0] in parts:
-            found = _origin(archive, source, into, systems, joint.link)
+            found = _origin(archive, source, into, systems, inner_connection.link)
             if found is None:
                 archive.notes.append(
                     f"{'.'.join((*target[0], target[1]))} comes from outside of the system or "
                     "from nothing: it keeps its start value"
                 )
             else:
-                wires.append(FlatWire(found[0], target, found[1], joint.line, joint.converts))
-    return Flat(parts, wires)
+                wires.append(
+                    FlatWire(
+                        found[0], target, found[1], inner_connection.line, inner_connection.converts
+                    )
+                )
+    return FlatSystem(parts, wires)
 
 
 def _names(system: SubSystem) -> list[str]:
     return [part.name for part in system.parts] + [inner.name for inner in system.systems]
 
 
-def _parts(system: SubSystem, path: Path, outer: tuple[Bound, ...]) -> Iterator[tuple[Path, Part]]:
+def _parts(
+    system: SubSystem, path: Path, outer: tuple[BoundValue, ...]
+) -> Iterator[tuple[Path, Part]]:
     """Components; a value bound outside wins over one bound inside."""
     bound = (*system.bound, *outer)
     for part in system.parts:
@@ -99,7 +108,7 @@ def _parts(system: SubSystem, path: Path, outer: tuple[Bound, ...]) -> Iterator[
         yield from _parts(inner, (*path, inner.name), tuple(_below(inner.name, bound)))
 
 
-def _below(name: str, bound: tuple[Bound, ...]) -> list[Bound]:
+def _below(name: str, bound: tuple[BoundValue, ...]) -> list[BoundValue]:
     start = name + "."
     return [replace(b, name=b.name[len(start) :]) for b in bound if b.name.startswith(start)]
 
@@ -117,7 +126,7 @@ def _end(path: Path, end: tuple[str | None, str]) -> End:
 def _origin(
     archive: Archive,
     source: End,
-    into: dict[End, tuple[End, Joint]],
+    into: dict[End, tuple[End, InnerConnection]],
     systems: dict[Path, SubSystem],
     link: str | None,
 ) -> tuple[End, str | None] | None:
@@ -127,16 +136,18 @@ def _origin(
         before = into.get(source)
         if before is None:
             return None
-        source, joint = before
-        if link is not None and joint.link is not None:
+        source, inner_connection = before
+        if link is not None and inner_connection.link is not None:
             raise archive.wrong(
-                "a signal passes two links", f"{SSD}:{joint.line}", got=f"{link}, {joint.link}"
+                "a signal passes two links",
+                f"{SSD}:{inner_connection.line}",
+                got=f"{link}, {inner_connection.link}",
             )
-        link = link or joint.link
+        link = link or inner_connection.link
         if source in seen:
             raise archive.wrong(
                 "connections in a circle without a component",
-                f"{SSD}:{joint.line}",
+                f"{SSD}:{inner_connection.line}",
                 got=".".join((*source[0], source[1])),
             )
         seen.add(source)

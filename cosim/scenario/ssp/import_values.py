@@ -7,8 +7,8 @@ from typing import Any
 
 from cosim.fmu import FmuDescription, Port
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.flatten import Flat, Path as Place
-from cosim.scenario.ssp.parameters import Bound
+from cosim.scenario.ssp.flatten import FlatSystem, Path as Place
+from cosim.scenario.ssp.parameters import BoundValue
 from cosim.scenario.ssp.tree import Description
 from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu
 
@@ -21,7 +21,7 @@ def table_of(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def values_of(
-    archive: Archive, flat: Flat, place: Place, fmu: FmuDescription, description: Description
+    archive: Archive, flat: FlatSystem, place: Place, fmu: FmuDescription, description: Description
 ) -> dict[str, Any]:
     """Values of a component by variable.
 
@@ -44,7 +44,7 @@ def values_of(
 
 
 def _value(
-    archive: Archive, bound: Bound, port: Port, fmu: FmuDescription, description: Description
+    archive: Archive, bound: BoundValue, port: Port, fmu: FmuDescription, description: Description
 ) -> Any:
     value = bound.value(archive)
     fits = port.kind is not None and bound.type in _KINDS[port.kind]
@@ -66,7 +66,7 @@ def _value(
 
 def _in_unit(
     archive: Archive,
-    bound: Bound,
+    bound: BoundValue,
     port: Port,
     of: UnitBase | None,
     to: UnitBase | None,

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.flatten import End, Flat, FlatWire, Path as Place
+from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place
 from cosim.scenario.ssp.names import SSD
 from cosim.scenario.ssp.tree import Description
 from cosim.scenario.ssp.units import units_of_fmu
@@ -19,7 +19,7 @@ _LANE = re.compile(r"([uy])\[([1-9][0-9]*)\]")
 
 def connections_of(
     archive: Archive,
-    flat: Flat,
+    flat: FlatSystem,
     channels: Mapping[Place, tuple[str, str] | None],
     names: Mapping[Place, str],
     fmus: Mapping[Place, FmuDescription],

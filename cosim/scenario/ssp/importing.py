@@ -17,8 +17,8 @@ import tomli_w
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.scenario.read import parse
-from cosim.scenario.ssp.archive import MOST_XML, Archive
-from cosim.scenario.ssp.flatten import Flat, Path as Place, flatten, scenario_names
+from cosim.scenario.ssp.archive import MAX_XML, Archive
+from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_values import table_of, values_of
 from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD
@@ -26,7 +26,7 @@ from cosim.scenario.ssp.tree import Description, read_description
 
 
 @dataclass(frozen=True)
-class Imported:
+class SspImport:
     """A scenario that was written.
 
     Attributes
@@ -61,7 +61,7 @@ class Imported:
 
 def import_ssp(
     ssp: Path, path: Path, *, step: float | None = None, end: float | None = None
-) -> Imported:
+) -> SspImport:
     """Write a scenario, and the FMUs of the archive into a folder beside it.
 
     Parameters
@@ -111,7 +111,7 @@ def import_ssp(
             path.write_text(text, "utf-8")
         except OSError as error:
             raise _unwritten(path, error) from error
-    return Imported(
+    return SspImport(
         path=path,
         names={".".join(place): name for place, name in names.items()},
         connections=len(data["connections"]),
@@ -139,7 +139,9 @@ def _unwritten(path: Path, error: OSError) -> InputError:
     return InputError("the scenario cannot be written", where=str(path), got=str(error))
 
 
-def _unpack(archive: Archive, flat: Flat, places: list[Place], folder: Path) -> dict[str, str]:
+def _unpack(
+    archive: Archive, flat: FlatSystem, places: list[Place], folder: Path
+) -> dict[str, str]:
     """Write the FMUs; entry -> file name."""
     files: dict[str, str] = {}
     for entry in sorted({flat.parts[place].entry for place in places}):
@@ -157,14 +159,14 @@ def _look_into(archive: Archive, entry: str, fmu: Path) -> None:
     """Refuse what is no FMU, or has a description too large to be read."""
     try:
         with zipfile.ZipFile(fmu) as packed, packed.open("modelDescription.xml") as stream:
-            left = MOST_XML
+            left = MAX_XML
             while left >= 0 and (piece := stream.read(2**20)):
                 left -= len(piece)
     except Exception as error:  # zipfile raises many kinds; each means the same here
         raise archive.wrong("not an FMU", entry, got=str(error)) from error
     if left < 0:
         raise archive.wrong(
-            "the model description is too large", entry, expected=f"at most {MOST_XML} bytes"
+            "the model description is too large", entry, expected=f"at most {MAX_XML} bytes"
         )
 
 

@@ -12,13 +12,13 @@ from cosim.fmu import ComponentSpec, component_module
 from cosim.master import Link
 from cosim.network import GilbertElliott, PacketLink
 
-MOST_SEED = 2**31 - 1
+MAX_SEED = 2**31 - 1
 _BEHAVIOUR = component_module("link_channel.behaviour")
 _VARIABLES = component_module("link_channel.variables")
 
 
 def link_spec(
-    name: str, link: Link, lanes: Sequence[Any], step_ns: int
+    name: str, link: Link, signals: Sequence[Any], step_ns: int
 ) -> tuple[ComponentSpec, list[str]]:
     """The link FMU `name` of a link, and what is to be known about it.
 
@@ -31,7 +31,7 @@ def link_spec(
     if isinstance(link, PacketLink):
         warnings = [*_late(link), *_unknown(link)]
         return _VARIABLES.packet_spec(
-            name, link.name, lanes, packet_parameters(link), step
+            name, link.name, signals, packet_parameters(link), step
         ), warnings
     warnings = []
     if link.delay_ns < step_ns:
@@ -39,7 +39,7 @@ def link_spec(
             f"link {link.name!r}: its delay of {link.delay_ns / 1e9:g} s is shorter than the "
             f"step of {step:g} s; in other tools it is the step"
         )
-    return _VARIABLES.transport_spec(name, link.name, lanes, link.delay_ns / 1e9, step), warnings
+    return _VARIABLES.transport_spec(name, link.name, signals, link.delay_ns / 1e9, step), warnings
 
 
 def packet_parameters(link: PacketLink) -> dict[str, float]:
@@ -61,7 +61,7 @@ def packet_parameters(link: PacketLink) -> dict[str, float]:
         "quantization": link.quantization,
         "data_rate": float(link.data_rate),
         "frame_size": float(link.frame_size),
-        "queue_limit": -1 if link.queue_limit is None else min(link.queue_limit, MOST_SEED),
+        "queue_limit": -1 if link.queue_limit is None else min(link.queue_limit, MAX_SEED),
         "seed": link.seed,
     }
     if isinstance(loss, GilbertElliott):
@@ -86,11 +86,11 @@ def _refuse(link: Link) -> None:
     if isinstance(link, PacketLink):
         times += [link.sample_time_ns, link.offset_ns, link.jitter.mean_ns, link.jitter.sigma_ns]
         times += [link.jitter.width_ns, link.jitter.max_ns or 0]
-        if link.seed > MOST_SEED:
+        if link.seed > MAX_SEED:
             raise InputError(
                 "the seed is too large for an Integer of FMI",
                 where=where,
-                expected=f"at most {MOST_SEED}",
+                expected=f"at most {MAX_SEED}",
                 got=str(link.seed),
             )
         if "\0" in link.name:
@@ -107,11 +107,11 @@ def _refuse(link: Link) -> None:
 def _late(link: PacketLink) -> list[str]:
     if link.delay_ns + link.frame_ns > 0:
         return []
-    said = (
+    warning = (
         f"link {link.name!r}: what arrives in the instant of sending (delay 0) is one step late "
         "in other tools: no output of an FMU may follow an input at once"
     )
-    return [said]
+    return [warning]
 
 
 _KNOWN = {

@@ -16,7 +16,7 @@ _MAPPING = "application/x-ssp-parameter-mapping"
 
 
 @dataclass(frozen=True)
-class Bound:
+class BoundValue:
     """A value that is bound to an element, by the name that it has there.
 
     Attributes
@@ -62,14 +62,14 @@ class Bound:
         )
 
 
-def bound_values(archive: Archive, element: Any, base: str) -> list[Bound]:
+def bound_values(archive: Archive, element: Any, base: str) -> list[BoundValue]:
     """Values of all bindings of an element, in the order in which they apply: the last wins.
 
     Raises
     ------
     InputError : a file that is missing or not valid, or a kind of binding that is not supported.
     """
-    found: list[Bound] = []
+    found: list[BoundValue] = []
     for binding in element.findall(
         f"{tag('ssd', 'ParameterBindings')}/{tag('ssd', 'ParameterBinding')}"
     ):
@@ -96,7 +96,7 @@ def _supported(archive: Archive, element: Any, kind: str, where: str) -> None:
         )
 
 
-def _values(archive: Archive, binding: Any, base: str, where: str) -> list[Bound]:
+def _values(archive: Archive, binding: Any, base: str, where: str) -> list[BoundValue]:
     source = binding.get("source")
     if source:
         entry = archive.entry(source, base, where)
@@ -112,13 +112,13 @@ def _values(archive: Archive, binding: Any, base: str, where: str) -> list[Bound
     ]
 
 
-def _value(archive: Archive, parameter: Any, entry: str) -> Bound:
+def _value(archive: Archive, parameter: Any, entry: str) -> BoundValue:
     where = f"{entry}:{parameter.sourceline}"
     start = f"{{{NAMESPACES['ssv']}}}"
     kinds = [child for child in parameter.iterchildren(tag=etree.Element) if child.get("value")]
     if not kinds or not kinds[0].tag.startswith(start):
         raise archive.wrong("a parameter without a value", where, got=parameter.get("name"))
-    return Bound(
+    return BoundValue(
         name=archive.needed(parameter, "name", entry),
         type=kinds[0].tag.removeprefix(start),
         text=kinds[0].get("value"),
@@ -128,8 +128,8 @@ def _value(archive: Archive, parameter: Any, entry: str) -> Bound:
 
 
 def _mapped(
-    archive: Archive, mapping: Any, values: Sequence[Bound], base: str, where: str
-) -> list[Bound]:
+    archive: Archive, mapping: Any, values: Sequence[BoundValue], base: str, where: str
+) -> list[BoundValue]:
     """Values by the names that the mapping gives them; what it does not name is not applied."""
     source = mapping.get("source")
     if source:
@@ -138,7 +138,7 @@ def _mapped(
     else:
         entry, root = base, mapping.find(tag("ssm", "ParameterMapping"))
     entries: Sequence[Any] = [] if root is None else list(root.iter(tag("ssm", "MappingEntry")))
-    by_name: Mapping[str, Bound] = {value.name: value for value in values}
+    by_name: Mapping[str, BoundValue] = {value.name: value for value in values}
     found = []
     for item in entries:
         at = f"{entry}:{item.sourceline}"

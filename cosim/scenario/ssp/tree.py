@@ -22,14 +22,14 @@ from cosim.scenario.ssp.names import (
     SSD,
     tag,
 )
-from cosim.scenario.ssp.parameters import Bound, bound_values
+from cosim.scenario.ssp.parameters import BoundValue, bound_values
 from cosim.scenario.ssp.units import UnitBase, units_in
 
-MOST_DEPTH = 50
+MAX_DEPTH = 50
 
 
 @dataclass(frozen=True)
-class Joint:
+class InnerConnection:
     """A connection inside one system; element None: the system's own connector."""
 
     source: tuple[str | None, str]
@@ -48,7 +48,7 @@ class Part:
 
     name: str
     entry: str
-    bound: Sequence[Bound]
+    bound: Sequence[BoundValue]
     link: tuple[str, str] | None
     line: int
 
@@ -60,8 +60,8 @@ class SubSystem:
     name: str
     parts: Sequence[Part]
     systems: Sequence[SubSystem]
-    joints: Sequence[Joint]
-    bound: Sequence[Bound]
+    inner_connections: Sequence[InnerConnection]
+    bound: Sequence[BoundValue]
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _foreign_step(root: Any) -> float | None:
 
 def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
     name = element.get("name", "")
-    if depth > MOST_DEPTH:
+    if depth > MAX_DEPTH:
         raise archive.wrong("systems nested too deeply", _at(element), got=f"{depth} levels")
     parts, systems = [], []
     for child in _children(element, "Elements"):
@@ -182,12 +182,12 @@ def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise archive.wrong("two elements of one name", _at(element), got=", ".join(twice))
-    joints = [
-        _joint(archive, child)
+    inner_connections = [
+        _inner_connection(archive, child)
         for child in _children(element, "Connections")
         if child.tag == tag("ssd", "Connection")
     ]
-    return SubSystem(name, parts, systems, joints, bound_values(archive, element, SSD))
+    return SubSystem(name, parts, systems, inner_connections, bound_values(archive, element, SSD))
 
 
 def _part(archive: Archive, element: Any) -> Part:
@@ -216,7 +216,7 @@ def _part(archive: Archive, element: Any) -> Part:
     )
 
 
-def _joint(archive: Archive, element: Any) -> Joint:
+def _inner_connection(archive: Archive, element: Any) -> InnerConnection:
     names = [
         (element.get(f"{side}Element"), archive.needed(element, f"{side}Connector", SSD))
         for side in ("start", "end")
@@ -241,7 +241,7 @@ def _joint(archive: Archive, element: Any) -> Joint:
             hint="an FMU that does it, between the two",
         )
     links = _own(element, LINK_ANNOTATION)
-    return Joint(
+    return InnerConnection(
         names[0],
         names[1],
         links[0].get("name") if links else None,

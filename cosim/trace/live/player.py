@@ -88,7 +88,7 @@ class Player:
         self._jumps = 0
         self._begun = False
         self._news = False
-        self._told = Status.paused
+        self._reported_status = Status.paused
 
     def __enter__(self) -> Self:
         foxglove = self._sdk
@@ -153,7 +153,7 @@ class Player:
             else:
                 self.playback.pause()
             self._begun = True
-            self._told, self._news = self.playback.status, False  # the answer tells it
+            self._reported_status, self._news = self.playback.status, False  # the answer tells it
             return self._state(jumped=jumped, request=request.request_id)
 
     def wait(self) -> None:
@@ -162,12 +162,12 @@ class Player:
             pass
 
     def _run(self) -> None:
-        told = 0
+        jumps_seen = 0
         while not self._stop.wait(_TICK_S):
             if self._listened_to.is_set() and not self._begun:
                 self._stop.wait(_AFTER_SUBSCRIPTION_S)
-            if self._jumps != told:
-                told = self._jumps
+            if self._jumps != jumps_seen:
+                jumps_seen = self._jumps
                 self._stop.wait(_AFTER_JUMP_S)
             self._step()
 
@@ -176,14 +176,14 @@ class Player:
             if self._listened_to.is_set() and not self._begun:
                 self._begun = True
                 self.playback.play()
-            before, jumps = self._told, self._jumps
+            before, jumps = self._reported_status, self._jumps
             due = self.playback.due()
             at = self.playback.position_ns
             looped = due.jumped and before is Status.playing is self.playback.status
             # an end is told one step late: the SDK lets it overtake the last messages
             state = self._state(jumped=looped, request=None) if looped or self._news else None
             self._news = self.playback.status is not before
-            self._told = self.playback.status
+            self._reported_status = self.playback.status
         if state is not None:
             self._server.broadcast_playback_state(state)
         for i in due.messages:

@@ -109,7 +109,7 @@ def _log_curve(rr: Any, recording: Any, path: str, curve: Curve) -> None:
             names=name,
             colors=[colour],
             widths=[1.0 if curve.role in ("limit", "reference") else 1.6],
-            interpolation_mode=mode.StepAfter if curve.held else mode.Linear,
+            interpolation_mode=mode.StepAfter if curve.stepwise else mode.Linear,
         )
     recording.log(path, style, static=True)
     recording.send_columns(path, [_times(rr, curve.t)], rr.Scalars.columns(scalars=curve.values))

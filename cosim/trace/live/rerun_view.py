@@ -26,7 +26,7 @@ _OFF = '"analytics_enabled": false'
 
 
 @dataclass(frozen=True)
-class Viewed:
+class ViewResult:
     """What became of a trace: `output` is the recording that was kept, None if none was."""
 
     trace: Path
@@ -48,7 +48,7 @@ class Viewed:
         return f"recording: {self.output} ({self.charts} charts); rerun {self.output} opens it"
 
 
-def view_in_rerun(path: Path, save: Path | None = None) -> Viewed:
+def view_in_rerun(path: Path, save: Path | None = None) -> ViewResult:
     """Open a trace in the viewer and wait until it is closed, or save it for later.
 
     Raises
@@ -63,12 +63,12 @@ def view_in_rerun(path: Path, save: Path | None = None) -> Viewed:
     if save is not None:
         _see_place(save)
         write_recording(rr, content, pose, save)
-        return Viewed(path, save, len(content.charts))
+        return ViewResult(path, save, len(content.charts))
     with tempfile.TemporaryDirectory(prefix="cosim-view-") as folder:
         recording = Path(folder, f"{path.name}.rrd")
         write_recording(rr, content, pose, recording)
         _open(recording, quiet_environment(Path(folder, "settings")))
-    return Viewed(path, None, len(content.charts))
+    return ViewResult(path, None, len(content.charts))
 
 
 def quiet_environment(settings: Path) -> Mapping[str, str]:
@@ -88,12 +88,12 @@ def quiet_environment(settings: Path) -> Mapping[str, str]:
     for name in _PROXIES:  # it would look for newer versions of itself, too
         environment |= {name: _NOWHERE, name.lower(): _NOWHERE}
     _ask(environment, "disable")
-    told = _ask(environment, "config")
-    if _OFF not in told:
+    reported = _ask(environment, "config")
+    if _OFF not in reported:
         raise InputError(
             "Rerun's usage figures could not be switched off",
             expected=_OFF,
-            got=told.strip()[:200],
+            got=reported.strip()[:200],
             hint="rerun analytics disable; or --save, and open the file yourself",
         )
     return environment

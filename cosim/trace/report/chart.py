@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from cosim.trace.report.decimation import decimated
 from cosim.trace.report.packed import packed_times, packed_values
 from cosim.trace.report.series import Reals, Series
-from cosim.trace.report.thin import thinned
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
 PALETTE = 7
@@ -35,16 +35,16 @@ class Curve:
     label: str
     t: Reals
     values: Reals
-    held: bool = False
+    stepwise: bool = False
     role: int | str = 0
     unit: str = ""
     hidden: bool = False
     text: Sequence[str] | None = None
     source: str = ""
 
-    def trace(self, stretches: int) -> dict[str, Any]:
+    def trace(self, segments: int) -> dict[str, Any]:
         """As plotly.js takes it, with so many stretches of time told apart."""
-        kept = thinned(self.t, self.values, stretches, held=self.held)
+        kept = decimated(self.t, self.values, segments, stepwise=self.stepwise)
         t, values = self.t[kept], self.values[kept]
         drawn: dict[str, Any] = {
             "type": "scatter",
@@ -62,7 +62,7 @@ class Curve:
             dash = _DASHES[number // PALETTE % len(_DASHES)]
             drawn |= {
                 "mode": "lines",
-                "line": {"shape": "hv" if self.held else "linear", "dash": dash, "width": 1.6},
+                "line": {"shape": "hv" if self.stepwise else "linear", "dash": dash, "width": 1.6},
                 "connectgaps": False,
             }
         if self.hidden:
@@ -87,9 +87,9 @@ class Chart:
     bounds: list[tuple[str, float]] = field(default_factory=list)
     note: str = ""
 
-    def figure(self, stretches: int) -> dict[str, Any]:
+    def figure(self, segments: int) -> dict[str, Any]:
         """`data` and `layout` for plotly.js."""
-        data = [curve.trace(stretches) for curve in self.curves if curve.t.size]
+        data = [curve.trace(segments) for curve in self.curves if curve.t.size]
         data += self._levels()
         return {
             "data": data,
@@ -134,7 +134,7 @@ def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool =
         label or series.full_name,
         series.t,
         series.values,
-        held=series.held,
+        stepwise=series.stepwise,
         role=role,
         unit=series.unit or "",
         hidden=hidden,

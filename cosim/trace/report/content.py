@@ -17,9 +17,9 @@ from cosim.trace.report.chart import Chart
 from cosim.trace.report.packed import LARGEST
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
-from cosim.trace.report.story import Line, Moment, log_of, story_of
+from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of
 
-MOST_ROWS = 400
+MAX_ROWS = 400
 """Rows of a table; a page with more is not read but searched."""
 
 
@@ -68,7 +68,7 @@ class Content:
     assertions: list[verdict.Check]
     figures: list[tuple[str, str, str]]
     bars: list[tuple[str, float, float, str]]
-    story: list[Moment]
+    timeline: list[TimelineEntry]
     log: list[Line]
     links: list[traffic.LinkFigures]
     path: dict[str, Any] | None
@@ -112,7 +112,7 @@ def content_of(path: Path) -> Content:
         assertions=assertions,
         figures=list(verdict.figures_of(metrics)),
         bars=_bars(metrics),
-        story=story_of(recording, settings, links, log, assertions, metrics),
+        timeline=timeline_of(recording, settings, links, log, assertions, metrics),
         log=log,
         links=links,
         path=None if craft is None else vehicle.path_of(craft) or None,
@@ -120,7 +120,7 @@ def content_of(path: Path) -> Content:
         changes=list(settings.changes()),
         components=_components(info["run"]),
         provenance=list(_provenance(info)),
-        rows=[_row(series) for series in recording.series[:MOST_ROWS]],
+        rows=[_row(series) for series in recording.series[:MAX_ROWS]],
         span=_span(recording),
         origin_ns=recording.origin_ns,
         left_out=list(_left_out(recording, sections)),
@@ -133,15 +133,15 @@ def _sections(
     metrics: Mapping[str, Any],
     craft: vehicle.Vehicle | None,
 ) -> Iterator[Section]:
-    shown: set[str] = set()
+    charted: set[str] = set()
     if craft is not None:
-        shown = vehicle.drawn(craft)
+        charted = vehicle.drawn(craft)
         yield Section("vehicle", "The vehicle", list(vehicle.charts_of(craft, recording, settings)))
     step = recording.trace.run.get("step_ns", "")
     age = traffic.chart_of(recording, metrics, int(step) if step.isdecimal() else 0)
     if age is not None and age.curves:
         yield Section("age", "The links", [age])
-    rest = list(generic.charts_of(recording, shown))
+    rest = list(generic.charts_of(recording, charted))
     if rest:
         title = "All other signals" if craft is not None else "Signals"
         yield Section("signals", title, rest, folded=craft is not None)
@@ -153,12 +153,12 @@ def _left_out(recording: Recording, sections: list[Section]) -> Iterator[tuple[s
     if wild:
         yield f"values beyond {LARGEST:g}", f"drawn there: {', '.join(wild[:8])}"
     drawn = next((len(s.charts) for s in sections if s.key == "signals"), 0)
-    if drawn == generic.MOST_CHARTS:
-        yield "further signals", f"a report has at most {generic.MOST_CHARTS} such charts"
-    if len(recording.series) > MOST_ROWS:
+    if drawn == generic.MAX_CHARTS:
+        yield "further signals", f"a report has at most {generic.MAX_CHARTS} such charts"
+    if len(recording.series) > MAX_ROWS:
         yield (
-            f"{len(recording.series) - MOST_ROWS} signals",
-            f"not in the table, which has {MOST_ROWS} rows",
+            f"{len(recording.series) - MAX_ROWS} signals",
+            f"not in the table, which has {MAX_ROWS} rows",
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.trace.report.chart import PALETTE, Chart, curve_of
 from cosim.trace.report.series import Recording, Series
 
-MOST_CHARTS = 48
+MAX_CHARTS = 48
 
 
 def charts_of(recording: Recording, drawn: Collection[str]) -> Iterator[Chart]:
@@ -30,7 +30,7 @@ def charts_of(recording: Recording, drawn: Collection[str]) -> Iterator[Chart]:
     number = 0
     for (component, direction, unit), members in groups.items():
         for first in range(0, len(members), PALETTE):
-            if number == MOST_CHARTS:
+            if number == MAX_CHARTS:
                 return
             some = members[first : first + PALETTE]
             curves = [curve_of(s, i, s.name) for i, s in enumerate(some)]

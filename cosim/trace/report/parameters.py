@@ -82,7 +82,7 @@ class Settings:
             known = declared.get(name, Parameter(None, "", ""))
             if not _same(value, known.start):
                 start = "–" if known.start is None else known.start
-                yield Change(component, name, _shown(value), start, known.unit, by)
+                yield Change(component, name, _formatted(value), start, known.unit, by)
 
 
 def _same(value: Any, start: str | None) -> bool:
@@ -96,7 +96,7 @@ def _same(value: Any, start: str | None) -> bool:
         return str(value) == start
 
 
-def _shown(value: Any) -> str:
+def _formatted(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.12g}" if isinstance(value, float) else str(value)

@@ -30,7 +30,7 @@ class Series:
     component, direction : of the topic `/component/direction`; a link has the direction
         "link", any other topic is a component without a direction.
     t, values : [s] and in `unit`, same shape; NaN where there is no number.
-    held : the value goes on until the next, so that it is drawn as steps.
+    stepwise : the value goes on until the next, so that it is drawn as steps.
     """
 
     topic: str
@@ -40,7 +40,7 @@ class Series:
     unit: str | None
     t: Reals
     values: Reals
-    held: bool
+    stepwise: bool
 
     @property
     def full_name(self) -> str:
@@ -115,8 +115,8 @@ class Recording:
                 present = table.present.get(name)
                 if present is not None:
                     values = np.where(present[order], values, np.nan)
-                held = direction in {"input", "link"} or _steps(signal, info.metadata)
-                yield Series(topic, component, direction, name, signal.unit, t, values, held)
+                stepwise = direction in {"input", "link"} or _steps(signal, info.metadata)
+                yield Series(topic, component, direction, name, signal.unit, t, values, stepwise)
 
 
 def _place(topic: str) -> tuple[str, str]:

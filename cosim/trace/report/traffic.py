@@ -49,15 +49,15 @@ def figures(recording: Recording, counted: Mapping[str, Mapping[str, str]]) -> l
     end = _end(recording)
     found = []
     for name, (delivered, dropped) in recording.links().items():
-        said = counted.get(name, {})
+        recorded = counted.get(name, {})
         delays = _delays(delivered)
         _, age = sawtooth(recording, delivered, end)
         silence = _silence(recording, delivered, end)
         found.append(
             LinkFigures(
                 name,
-                _count(said.get("sent")),
-                _count(said.get("in_flight")),
+                _count(recorded.get("sent")),
+                _count(recorded.get("in_flight")),
                 0 if delivered is None else len(delivered),
                 _reasons(dropped),
                 float(delays.mean()) if delays.size else None,

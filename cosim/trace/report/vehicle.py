@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cosim.trace.report.chart import Chart, curve_of
+from cosim.trace.report.decimation import decimated
 from cosim.trace.report.packed import packed_values
 from cosim.trace.report.parameters import Settings
 from cosim.trace.report.series import Reals, Recording, Series
-from cosim.trace.report.thin import thinned
 
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
 _TITLES = {
@@ -32,7 +32,7 @@ _LIMITS = {
     "moment.z": "limit.moment",
 }
 _HEADINGS = 24
-_PATH_STRETCHES = 600
+_PATH_SEGMENTS = 600
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def charts_of(vehicle: Vehicle, recording: Recording, settings: Settings) -> Ite
         if bound is not None:
             _bound(chart, bound)
         yield chart
-    yield from _pushes(vehicle, received)
+    yield from _disturbances(vehicle, received)
 
 
 def _bound(chart: Chart, bound: float) -> None:
@@ -126,13 +126,13 @@ def _speeds(vehicle: Vehicle, recording: Recording) -> Iterator[Chart]:
         )
 
 
-def _pushes(vehicle: Vehicle, received: Mapping[str, Series]) -> Iterator[Chart]:
+def _disturbances(vehicle: Vehicle, received: Mapping[str, Series]) -> Iterator[Chart]:
     by_unit: dict[str, list[Series]] = {}
     for name, series in received.items():
         if name.startswith("disturbance."):
             by_unit.setdefault(series.unit or "", []).append(series)
-    for unit, pushes in by_unit.items():
-        curves = [curve_of(s, i, s.name) for i, s in enumerate(pushes)]
+    for unit, disturbances in by_unit.items():
+        curves = [curve_of(s, i, s.name) for i, s in enumerate(disturbances)]
         yield Chart(f"{vehicle.name}-disturbance-{unit}", "Disturbance", unit, curves)
 
 
@@ -193,7 +193,7 @@ def _reference(vehicle: Vehicle) -> tuple[dict[str, Any] | None, list[float] | N
 
 
 def _kept(t: Reals, axes: list[Reals]) -> Any:
-    return np.unique(np.concatenate([thinned(t, axis, _PATH_STRETCHES // 3) for axis in axes]))
+    return np.unique(np.concatenate([decimated(t, axis, _PATH_SEGMENTS // 3) for axis in axes]))
 
 
 def _axes(t: Reals, axes: list[Reals]) -> dict[str, Any]:

@@ -52,11 +52,11 @@ def status_of(info: Mapping[str, Any]) -> Check:
         if not info["run"]:
             return Check(OPEN, "recording", "Not a run of this project: signals without a verdict.")
         return Check(BAD, "did not finish", "There is no result: the run was ended before its end.")
-    said = str(result.get("status", "finished"))
-    tone, word = _STATUS.get(said, (OPEN, said.replace("_", " ")))
+    text = str(result.get("status", "finished"))
+    tone, word = _STATUS.get(text, (OPEN, text.replace("_", " ")))
     if failed := failed_in(assertions_in(result)):
         tone, word = BAD, f"{word}, {failed}"
-    return Check(tone, word, str(result.get("reason", _MEANING.get(said, ""))))
+    return Check(tone, word, str(result.get("reason", _MEANING.get(text, ""))))
 
 
 def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
@@ -98,7 +98,7 @@ def assertions_of(info: Mapping[str, Any]) -> list[Check]:
         Check(
             OPEN if each.result == "undecided" else GOOD if each.as_expected else BAD,
             each.name or each.words,
-            each.told,
+            each.summary,
             each.at_s,
             each.words if each.name else "",
         )
@@ -126,8 +126,8 @@ def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     ):
         value = _number(metrics, key)
         if value is not None:
-            shown = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
-            yield label, shown, how
+            formatted = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
+            yield label, formatted, how
 
 
 def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
@@ -153,12 +153,12 @@ def _age(met: Any, metrics: Mapping[str, Any]) -> str:
     age, designed = _number(metrics, "message_age_s"), _number(metrics, "designed_age_s")
     if age is None or designed is None:
         return "no measurement was ever in use"
-    said = f"oldest in use {age:.6g} s, designed for any age up to {designed:.6g} s"
+    text = f"oldest in use {age:.6g} s, designed for any age up to {designed:.6g} s"
     if designed == 0.0:
-        said = f"oldest in use {age:.6g} s, designed for feedback without delay"
+        text = f"oldest in use {age:.6g} s, designed for feedback without delay"
     if met is not True and age <= designed * (1 + 1e-12):
-        return said + "; but a link put a substitute in the place of messages that did not come"
-    return said
+        return text + "; but a link put a substitute in the place of messages that did not come"
+    return text
 
 
 def _envelope(metrics: Mapping[str, Any]) -> str:

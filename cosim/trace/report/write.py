@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.trace.report.content import content_of
-from cosim.trace.report.page import page
+from cosim.trace.report.html_page import page
 from cosim.trace.report.verdict import Check
 
 
@@ -59,7 +59,7 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
     InputError : not an MCAP file, plotly is missing, or the page cannot be written.
     """
     content = content_of(trace)
-    target = beside(trace) if output is None else output
+    target = default_output(trace) if output is None else output
     text = page(content).encode()
     if target.exists() and target.samefile(trace):
         raise InputError(
@@ -83,7 +83,7 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
     )
 
 
-def beside(trace: Path) -> Path:
+def default_output(trace: Path) -> Path:
     """Where a report goes that is not told: run.html, run.partial.html."""
     name = trace.name
     for end in (".mcap", ".mcap.partial"):

@@ -38,11 +38,11 @@ class Client:
         self.channels: dict[str, dict[str, Any]] = {}
         self.before: list[int] = []
         while not self.channels:
-            told = socket.recv()
-            if isinstance(told, bytes):
-                self.before.append(told[0])
+            received = socket.recv()
+            if isinstance(received, bytes):
+                self.before.append(received[0])
                 continue
-            data = json.loads(told)
+            data = json.loads(received)
             if data["op"] == "serverInfo":
                 self.info = data
             elif data["op"] == "advertise":
@@ -64,18 +64,18 @@ class Client:
     def event(self) -> tuple[str, Any]:
         """The next message (topic, log time [ns], payload), time or state."""
         while True:
-            told = self._socket.recv()
-            if isinstance(told, str):
+            received = self._socket.recv()
+            if isinstance(received, str):
                 continue
-            if told[0] == MESSAGE:
-                number, at = struct.unpack_from("<IQ", told, 1)
-                return "message", (self.topics[number], at, told[13:])
-            if told[0] == TIME:
-                return "time", struct.unpack_from("<Q", told, 1)[0]
-            if told[0] == STATE:
-                status, at, rate, jumped, size = struct.unpack_from("<BQfBI", told, 1)
+            if received[0] == MESSAGE:
+                number, at = struct.unpack_from("<IQ", received, 1)
+                return "message", (self.topics[number], at, received[13:])
+            if received[0] == TIME:
+                return "time", struct.unpack_from("<Q", received, 1)[0]
+            if received[0] == STATE:
+                status, at, rate, jumped, size = struct.unpack_from("<BQfBI", received, 1)
                 state = {"status": status, "at": at, "rate": rate, "jumped": bool(jumped)}
-                return "state", {**state, "name": told[19 : 19 + size].decode()}
+                return "state", {**state, "name": received[19 : 19 + size].decode()}
 
     def until(self, kind: str, enough: Any = lambda _: True) -> tuple[list[Any], Any]:
         """Messages on the way to the first event of a kind that is enough; and that event."""
@@ -120,10 +120,13 @@ def test_every_channel_is_advertised_with_its_schema() -> None:
         assert seen.info["dataEndTime"] == {"sec": 180, "nsec": 0}
         assert set(seen.channels) == {c.topic for c in summary.channels.values()}
         for channel in summary.channels.values():
-            schema, told = summary.schemas[channel.schema_id], seen.channels[channel.topic]
-            assert told["encoding"] == channel.message_encoding
-            assert (told["schemaName"], told["schemaEncoding"]) == (schema.name, schema.encoding)
-            assert base64.b64decode(told["schema"]) == schema.data
+            schema, received = summary.schemas[channel.schema_id], seen.channels[channel.topic]
+            assert received["encoding"] == channel.message_encoding
+            assert (received["schemaName"], received["schemaEncoding"]) == (
+                schema.name,
+                schema.encoding,
+            )
+            assert base64.b64decode(received["schema"]) == schema.data
 
 
 def test_all_of_it_arrives_as_it_was_recorded() -> None:
@@ -166,13 +169,13 @@ def test_pause_seek_and_rate_are_the_clients() -> None:
         seen.control(PAUSE, 8, seek_ns=90 * S + 1, name="there")
         _, state = seen.until("state", lambda s: s["name"] == "there")
         assert (state["status"], state["at"], state["jumped"]) == (1, 90 * S + 1, True)
-        shown: list[Any] = []
-        while len(shown) < 3:
-            shown += seen.until("message")[0]
+        displayed: list[Any] = []
+        while len(displayed) < 3:
+            displayed += seen.until("message")[0]
         rows = recorded(path)
         for topic in ("/plant/output", "/auv/pose", "/link/uplink"):
             latest = [(at, data) for t, at, data in rows if t == topic and at <= 90 * S + 1][-1]
-            assert [(at, data) for t, at, data in shown if t == topic] == [latest]
+            assert [(at, data) for t, at, data in displayed if t == topic] == [latest]
         seen.control(PLAY, 4, name="on")
         _, state = seen.until("state", lambda s: s["name"] == "on")
         assert (state["status"], state["rate"]) == (0, 4.0)
@@ -195,7 +198,7 @@ def test_two_clients_and_one_that_leaves() -> None:
         assert messages
 
 
-def test_a_loop_starts_again_where_it_was_told() -> None:
+def test_a_loop_starts_again_at_its_start_time() -> None:
     """--start and --loop: the state there, the end, and the state there again."""
     path = trace_of("paper-example")
     with (
@@ -212,7 +215,7 @@ def test_a_loop_starts_again_where_it_was_told() -> None:
         assert times == [round((8 + k / 100) * S) for k in range(101)]
 
 
-def test_the_verb_plays_until_it_is_told_to_stop(tmp_path: Path) -> None:
+def test_play_runs_until_a_signal_ends_it(tmp_path: Path) -> None:
     """One JSON object, then it serves; on Ctrl-C it ends with exit code 0 and says nothing more."""
     path = trace_of("paper-example")
     command = [sys.executable, "-m", "cosim", "trace", "play", str(path), "--port", "0", "--json"]
@@ -221,11 +224,11 @@ def test_the_verb_plays_until_it_is_told_to_stop(tmp_path: Path) -> None:
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
         ) as process:
             assert process.stdout is not None
-            told = json.loads(process.stdout.readline())
-            assert told["url"] == f"ws://127.0.0.1:{told['port']}"
+            received = json.loads(process.stdout.readline())
+            assert received["url"] == f"ws://127.0.0.1:{received['port']}"
             try:
-                with client(told["url"]) as seen:
-                    assert set(told["topics"]) == set(seen.channels)
+                with client(received["url"]) as seen:
+                    assert set(received["topics"]) == set(seen.channels)
                     seen.subscribe("/plant/output")
                     seen.until("message")
                     process.send_signal(number)

@@ -55,11 +55,11 @@ class Page:
         command = {"id": self._number, "method": method, "params": parameters}
         self._socket.send(json.dumps(command))
         while True:
-            told = json.loads(self._socket.recv())
-            if told.get("id") == self._number:
-                assert "error" not in told, told
-                return told["result"]
-            self._note(told)
+            received = json.loads(self._socket.recv())
+            if received.get("id") == self._number:
+                assert "error" not in received, received
+                return received["result"]
+            self._note(received)
 
     def ask(self, expression: str) -> Any:
         """Value of a JavaScript expression; promises are awaited."""
@@ -90,9 +90,9 @@ class Page:
             look(); })"""
         assert self.ask(waiting) is True
 
-    def _note(self, told: dict[str, Any]) -> None:
-        parameters = told.get("params", {})
-        match told.get("method"):
+    def _note(self, received: dict[str, Any]) -> None:
+        parameters = received.get("params", {})
+        match received.get("method"):
             case "Runtime.consoleAPICalled" if parameters["type"] in {"error", "assert"}:
                 self.errors.append(json.dumps(parameters["args"]))
             case "Runtime.exceptionThrown":
@@ -122,10 +122,10 @@ def browser(profile: Path, *options: str) -> Iterator[Page]:
 
 def _page_address(profile: Path, process: subprocess.Popen[bytes]) -> str:
     """The DevTools address of the first page, once the browser listens."""
-    told = profile / "DevToolsActivePort"
+    received = profile / "DevToolsActivePort"
     while True:
-        if told.exists() and told.read_text().strip():
-            port = told.read_text().split()[0]
+        if received.exists() and received.read_text().strip():
+            port = received.read_text().split()[0]
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
                 pages = [p for p in json.load(answer) if p["type"] == "page"]
             if pages:

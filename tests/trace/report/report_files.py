@@ -11,7 +11,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from master.faulty import CALLS, faulty_fmu
 from mcap.writer import Writer
 
-from cosim.scenario.opening import run_scenario
+from cosim.scenario.python_api import run
 from cosim.trace import Attachment, Signal, TraceWriter
 from cosim.trace.layout import file_descriptor
 
@@ -44,7 +44,7 @@ def failing(folder: Path) -> Path:
     faulty_fmu(folder, "2.0", "pump")
     (folder / "failing.toml").write_text(FAILING)
     path = folder / "failing.mcap"
-    assert run_scenario(folder / "failing.toml", path).status == "failed"
+    assert run(folder / "failing.toml", path).status == "failed"
     return path
 
 

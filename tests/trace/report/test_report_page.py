@@ -32,11 +32,11 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Reports of every kind of trace."""
     folder = tmp_path_factory.mktemp("reports")
-    flown = trace_of("auv-acoustic-naive")
+    recorded = trace_of("auv-acoustic-naive")
     cut = folder / "cut.mcap.partial"
-    cut.write_bytes(flown.read_bytes()[: flown.stat().st_size // 2])
+    cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
     traces = {
-        "vehicle": flown,
+        "vehicle": recorded,
         "paper": trace_of("paper-example"),
         "cut": cut,
         "wild": wild(folder / "wild.mcap"),
@@ -135,12 +135,12 @@ def test_all_time_axes_move_together(page: Page, reports: dict[str, Path]) -> No
     assert all(r == [0, 180] for r in page.ask(RANGES))
 
 
-def test_everything_is_reached_by_keyboard(page: Page, reports: dict[str, Path]) -> None:
+def test_everything_works_by_keyboard(page: Page, reports: dict[str, Path]) -> None:
     """Links, buttons, fields and folds take the focus; every chart has a text in its place."""
     page.open(reports["paper"])
-    reached = page.ask("""[...document.querySelectorAll('a[href], button, input, summary')].filter(
+    focused = page.ask("""[...document.querySelectorAll('a[href], button, input, summary')].filter(
         (part) => !part.closest('.plot') && part.tabIndex < 0).length""")
-    assert reached == 0
+    assert focused == 0
     assert page.ask("""[...document.querySelectorAll('.plot')].every(
         (div) => div.getAttribute('aria-label').length > 20)""")
     assert page.ask("""[...document.querySelectorAll('a[href^="#"]')].every(

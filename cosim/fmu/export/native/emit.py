@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 
-from cosim.fmu.export.native.recorder import FIXED, VARYING, Scalar, Tape
+from cosim.fmu.export.native.tape import FIXED, VARYING, Scalar, Tape
 
 _CALLS = {"pow": "power", "min": "lesser", "max": "greater"}  # of c/arithmetic.h
 _SUM, _PRODUCT, _SIGN, _ATOM = 1, 2, 3, 4
@@ -13,7 +13,7 @@ _BINDS = {"+": _SUM, "-": _SUM, "*": _PRODUCT, "/": _PRODUCT, "negate": _SIGN}
 _LONGEST = 160  # characters of an expression before it gets a name
 
 
-def reachable(tape: Tape, roots: Iterable[int], known: Mapping[int, str]) -> list[int]:
+def required_places(tape: Tape, roots: Iterable[int], known: Mapping[int, str]) -> list[int]:
     """Places that must be computed for `roots`, in order; what is `known` needs nothing."""
     found: set[int] = set()
     ahead = list(roots)
@@ -30,7 +30,7 @@ def run_constants(tape: Tape, roots: Iterable[Scalar]) -> list[int]:
     """Places that depend on parameters alone and feed what varies: computed once per run."""
     places = [root.place for root in roots]
     needed = {p for p in places if _is_run_constant(tape, p)}
-    for place in reachable(tape, places, {}):
+    for place in required_places(tape, places, {}):
         if tape.nodes[place].level == VARYING:
             needed.update(p for p in tape.nodes[place].operands if _is_run_constant(tape, p))
     return sorted(needed)
@@ -46,7 +46,7 @@ def statements(
 ) -> str:
     """C statements that assign to each target, indented; `known` places have a text already."""
     known = known or {}
-    places = reachable(tape, [value.place for _, value in targets], known)
+    places = required_places(tape, [value.place for _, value in targets], known)
     uses = dict.fromkeys(places, 0)
     for place in places:
         if place not in known:

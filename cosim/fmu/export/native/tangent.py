@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from cosim.fmu.export.native.emit import reachable
-from cosim.fmu.export.native.recorder import Scalar, Tape
+from cosim.fmu.export.native.emit import required_places
+from cosim.fmu.export.native.tape import Scalar, Tape
 
 
 def tangents(
@@ -20,7 +20,7 @@ def tangents(
     NotImplementedError : an operation whose derivative no output needs so far.
     """
     moved: dict[int, Scalar | None] = {}
-    for place in reachable(tape, [root.place for root in roots], {}):
+    for place in required_places(tape, [root.place for root in roots], {}):
         node = tape.nodes[place]
         changes = [moved[p] for p in node.operands]
         if all(change is None for change in changes):

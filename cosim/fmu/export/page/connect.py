@@ -8,7 +8,7 @@ import textwrap
 from cosim.fmu.export.page.text import block
 from cosim.fmu.export.spec import ComponentSpec
 
-_SHOWN = 3  # names that an example lists
+_MOST_NAMES = 3  # names that an example lists
 
 
 def connect_section(spec: ComponentSpec) -> str:
@@ -55,7 +55,7 @@ def fmpy_program(spec: ComponentSpec) -> str:
         lines.append(f'    start_values={{"{initial}": 1.0}},')
     if of["input"]:
         lines.append("    input=signal,")
-    listed = ", ".join(f'"{name}"' for name in of["output"][:_SHOWN])
+    listed = ", ".join(f'"{name}"' for name in of["output"][:_MOST_NAMES])
     lines += [f"    output=[{listed}],", ")"]
     lines.append(f'print(result["time"][-1], result["{of["output"][0]}"][-1])')
     return "\n".join(lines) + "\n"
@@ -65,8 +65,8 @@ def _elsewhere(spec: ComponentSpec) -> str:
     through = [v.name for v in spec.variables if v.causality == "output" and v.depends_on]
     direct = "No output depends on an input without delay, so that no algebraic loop can arise."
     if through:
-        listed = ", ".join(f"<code>{html.escape(name)}</code>" for name in through[:_SHOWN])
-        more = ", …" if len(through) > _SHOWN else ""
+        listed = ", ".join(f"<code>{html.escape(name)}</code>" for name in through[:_MOST_NAMES])
+        more = ", …" if len(through) > _MOST_NAMES else ""
         direct = (
             f"Only {listed}{more} depend on inputs without delay; the model description says on "
             "which."

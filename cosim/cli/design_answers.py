@@ -1,0 +1,98 @@
+"""Designs and analyses as the JSON that the command line prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay
+
+
+def design_json(
+    name: str,
+    found: Design,
+    greatest: GreatestDelay | None,
+    save: Path | None,
+    refutation: Path | None = None,
+    nominal: float | None = None,
+    weights: tuple[float, ...] | None = None,
+) -> dict[str, Any]:
+    """What `cosim design --json` prints.
+
+    save, refutation : where the certificate is, and that of what cannot be had.
+    nominal : gamma with nothing uncertain, if that was asked.
+    weights : of the rows of z, if there are any.
+    """
+    more = found.guarantees
+    peak = more.peak_control
+    return {
+        "system": name,
+        "gamma": found.gamma,
+        "delays": [delay.d for delay in found.system.delays],
+        "K": found.K.tolist(),
+        "k1": list(found.k1) if found.order is None else None,
+        "k2": list(found.k2) if found.order is None else None,
+        "order": found.order,
+        "up_to_delays": found.covers_smaller_delays,
+        "certified": found.certified,
+        "certificate": None if save is None else str(save),
+        "decay": None if more.decay is None else float(more.decay.rate),
+        "gain_limit": None if more.gain_limit is None else float(more.gain_limit.bound),
+        "peak_control": None if peak is None else [float(x) for x in peak.bounds],
+        "offset": None if peak is None else [float(x) for x in peak.offset],
+        "energy": None if peak is None else float(peak.energy),
+        "weights": None if weights is None else list(weights),
+        "limit_reached": None if greatest is None else greatest.limit_reached,
+        "refuted_at": None if greatest is None else greatest.refuted_at,
+        "refutation": None if refutation is None else str(refutation),
+        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
+        "least_gamma": found.least_gamma,
+        "gamma_nominal": nominal,
+        "paid_for_uncertainty": _difference(found.gamma, nominal),
+        **_nominal_figures(found),
+    }
+
+
+def analysis_json(
+    name: str, found: Analysis, greatest: CertifiedDelay | None, save: Path | None
+) -> dict[str, Any]:
+    """What `cosim analyse --json` prints; `save`: where the certificate is, if there is one."""
+    delays: list[float | None] = [delay.d for delay in found.system.delays]
+    if greatest is not None:
+        delays[greatest.delay_index] = greatest.d
+    return {
+        "system": name,
+        "gamma": found.gamma,
+        "delays": delays,
+        "K": None if found.K is None else found.K.tolist(),
+        "k1": None,
+        "k2": None,
+        "certified": found.certified,
+        "reason": found.reason,
+        "certificate": None if save is None else str(save),
+        "order": found.order,
+        "up_to_delays": found.covers_smaller_delays if found.certified else None,
+        "limit_reached": None if greatest is None else greatest.limit_reached,
+        "not_certified_at": None if greatest is None else greatest.not_certified_at,
+        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
+        "least_gamma": found.least_gamma,
+        **_nominal_figures(found),
+    }
+
+
+def _nominal_figures(found: Design | Analysis) -> dict[str, Any]:
+    """What is true of the nominal loop, and how far gamma is above it."""
+    margins, norm = found.delay_margin, found.exact_norm
+    ratio = found.gamma / norm if found.gamma is not None and norm else None
+    return {
+        "exact_norm": norm,
+        "exact_norm_upper": found.exact_norm_upper,
+        "norm_frequency": found.norm_frequency,
+        "gamma_over_exact_norm": ratio,
+        "abscissa": found.abscissa,
+        "delay_margin": None if margins is None else list(margins),
+    }
+
+
+def _difference(a: float | None, b: float | None) -> float | None:
+    return None if a is None or b is None else a - b

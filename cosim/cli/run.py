@@ -1,0 +1,141 @@
+"""Verbs that fly: demo, run."""
+
+from __future__ import annotations
+
+import enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cosim.cli.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    SetOption,
+    answer,
+    make_fmu_cache,
+    progress,
+)
+from cosim.cli.run_view import demo_view, outcome_view
+from cosim.core import CheckFailedError
+from cosim.master import Pace
+from cosim.scenario import check_writable, demonstrate, execute_run, load, prepare
+
+
+class Engine(enum.Enum):
+    """What --engine takes."""
+
+    auto = "auto"
+    python = "python"
+    compiled = "compiled"
+
+
+class Flavour(enum.Enum):
+    """What --flavour takes; FMI 3.0 is for other tools."""
+
+    python = "python"
+    native = "native"
+
+
+class LogLevel(enum.Enum):
+    """What --log-level takes."""
+
+    debug = "debug"
+    info = "info"
+    warning = "warning"
+    error = "error"
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for traces and picture.")] = TRACES,
+    fmus: FmusOption = FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Design two gains, fly both over the same acoustic link, compare them in one picture."""
+    with progress() as report_progress:
+        result = demonstrate(make_fmu_cache(fmus), out, report_progress)
+    answer(as_json, result.to_json, lambda: demo_view(result))
+
+
+def run(
+    name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
+    out: Annotated[Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")] = None,
+    fmus: FmusOption = FMUS,
+    engine: Annotated[
+        Engine,
+        typer.Option(help="Who carries the loop out; the results are the same, bit for bit."),
+    ] = Engine.auto,
+    flavour: Annotated[
+        Flavour,
+        typer.Option(
+            help="The built-in FMUs: Python, or C, built by this machine's compiler. The results "
+            "are the same, bit for bit, where both call the same C library."
+        ),
+    ] = Flavour.python,
+    changed: SetOption = None,
+    until: Annotated[
+        str | None, typer.Option(help="Stop the run at this time: seconds, or '2 min'.")
+    ] = None,
+    stop_when: Annotated[
+        str | None,
+        typer.Option(help="Stop the run when this becomes true: 'plant.eta.z > 5 m'."),
+    ] = None,
+    pace: Annotated[
+        float | None,
+        typer.Option(help="Hold the run back to real time times this factor: 1 is real time."),
+    ] = None,
+    log_level: Annotated[
+        LogLevel | None,
+        typer.Option(help="Record messages of components from this level on (as [log] level)."),
+    ] = None,
+    fsync: Annotated[
+        bool,
+        typer.Option("--fsync", help="Bring each second of the trace onto the disk itself."),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Fly a scenario and write its trace.
+
+    A run that diverges, ends in a limit cycle or is stopped is done and says so (exit code 0);
+    an assertion that comes out otherwise than expected makes it exit code 1; a component that
+    fails ends it with exit code 4, and what was recorded stays.
+
+    Examples: cosim run auv-acoustic;
+    cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60;
+    cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s';
+    cosim run auv-acoustic --until '1 min' --pace 10
+    """
+    settings = list(changed or ())
+    if log_level is not None:
+        settings.append(f'log.level="{log_level.value}"')
+    stops: dict[str, dict[str, Any]] = {}
+    if until is not None:
+        stops[f"--until {until}"] = {"at": _seconds(until)}
+    if stop_when is not None:
+        stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
+    loaded = load(name, settings, stops)
+    trace = out or TRACES / f"{loaded.name}.mcap"
+    check_writable(trace)
+    with progress() as report_progress:
+        prepared = prepare(
+            loaded, make_fmu_cache(fmus, loaded.folder, flavour.value), progress=report_progress
+        )
+        kept = None if pace is None else Pace(pace)
+        outcome = execute_run(
+            prepared, trace, progress=report_progress, engine=engine.value, pace=kept, fsync=fsync
+        )
+    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
+    if outcome.status == "failed":
+        raise typer.Exit(4)
+    if not outcome.as_expected:
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def _seconds(text: str) -> float | str:
+    """A plain number of seconds as one; anything else is judged as in a scenario."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,133 @@
+"""The variables that a model description declares, as ports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import prod
+from typing import Any
+
+from lxml import etree
+
+from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion, Port, parse_start, parse_value
+
+
+def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Port]:
+    """Every variable by name, from fmpy's model description and the XML that it was read from.
+
+    Raises
+    ------
+    ValueError : start values that do not fit.
+    """
+    direct = _direct(model)
+    words = _Words(xml) if version == "3.0" else None
+    names = {v.valueReference: v.name for v in reversed(model.modelVariables)}
+    ports = {}
+    for variable in model.modelVariables:
+        type_mapping = TYPE_MAPPINGS[version][variable.type]
+        number = type_mapping.kind in ("float", "int")
+        low, high = _range(variable, words) if number else (None, None)
+        declared = variable.declaredType
+        shape = tuple(variable.shape or ())
+        start = [] if variable.start is None else [str(variable.start)]
+        if words is not None:
+            start = words.start(variable, shape)
+        if shape and len(start) > 1 and len(start) != prod(shape):
+            raise ValueError(
+                f"{variable.name} has {len(start)} start values for {prod(shape)} elements"
+            )
+        ports[variable.name] = Port(
+            name=variable.name,
+            reference=variable.valueReference,
+            causality=variable.causality,
+            variability="discrete"
+            if type_mapping.kind != "float" and variable.variability == "continuous"
+            else variable.variability,
+            kind=type_mapping.kind,
+            unit=variable.unit or (declared.unit if declared is not None else None),
+            start=parse_start(type_mapping.kind, start, shape),
+            minimum=None
+            if low is None or type_mapping.kind is None
+            else parse_value(type_mapping.kind, low),
+            maximum=None
+            if high is None or type_mapping.kind is None
+            else parse_value(type_mapping.kind, high),
+            description=variable.description,
+            feedthrough=(variable.name if version == "2.0" else variable.valueReference) in direct,
+            getter_type=type_mapping.getter_type,
+            c_type=type_mapping.c_type,
+            shape=shape,
+            dimensions=tuple(
+                d.start if d.start is not None else names[d.valueReference]
+                for d in variable.dimensions
+            ),
+            initial=variable.initial,
+            items=_items(variable),
+        )
+    return ports
+
+
+class _Words:
+    """What fmpy's reader leaves out of an FMI 3 description, from the XML itself."""
+
+    def __init__(self, xml: bytes) -> None:
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+        found = etree.fromstring(xml, parser).find("ModelVariables")
+        self._elements = {} if found is None else {v.get("name"): v for v in found}
+
+    def get(self, variable: Any, attribute: str) -> str | None:
+        """An attribute of a variable, or of the one that it is an alias of."""
+        value = self._element(variable).get(attribute)
+        return None if value is None else str(value)
+
+    def start(self, variable: Any, shape: tuple[int, ...]) -> list[str]:
+        """Every start value: texts stand in elements of their own, numbers in one attribute."""
+        element = self._element(variable)
+        if variable.type == "String":
+            return [str(s.get("value")) for s in element.findall("Start")]
+        text = element.get("start")
+        if text is None:
+            return []
+        return str(text).split() if shape else [str(text)]
+
+    def _element(self, variable: Any) -> Any:
+        return self._elements[(variable.alias or variable).name]
+
+
+def _range(variable: Any, words: _Words | None) -> tuple[str | None, str | None]:
+    """The least and greatest value, of the variable or else of its type."""
+    low, high = variable.min, variable.max
+    if words is not None:
+        low, high = words.get(variable, "min"), words.get(variable, "max")
+    declared = variable.declaredType
+    if declared is not None:
+        low = declared.min if low is None else low
+        high = declared.max if high is None else high
+    return low, high
+
+
+def _items(variable: Any) -> tuple[int, ...]:
+    declared = variable.declaredType
+    if variable.type != "Enumeration" or declared is None:
+        return ()
+    return tuple(int(item.value) for item in declared.items)
+
+
+def _direct(model: Any) -> set[Any]:
+    """Outputs with a direct dependency on an input; undeclared dependencies mean all.
+
+    By name in FMI 2, where two variables may share a reference; by reference in FMI 3.
+    """
+
+    def key(variable: Any) -> Any:
+        return variable.name if model.fmiVersion == "2.0" else variable.valueReference
+
+    declared = {key(unknown.variable): unknown.dependencies for unknown in model.outputs}
+    found = set()
+    for variable in model.modelVariables:
+        if variable.causality == "output":
+            dependencies: Iterable[Any] | None = declared.get(key(variable))
+            if dependencies is None:
+                dependencies = model.modelVariables
+            if any(v.causality == "input" for v in dependencies):
+                found.add(key(variable))
+    return found

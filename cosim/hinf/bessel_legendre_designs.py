@@ -1,0 +1,152 @@
+"""Designs and greatest delays of order N: from the gain of Theorem 2 on, and proved exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from cosim.core import NotAchievableError
+from cosim.hinf.analysis import Analysis, analyse
+from cosim.hinf.bessel_legendre_loop import Gain, Loop, continue_gain
+from cosim.hinf.bessel_legendre_synthesis import bessel_legendre_gain, check_order
+from cosim.hinf.greatest_delays import DELAY_LIMIT, GreatestDelay, greatest_delay
+from cosim.hinf.nominal_figures import NominalFigures
+from cosim.hinf.not_achievable import hint_after
+from cosim.hinf.synthesis import Design, check_achievable, design
+from cosim.hinf.threads import one_thread
+from cosim.hinf.worst_case_disturbance import worst_case_at
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from cosim.models import DelaySystem
+
+_SHORT = 2.0**-10
+"""First delay tried where Theorem 2 has none, of the limit."""
+_BELOW = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
+
+
+@one_thread
+def bessel_legendre_design(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    order: int,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+    search: bool = False,
+) -> Design:
+    """As `cosim.hinf.synthesis.design`, with the Bessel-Legendre inequality of order N.
+
+    Parameters
+    ----------
+    k1, k2 : of the gain of Theorem 2, from which the design starts; no part of its proof.
+    order : N. 0 covers every constant delay up to the system's, as Theorem 2 does; above, the
+        proof does where that holds at the same gamma, and is else about exactly these delays
+        (`Design.covers_smaller_delays`). A delay of any age has order 0 in all cases.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no gain could be certified.
+    """
+    if gamma is not None:
+        check_achievable(gamma, system)
+    if gain is not None:
+        check_order(order, system)
+        found = analyse(system, gain, gamma, order=order)
+        if not found.certified:
+            raise NotAchievableError(
+                f"this gain could not be certified at order {order}",
+                where=system.name or None,
+                expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
+                got=found.reason,
+                hint=hint_after(str(found.reason), "a larger gamma, another order"),
+            )
+        return _as_design(found)
+    check_order(order, system)
+    starts: list[Gain] = []
+    with suppress(NotAchievableError):  # the sharper LMI has starts of its own
+        starts.append(design(system, k1, k2, search=search).K)
+    return _as_design(bessel_legendre_gain(system, order, starts, gamma))
+
+
+@one_thread
+def bessel_legendre_delay(
+    system: DelaySystem,
+    gamma: float | None,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    order: int,
+    delay_index: int = 0,
+    limit: float = DELAY_LIMIT,
+    search: bool = False,
+) -> GreatestDelay:
+    """As `cosim.hinf.greatest_delays.greatest_delay`, with the inequality of order N.
+
+    From the gain that bears the greatest delay of Theorem 2 on, gains are carried to longer
+    delays; nothing is refuted beyond. At N > 0 the proof is about exactly that delay, or
+    every one up to it (`Design.covers_smaller_delays`).
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no delay at all can be certified.
+    """
+
+    def at(d: float) -> Loop:
+        return loop.at([d if j == delay_index else x.d for j, x in enumerate(system.delays)])
+
+    loop = Loop(system, order, gamma)
+    try:
+        plain = greatest_delay(
+            system, gamma, k1, k2, delay_index=delay_index, limit=limit, search=search
+        )
+        K, start = plain.design.K, plain.delay
+    except NotAchievableError as error:
+        start = _SHORT * limit
+        short = at(start).initial_gains()
+        if not short:
+            raise error from None
+        K = short[0]
+    check_order(order, at(start).system)
+    passed = continue_gain(at, K, start, limit)
+    end, K = passed[-1]
+    tried = [*((end * (1 - share), K) for share in _BELOW), *reversed(passed[:-1])]
+    reason: str | None = None
+    for d, gain in tried:
+        try:
+            found = analyse(at(d).system, gain, gamma, order=order)
+        except NotAchievableError as error:  # a loop too fast for the yardsticks
+            reason = error.what
+            continue
+        if found.certified:
+            return GreatestDelay(d, _as_design(found), d == limit, None, None)
+        reason = found.reason
+    raise NotAchievableError(
+        f"no delay could be certified at order {order}",
+        where=system.name or None,
+        expected=f"an exact proof near d = {end:.6g}, where the solver sees the end",
+        got=reason,
+        hint="another order, a larger gamma",
+    )
+
+
+def _as_design(found: Analysis) -> Design:
+    if found.K is None or found.certificate is None:
+        raise ValueError("expected a proved gain, got an analysis without")
+    return Design(
+        system=found.system,
+        K=found.K,
+        gamma=found.gamma,
+        k1=(),
+        k2=(),
+        least_gamma=found.least_gamma,
+        certificate=found.certificate,
+        order=found.order,
+        worst_case=worst_case_at(found.system, found.K, found.norm_frequency),
+        **{name: getattr(found, name) for name in NominalFigures._fields},
+    )

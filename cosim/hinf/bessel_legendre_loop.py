@@ -1,0 +1,95 @@
+"""One step of a sharper design, in floating point: a gain, its multipliers, the next gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.hinf.analysis_lmi import AnalysisLmi
+from cosim.hinf.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
+from cosim.hinf.greatest_delays import with_delays
+from cosim.models import DelaySystem
+
+Gain = NDArray[np.float64]
+
+GAIN_DIGITS = 6
+"""Significant digits of a designed gain, relative to its largest entry."""
+
+SCALES = (0.02, 0.1, 0.5, 2.0)
+"""Scalar multipliers to start from, in units of the longest delay."""
+
+_SMALLEST_STEP = 1e-3
+
+
+class Loop:
+    """One system at one order: how its gains are designed and analysed, in floating point."""
+
+    def __init__(self, system: DelaySystem, order: int, gamma: float | None) -> None:
+        self.system, self.order, self.gamma = system, order, gamma
+        self._delays = [delay.d for delay in system.delays]
+
+    def at(self, delays: Sequence[float]) -> Loop:
+        """The same with other delays."""
+        return Loop(with_delays(self.system, delays), self.order, self.gamma)
+
+    def is_feasible(self, K: Gain) -> bool:
+        """Whether the solver finds that the analysis of K is met."""
+        found = self._analysis(K).margin(self._delays, self.gamma)
+        return found is not None and found[0] > 0
+
+    def improved_gain(self, K: Gain, at: Loop | None = None) -> tuple[float, Gain] | None:
+        """(margin, gain) designed with the multipliers of K here, for the delays of `at`."""
+        found = self._analysis(K).margin(self._delays, self.gamma)
+        if found is None:
+            return None
+        lmi = BesselLegendreLmi((at or self).system, self.order, K, self.gamma)
+        return rounded(lmi.central(multipliers_of(found[1], self.system), self.gamma))
+
+    def initial_gains(self) -> list[Gain]:
+        """Gains of the scalar multipliers that have one."""
+        gains = []
+        for scale in SCALES:
+            multipliers = scalar_multipliers(scale * max(self._delays), self.system, self.order)
+            lmi = BesselLegendreLmi(
+                self.system, self.order, np.zeros(self.system.B.T.shape), self.gamma
+            )
+            found = rounded(lmi.central(multipliers, self.gamma))
+            if found is not None and found[0] > 0:
+                gains.append(found[1])
+        return gains
+
+    def _analysis(self, K: Gain) -> AnalysisLmi:
+        return AnalysisLmi(self.system, K, self.order, performance=self.gamma is not None)
+
+
+def continue_gain(
+    loop_at: Callable[[float], Loop], K: Gain, start: float, end: float
+) -> list[tuple[float, Gain]]:
+    """A gain carried from one number to a greater one: where it got, and with which gain.
+
+    `loop_at` says what the number stands for (a delay, a share of all); K is met at `start`.
+    """
+    passed, factor = [(start, K)], 2.0
+    while passed[-1][0] < end and factor > 1 + _SMALLEST_STEP:
+        at, K = passed[-1]
+        there = min(at * factor, end)
+        found = loop_at(at).improved_gain(K, loop_at(there))
+        if found is not None and found[0] > 0 and loop_at(there).is_feasible(found[1]):
+            passed.append((there, found[1]))
+            factor = min(factor**1.5, 2.0)
+        elif loop_at(there).is_feasible(K):
+            passed.append((there, K))
+        else:
+            factor = float(np.sqrt(factor))
+    return passed
+
+
+def rounded(found: tuple[float, Gain] | None) -> tuple[float, Gain] | None:
+    """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise."""
+    if found is None or not found[1].any():
+        return found
+    K = found[1]
+    digits = GAIN_DIGITS - 1 - int(np.floor(np.log10(np.abs(K).max())))
+    return found[0], np.round(K, digits) + 0.0

@@ -1,0 +1,140 @@
+"""A design and what it is to meet beside gamma: the door that users come in by.
+
+1. The gain of least gamma, without the demands (`cosim.hinf.synthesis`). Where they are proved
+   of it is, it stays.
+2. Else the gain of least gamma that meets them (`cosim.hinf.constrained_search`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from numpy.typing import ArrayLike
+
+from cosim.core import InputError, NotAchievableError
+from cosim.hinf import synthesis
+from cosim.hinf.bessel_legendre_designs import bessel_legendre_design
+from cosim.hinf.constrained_search import (
+    ConstrainedSearch,
+    describe_constraints,
+    prove_constraints,
+    scalars_of,
+    with_guarantees,
+)
+from cosim.hinf.design_constraints import design_constraints_of
+from cosim.hinf.from_control import checked_system
+from cosim.hinf.search import initial_scalars
+from cosim.hinf.synthesis import Design
+from cosim.hinf.threads import one_thread
+from cosim.models import DelaySystem
+
+
+@one_thread
+def design(
+    system: DelaySystem,
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+    search: bool | None = None,
+    order: int | None = None,
+    decay: float | None = None,
+    gain_limit: float | None = None,
+    peak_control: Sequence[float] | float | None = None,
+    offset: Sequence[float] | None = None,
+    energy: float | None = None,
+) -> Design:
+    """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
+
+    Parameters
+    ----------
+    system : Eq. (7) with delays (n states, m inputs).
+    k1, k2 : one number per delay, k2 not zero (Theorem 2). Without both, they are searched;
+        one alone makes the other, k1 = -k2.
+    gamma : a bound to be met instead of the least one; the design's own may be lower.
+    gain : (m, n) a gain to be analysed instead of designed.
+    search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
+    order : None for Theorem 2; N for the sharper condition (`cosim.hinf.bessel_legendre_designs`),
+    which
+        starts from the gain of Theorem 2 and proves nothing beside gamma.
+    decay : alpha [1/s]; with w = 0 every solution is to fall at least as e^{-alpha t}.
+    gain_limit : bound on the largest singular value of K.
+    peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u,
+        from `offset` and `energy`, at least one of which is to be given:
+    offset : (n,) the initial state, |x_i| <= offset_i, held before t = 0.
+    energy : int w'w <= energy^2.
+
+    Returns
+    -------
+    Design
+        Its gamma and its `guarantees` are proved, with everything uncertain in the system.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no certified solution at k1, k2, with gamma and what is demanded.
+
+    Examples
+    --------
+    >>> from cosim.hinf import Delay, DelaySystem, design
+    >>> pendulum = DelaySystem(
+    ...     A=[[0, 1], [1, 0]], B=[[0], [1]], C=[[0], [1]], D=[[1, 0], [0, 0]], D2=[[0], [1]],
+    ...     delays=[Delay(0.1, [[0, 0], [0, 0]], feedback=True, any_age=True)],
+    ... )
+    >>> found = design(pendulum, decay=0.5)
+    >>> found.gamma > found.exact_norm, found.abscissa < -0.5, found.K.shape
+    (True, True, (1, 2))
+    """
+    system = checked_system(system, control=True)
+    one, two, look = initial_scalars(system, k1, k2, search)
+    design_constraints = design_constraints_of(
+        system,
+        decay=decay,
+        gain_limit=gain_limit,
+        peak_control=peak_control,
+        offset=offset,
+        energy=energy,
+    )
+    if order is not None:
+        if design_constraints.any:
+            raise InputError(
+                "what is demanded beside gamma is proved with Theorem 2",
+                where="order",
+                expected=f"no order, beside {describe_constraints(design_constraints)}",
+                got=str(order),
+            )
+        return bessel_legendre_design(
+            system, one, two, order=order, gamma=gamma, gain=gain, search=look
+        )
+    plain: Design | None = None
+    try:
+        plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
+    except NotAchievableError:
+        # a gain without bound may be the best there is, where no limit is set to it
+        if not design_constraints.any or gain is not None:
+            raise
+    if plain is None:
+        return ConstrainedSearch(
+            synthesis.checked_scalars(system, one, two),
+            system,
+            design_constraints,
+            gamma,
+            search=look,
+        ).best()
+    if not design_constraints.any:
+        return plain
+    guarantees, reason = prove_constraints(plain, design_constraints)
+    if guarantees is not None:
+        return with_guarantees(plain, guarantees)
+    if gain is not None:
+        raise NotAchievableError(
+            "what is demanded of this gain could not be proved",
+            where=system.name or None,
+            expected=describe_constraints(design_constraints),
+            got=reason,
+        )
+    search_for = ConstrainedSearch(
+        scalars_of(plain), system, design_constraints, gamma, search=look
+    )
+    return search_for.best(plain)

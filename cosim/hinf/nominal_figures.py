@@ -1,0 +1,93 @@
+"""What is true of the nominal loop, without the LMI: what its gamma is conservative against."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import TYPE_CHECKING, NamedTuple
+
+from cosim.core import NotAchievableError
+from cosim.hinf.closed_loop import close
+from cosim.hinf.delay_margins import delay_margin
+from cosim.hinf.norm import ROOTS, NormResult, hinf_norm
+from cosim.hinf.norm_proof import norm_proved
+from cosim.hinf.roots import characteristic_roots
+from cosim.hinf.threads import one_thread
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from cosim.models import DelaySystem
+
+_ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
+"""How far above the norm a bound is tried, in turn: a flat gain takes too long up close."""
+_ABOVE_LIMIT = (1e-2, 1e-3, 1e-4, 1e-5)
+"""The same where the gain only tends to its norm: each closer bound takes thrice the work."""
+
+
+class NominalFigures(NamedTuple):
+    """Figures of the nominal loop at its present delays, all taken as constants.
+
+    abscissa : spectral abscissa [1/s], computed.
+    exact_norm : H-infinity norm from w to z, computed: a gain that is attained. None if the
+        loop is not stable, or there is no w or no z.
+    exact_norm_upper : a number that the norm is proved to lie below, by ball arithmetic, and
+        the loop proved stable with it; within 1e-8 of `exact_norm` where the gain has a peak,
+        and more where it is flat or only reached at infinite frequency. None without a proof.
+    norm_frequency : where the norm is attained [rad/s]; None at infinite frequency.
+    delay_margin : for each delay its value at the first loss of stability as it grows, the
+        others held [s], computed; None: no loss, or (abscissa >= 0) nothing to lose. None for
+        all where a root comes so close to the axis that it cannot be decided.
+    """
+
+    abscissa: float
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+
+
+@one_thread
+def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
+    """The yardsticks of `system` with u = K x; its E, H are ignored.
+
+    Raises
+    ------
+    InputError : K (m, n) does not fit.
+    NotAchievableError : roots that cannot be told (see `characteristic_roots`).
+    """
+    loop = close(system, K)
+    roots = characteristic_roots(loop, ROOTS if system.has_performance else 1)
+    abscissa = float(roots[0].real)
+    peak = hinf_norm(loop, roots) if system.has_performance else None
+    finite = peak is not None and math.isfinite(peak.frequency)
+    return NominalFigures(
+        abscissa=abscissa,
+        exact_norm=None if peak is None else peak.value,
+        exact_norm_upper=None if peak is None else _proved_above(system, K, peak),
+        norm_frequency=peak.frequency if peak is not None and finite else None,
+        delay_margin=_margins(system, K, abscissa),
+    )
+
+
+def _margins(system: DelaySystem, K: ArrayLike, abscissa: float) -> tuple[float | None, ...] | None:
+    """The margins; None where a root comes so close to the axis that they cannot be decided."""
+    with suppress(NotAchievableError):
+        return delay_margin(system, K, abscissa)
+    return None
+
+
+def _proved_above(system: DelaySystem, K: ArrayLike, peak: NormResult) -> float | None:
+    """The least bound of the norm that is proved, of a few; None if none is."""
+    norm, best = peak.value, None
+    if not norm > 0.0:
+        return None
+    if math.isfinite(peak.frequency):
+        levels = (norm * (1.0 + share) for share in _ABOVE)
+        return next((level for level in levels if norm_proved(system, K, level)), None)
+    for share in _ABOVE_LIMIT:
+        level = norm * (1.0 + share)
+        if not norm_proved(system, K, level):
+            break
+        best = level
+    return best

@@ -1,0 +1,246 @@
+"""Systems as TOML files, in the letters of Eq. (7).
+
+One delay, with the letters of the paper::
+
+    [system]
+    A = [[-5.0, 0.0], [6.0, -10.0]]     # likewise B, C, D, D1, D2, E, H
+    A1 = [[-1.0, 0.0], [2.0, 1.0]]      # likewise H1
+    d = 0.3
+
+Any number of delays: in place of A1, H1, d one table each::
+
+    [[system.delays]]
+    d = 1.25
+    A = [[...]]         # zero where absent; likewise H
+    feedback = true     # u = K x(t-d)
+    any_age = true      # every time-varying delay up to d
+
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional,
+what a design starts from, k1 and k2 one number per delay, and what it is to meet
+(`cosim.hinf.design_constraints`)::
+
+    [design]
+    k1 = [0.6]
+    k2 = [0.2]
+    gamma = 5.05
+    decay = 0.5         # 1/s
+    gain_limit = 2.0    # on |K|
+    peak_control = 3.0  # on every |u_i|, from offset and energy
+    offset = [1.0, 0.0]
+    energy = 1.0
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.design_constraints import (
+    KEYS as DESIGN_CONSTRAINT_KEYS,
+    DesignConstraints,
+    design_constraints_from_table,
+)
+from cosim.hinf.system_json import (
+    MATRICES,
+    assembled,
+    delay_from,
+    known_keys,
+    matrix_from_rows,
+    number,
+)
+from cosim.hinf.value_text import format_value
+from cosim.hinf.weights import weighted
+from cosim.models import Delay, DelaySystem
+
+_ONE_DELAY = ("d", "A1", "H1")
+
+
+@dataclass(frozen=True)
+class SystemFile:
+    """A system with what its file says about the design; None where it says nothing.
+
+    system : its z weighted.
+    k1, k2 : one number per delay, k2 not zero.
+    gamma : the bound to design for, positive.
+    weights : of the rows of z.
+    unweighted : the system before.
+    design_constraints : what a design is to meet beside gamma.
+    """
+
+    system: DelaySystem
+    k1: tuple[float, ...] | None
+    k2: tuple[float, ...] | None
+    gamma: float | None
+    weights: tuple[float, ...] | None
+    unweighted: DelaySystem
+    design_constraints: DesignConstraints
+
+
+def load_system(path: str | Path) -> SystemFile:
+    """Read a system file; the system is named after the file unless it says otherwise.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is malformed (with line and content), or does not describe
+        a system (with the key, what was expected and what was got).
+    """
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("the file cannot be read", where=str(path), got=str(error)) from error
+    return system_from_toml(text, where=str(path), name=path.stem)
+
+
+def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
+    """A system from TOML text.
+
+    Parameters
+    ----------
+    text : the file's content.
+    where : stands in the messages.
+    name : of the system, unless its table has one.
+
+    Raises
+    ------
+    InputError
+        As `load_system`.
+    """
+    data = parse_toml(text, where)
+    known_keys(data, where, ("system", "design"), required=("system",))
+    unweighted = _system(data["system"], f"{where}: system", name)
+    weights = None
+    if "weights" in data["system"]:
+        weights = _numbers(data["system"]["weights"], f"{where}: system.weights")
+    system = unweighted
+    if weights is not None:
+        system = weighted(unweighted, weights, where=f"{where}: system.weights")
+    place = f"{where}: design"
+    design = data.get("design", {})
+    known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
+    N = len(system.delays)
+    k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
+    k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
+    if k2 is not None and 0.0 in k2:
+        raise InputError(
+            "k2 is zero", where=f"{place}.k2", expected="no zero (Theorem 2)", got=str(list(k2))
+        )
+    gamma = number(design["gamma"], f"{place}.gamma") if "gamma" in design else None
+    if gamma is not None and not system.has_performance:
+        raise InputError(
+            "this system has no gain to bound",
+            where=f"{place}.gamma",
+            expected="no gamma, or a system with C and with D, D1 or D2",
+            got=str(gamma),
+        )
+    if gamma is not None and gamma <= 0:
+        raise InputError(
+            "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
+        )
+    design_constraints = design_constraints_from_table(design, system, place)
+    return SystemFile(system, k1, k2, gamma, weights, unweighted, design_constraints)
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """TOML as a dictionary.
+
+    Raises
+    ------
+    InputError
+        If it is malformed; the message has the line, and what stands there.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r"line (\d+)", str(error))
+        # "at end of document": the last line is where something is missing
+        lines = text.splitlines() or [""]
+        line = int(place.group(1)) if place else len(lines)
+        content = lines[min(line, len(lines)) - 1].strip()
+        raise InputError(
+            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
+        ) from error
+    except (ValueError, RecursionError) as error:
+        # what the reader itself cannot take: an integer of thousands of digits, deep nesting
+        raise InputError("malformed TOML", where=where, got=str(error)) from error
+
+
+def _system(data: Any, where: str, name: str) -> DelaySystem:
+    known_keys(data, where, (*MATRICES, *_ONE_DELAY, "delays", "name", "weights"), required=("A",))
+    matrices = {
+        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
+    }
+    title = data.get("name", name)
+    if not isinstance(title, str):
+        raise InputError(
+            "not a name", where=f"{where}.name", expected="a string", got=format_value(title)
+        )
+    return assembled(matrices, _delays(data, where), title, where)
+
+
+def _delays(data: dict[str, Any], where: str) -> list[Delay]:
+    """The delays of either spelling; the system's A has been checked to be a matrix."""
+    n = len(data["A"])
+    one = [key for key in _ONE_DELAY if key in data]
+    if "delays" in data:
+        if one:
+            raise InputError(
+                "one delay and a list of delays at once",
+                where=where,
+                expected="either d, A1, H1 or [[system.delays]]",
+                got=f"{', '.join(one)} beside delays",
+            )
+        tables = data["delays"]
+        if not isinstance(tables, list):
+            raise InputError(
+                "not a list of delays",
+                where=f"{where}.delays",
+                expected="[[system.delays]], double brackets",
+                got=type(tables).__name__,
+            )
+        return [delay_from(table, f"{where}.delays[{i}]", n) for i, table in enumerate(tables)]
+    if one and (one == ["d"] or "d" not in one):
+        raise InputError(
+            "half a delay",
+            where=where,
+            expected="d, and A1 or H1 (or both)",
+            got=", ".join(one),
+            hint="a delay through which only the control acts is a [[system.delays]]",
+        )
+    if not one:
+        return []
+    A1 = matrix_from_rows(data["A1"], f"{where}.A1") if "A1" in data else np.zeros((n, n))
+    H1 = matrix_from_rows(data["H1"], f"{where}.H1") if "H1" in data else None
+    d = number(data["d"], f"{where}.d")
+    try:
+        return [Delay(d, A1, H1)]
+    except ValueError as error:
+        raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+
+
+def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:
+    """One number per delay; a single number where there is one delay."""
+    values = value if isinstance(value, list) else [value]
+    if len(values) != count:
+        raise InputError(
+            "not one number per delay",
+            where=where,
+            expected=f"a list of {count}",
+            got=f"{len(values)} of them",
+        )
+    return _numbers(values, where)
+
+
+def _numbers(values: Any, where: str) -> tuple[float, ...]:
+    if not isinstance(values, list):
+        raise InputError(
+            "not a list of numbers", where=where, expected="a list", got=format_value(values)
+        )
+    return tuple(number(x, f"{where}[{i}]") for i, x in enumerate(values))

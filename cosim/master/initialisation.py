@@ -1,0 +1,118 @@
+"""Initialisation of all slaves together: values go round until none changes.
+
+Between entering and leaving initialization mode each output may depend on inputs, and each
+input on the outputs of others. A pass reads all outputs and sets all inputs that something
+reaches at the first point; it ends when a pass changes nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.core import ComponentError
+from cosim.master.component_instance import ComponentInstance, Rows
+from cosim.master.exchange import WARNING, Exchange
+from cosim.master.system import Endpoint, System
+from cosim.master.wiring import Wiring
+
+MOST_PASSES = 100
+_TOLERANCE = 1e-12
+"""Change relative to the value, or to 1, below which a value has settled."""
+
+
+def initialise(system: System, wiring: Wiring) -> int:
+    """Take every slave through initialization; returns the number of passes.
+
+    Raises
+    ------
+    InputError : a parameter that does not exist or cannot be set.
+    ComponentError : a slave that refuses, or values that do not settle, named.
+    """
+    end = int(system.comm_schedule.points_ns[-1]) / 1e9
+    for name in system.components:
+        instance = wiring.instance(name)
+        instance.slave.set_start(instance.component.parameters)
+        instance.slave.enter_initialisation(0.0, end)
+    passes = _settle(wiring)
+    for name in system.components:
+        wiring.instance(name).slave.exit_initialisation()
+    return passes
+
+
+def _settle(wiring: Wiring) -> int:
+    ends = [_InitialisedComponent(instance) for instance in wiring.instances]
+    if not any(component.connected_inputs for component in ends):
+        return 0
+    row = wiring.rows[0].copy()
+    for component in ends:
+        component.ask(row)
+    changes: dict[Endpoint, float] = {}
+    for turn in range(1, MOST_PASSES + 1):
+        changes = {}
+        for component in ends:
+            found = component.moved(row)
+            if found or turn == 1:
+                component.give(row)
+                component.ask(row)
+            changes |= found
+        if not changes:
+            return turn
+    worst = sorted(changes, key=lambda end: -changes[end])[:5]
+    raise ComponentError(
+        "the initial values do not settle",
+        where=", ".join(str(end) for end in worst),
+        expected=f"inputs that stay within {_TOLERANCE:g} of themselves "
+        f"before pass {MOST_PASSES} of the initialisation",
+        got=f"changes of up to {changes[worst[0]]:.3g} in that pass",
+        hint="an algebraic loop with a gain of 1 or more: break it by a packet link, or give "
+        "it consistent start values",
+    )
+
+
+class _InitialisedComponent:
+    """A component during initialisation: its inputs that something reaches, its outputs."""
+
+    def __init__(self, instance: ComponentInstance) -> None:
+        self._instance = instance
+        self._routes = [route for route in instance.routes if route.row[0] >= 0]
+        numbers = {instance.routes.index(route) for route in self._routes}
+        self.connected_inputs = [
+            Exchange(instance, group, "set")
+            for group in instance.connected_inputs
+            if group.route is None or group.route in numbers
+        ]
+        self._gets = [
+            Exchange(instance, group, "get")
+            for group in (*instance.outputs_without_feedthrough, *instance.outputs_with_feedthrough)
+        ]
+
+    def moved(self, row: Rows) -> dict[Endpoint, float]:
+        """Bring in what the senders have; inputs that changed, and by how much."""
+        first = self._instance.input_column
+        columns = self._instance.input_columns
+        mine = slice(first, first + len(columns))
+        before = row[mine].copy()
+        for route in self._routes:
+            values = row[route.columns]
+            row[route.targets] = values if route.link is None else route.link.quantize(values)
+        step = np.abs(row[mine] - before)
+        changed = ~(step <= _TOLERANCE * np.maximum(1.0, np.abs(row[mine])))
+        return {
+            Endpoint(self._instance.name, columns[j].name): float(step[j])
+            for j in np.flatnonzero(changed).tolist()
+        }
+
+    def give(self, row: Rows) -> None:
+        """Set the inputs."""
+        for exchange in self.connected_inputs:
+            self._do(exchange, row, "set")
+
+    def ask(self, row: Rows) -> None:
+        """Read the outputs."""
+        for exchange in self._gets:
+            self._do(exchange, row, "get")
+
+    def _do(self, exchange: Exchange, row: Rows, what: str) -> None:
+        status = exchange(row)
+        if status > WARNING:
+            raise self._instance.slave.refused(f"{what} in initialisation", status)

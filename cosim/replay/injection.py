@@ -1,0 +1,228 @@
+"""The second sense of replay: recorded signals fed into one FMU.
+
+A new controller is tried on yesterday's data this way, open loop: what it answers does not act
+on what was recorded. The inputs follow the recorded rows at their own instants, so that an FMU
+fed what it was fed then does what it did then, bit for bit. The answers go to a new trace of
+the same layout, which says where its inputs are from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.core import InputError, Progress, silent
+from cosim.fmu import FmuDescription
+from cosim.master import (
+    CommunicationSchedule,
+    Component,
+    Endpoint,
+    System,
+    TraceRecorder,
+    identifier,
+)
+from cosim.replay.injection_request import InjectionRequest, provenance, start_values
+from cosim.replay.input_values import InputValues, Link, resampled_inputs
+from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unmapped_inputs
+from cosim.replay.trace_attachments import scenario_in
+from cosim.scenario import LoadedScenario, link_of, run_system
+from cosim.trace import (
+    SCENARIO_ATTACHMENT,
+    Attachment,
+    Diff,
+    Table,
+    Trace,
+    TraceWriter,
+    content_hash,
+    diff,
+    output_topic,
+)
+
+_DIVERGENCE = 1e300
+
+
+@dataclass(frozen=True)
+class InjectionResult:
+    """What came of it.
+
+    Attributes
+    ----------
+    name : of the component in the new trace.
+    sources : where each input's values are from; `unmapped_inputs`: inputs that kept their start
+    values.
+    unused : recorded inputs of the component whose part the FMU played, that fed nothing.
+    parameters : set before the start; `not_set`: recorded ones that the FMU does not have.
+    status : finished, diverged or failed; `reason` why.
+    compared : the outputs against the recorded ones, if that was asked for; `identical`: whether
+        they are the same, bit for bit.
+    log_after_end : as in `Outcome`.
+    """
+
+    trace: Path
+    content_hash: str
+    fmu: FmuDescription
+    name: str
+    role: str | None
+    sources: Mapping[str, Source]
+    unmapped_inputs: Sequence[str]
+    unused: Sequence[str]
+    parameters: Mapping[str, Any]
+    not_set: Sequence[str]
+    points: int
+    end_s: float
+    shift_s: float
+    status: str
+    reason: str | None
+    compared: Diff | None
+    identical: bool | None
+    log_after_end: tuple[dict[str, str], ...]
+
+
+def inject(
+    path: Path,
+    fmu: FmuDescription,
+    output: Path,
+    request: InjectionRequest | None = None,
+    *,
+    progress: Progress | None = None,
+) -> InjectionResult:
+    """Feed recorded signals into an FMU and write what it answers.
+
+    Parameters
+    ----------
+    path : the trace with the signals; ours, or any MCAP file with protobuf or JSON topics.
+    output : the new trace.
+
+    Raises
+    ------
+    InputError : nothing to feed, names that do not exist, a link that does not.
+    ComponentError : the FMU cannot be loaded or initialised.
+    """
+    request = request or InjectionRequest()
+    trace = Trace(path)
+    scenario = scenario_in(trace, Path.cwd()) if SCENARIO_ATTACHMENT in trace.attachments else None
+    if request.compare is not None and output_topic(request.compare) not in trace.topics:
+        recorded = [t.split("/")[1] for t in trace.topics if t.endswith("/output")]
+        raise InputError.unknown("recorded component", request.compare, recorded, where="--compare")
+    role = role_of(trace, fmu, request.signal_mapping.role)
+    sources = mapped(trace, fmu, request.signal_mapping, role)
+    direct, linked = _routed(trace, sources, request, scenario)
+    link = _link(request.link, scenario, trace) if request.side == "sent" else None
+    parameters, not_set = start_values(trace, fmu, request, role, scenario)
+    starts = {n: float(parameters.get(n, fmu.ports[n].start or 0.0)) for n in sources}
+    input_values = resampled_inputs(trace, direct, linked, link, starts, request.step_ns)
+    name = request.compare or role or identifier(str(fmu.model.modelName))
+    system = _system(name, fmu, parameters, input_values)
+    if request.compare is not None and input_values.shift_ns:
+        raise InputError(
+            "the recording does not begin at t = 0: its outputs are not those of this run",
+            where="--compare",
+            got=f"first row at {input_values.shift_ns / 1e9:g} s",
+        )
+    entries = provenance(
+        trace, fmu, name, request, link, {**direct, **linked}, parameters, input_values
+    )
+    xml = Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml)
+    with ExitStack() as living, TraceWriter(output, run=entries, attachments=[xml]) as writer:
+        recorder, report_progress = TraceRecorder(writer, system), progress or silent
+        run = run_system(system, "injecting", report_progress, "auto", recorder, living=living).run
+        status = {"status": run.status, "steps": str(max(run.points_ns.size - 1, 0))}
+        status["host.engine"] = f"{run.engine.name}: {run.engine.reason}"
+        writer.finish(status | ({"reason": run.reason} if run.reason else {}))
+    compared, identical = None, None
+    if request.compare is not None:
+        topic = output_topic(name)
+        compared = diff(path, output, request.tolerances, topics=[topic])
+        identical = _same_bits(trace.read(topic), Trace(output).read(topic))
+    recorded_inputs = (
+        [] if role is None else [s.name for s in trace.topics[f"/{role}/input"].signals]
+    )
+    return InjectionResult(
+        trace=output,
+        content_hash=content_hash(output),
+        fmu=fmu,
+        name=name,
+        role=role,
+        sources={**direct, **linked},
+        unmapped_inputs=unmapped_inputs(fmu, sources),
+        unused=[s for s in recorded_inputs if s not in sources],
+        parameters=parameters,
+        not_set=not_set,
+        points=int(run.points_ns.size),
+        end_s=float(run.points_ns[-1]) / 1e9 if run.points_ns.size else 0.0,
+        shift_s=input_values.shift_ns / 1e9,
+        status=run.status,
+        reason=run.reason,
+        compared=compared,
+        identical=identical,
+        log_after_end=tuple(recorder.log_after_end),
+    )
+
+
+def _same_bits(a: Table, b: Table) -> bool:
+    return (
+        list(a.columns) == list(b.columns)
+        and np.array_equal(a.log_time_ns, b.log_time_ns)
+        and all(a[name].tobytes() == b[name].tobytes() for name in a.columns)
+    )
+
+
+def _routed(
+    trace: Trace,
+    sources: Mapping[str, Source],
+    request: InjectionRequest,
+    scenario: LoadedScenario | None,
+) -> tuple[dict[str, Source], dict[str, Source]]:
+    """Sources that are fed directly, and those that go over the new link."""
+    if request.side == "delivered":
+        if request.link is not None:
+            raise InputError(
+                "what was delivered has been over its link already",
+                where="--link",
+                hint="--as sent",
+            )
+        return {name: as_delivered(trace, source) for name, source in sources.items()}, {}
+    direct, linked = {}, {}
+    for name, source in sources.items():
+        origin, sent = as_sent(trace, source, None if scenario is None else scenario.scenario)
+        if sent and request.link is not None:
+            linked[name] = origin
+        else:
+            direct[name] = origin
+    return direct, linked
+
+
+def _link(link: Link | str | None, scenario: LoadedScenario | None, trace: Trace) -> Link | None:
+    if not isinstance(link, str):
+        return link
+    parts = {} if scenario is None else scenario.scenario.links
+    if scenario is None or link not in parts:
+        raise InputError.unknown("recorded link", link, parts, where=f"--link, {trace.path}")
+    return link_of(link, parts[link], scenario.scenario.run.seed)
+
+
+def _system(
+    name: str, fmu: FmuDescription, parameters: Mapping[str, Any], input_values: InputValues
+) -> System:
+    steps = np.unique(np.diff(input_values.points_ns))
+    if steps.size > 1 and not fmu.variable_step:
+        raise InputError(
+            "this FMU takes steps of one size only, and the recorded rows are not so",
+            where=str(fmu.path),
+            expected="canHandleVariableCommunicationStepSize, or a step that divides the end",
+            got=f"steps from {steps[0] / 1e9:g} s to {steps[-1] / 1e9:g} s",
+            hint="--step SECONDS",
+        )
+    return System(
+        components={name: Component(fmu, dict(parameters))},
+        connections=[],
+        links={},
+        driven={Endpoint(name, signal): values for signal, values in input_values.values.items()},
+        comm_schedule=CommunicationSchedule(input_values.points_ns, {}, int(steps[0])),
+        divergence=_DIVERGENCE,
+    )

@@ -1,0 +1,158 @@
+"""Recorded signals as functions of the communication points of a new run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import InputError
+from cosim.network import (
+    SUBSTITUTE,
+    PacketLink,
+    PacketSchedule,
+    TransportLink,
+    align,
+    schedule,
+)
+from cosim.replay.mapping import Source
+from cosim.trace import Table, Trace, component_of, rows_in_force, series_of
+
+Integers = NDArray[np.int64]
+Link = PacketLink | TransportLink
+_MOST_POINTS = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class InputValues:
+    """What goes into the inputs.
+
+    Attributes
+    ----------
+    points_ns : communication points from 0 [ns].
+    values : by input, one per point.
+    shift_ns : what was taken off the recorded instants, so that the run begins at 0.
+    """
+
+    points_ns: Integers
+    values: Mapping[str, NDArray[np.float64]]
+    shift_ns: int
+
+
+def resampled_inputs(
+    trace: Trace,
+    direct: Mapping[str, Source],
+    linked: Mapping[str, Source],
+    link: Link | None,
+    starts: Mapping[str, float],
+    step_ns: int | None,
+) -> InputValues:
+    """Values of the inputs at every communication point.
+
+    Parameters
+    ----------
+    direct, linked : sources by input; the linked ones go over `link`.
+    starts : values of inputs before anything has arrived.
+    step_ns : step of the points; None: the instants of the recorded rows, and what the link
+        adds to them.
+
+    Raises
+    ------
+    InputError : nothing was recorded, text, or too many points.
+    """
+    sources = {**direct, **linked}
+    tables = trace.read_all(sorted(_topics(trace, sources.values())))
+    times = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
+    if times.size < 2:
+        raise InputError(
+            "too little was recorded to run on",
+            where=str(trace.path),
+            expected="rows at two instants or more",
+            got=f"{times.size} in {', '.join(tables)}",
+        )
+    shift = int(times[0])
+    points = _points(times - shift, step_ns)
+    traffic = None
+    if linked and isinstance(link, PacketLink):
+        sends = schedule(link, int(points[-1]))
+        aligned = align([sends], points, "align" if step_ns is None else "grid")
+        points, (traffic,) = aligned.points_ns, aligned.schedules
+    values = {}
+    for name, source in direct.items():
+        values[name] = _values_in_force(tables, source, points + shift, starts[name])
+    for name, source in linked.items():
+        if traffic is not None:
+            sent = _values_in_force(tables, source, traffic.sent_ns + shift, starts[name])
+            values[name] = _received(traffic, sent, points, starts[name])
+        else:
+            sent = _values_in_force(tables, source, points + shift, starts[name])
+            values[name] = _transported(link, sent, points)
+    return InputValues(points, values, shift)
+
+
+def _topics(trace: Trace, sources: Iterable[Source]) -> set[str]:
+    """Topics of the sources, and of the senders of what links delivered.
+
+    The receiver computes at the instants at which the sender does, not at deliveries alone.
+    """
+    found = set()
+    for source in sources:
+        found.add(source.topic)
+        sender = trace.signals.get(source.column)
+        if component_of(source.topic) is None and sender is not None:
+            found.add(sender[0])
+    return found
+
+
+def _points(times: Integers, step_ns: int | None) -> Integers:
+    if step_ns is None:
+        return times
+    end = int(times[-1])
+    if not 1 <= step_ns <= end or end // step_ns > _MOST_POINTS:
+        raise InputError(
+            "the step does not fit what was recorded",
+            where="--step",
+            expected=f"{end / _MOST_POINTS / 1e9:.3g} s to {end / 1e9:g} s",
+            got=f"{step_ns / 1e9:g} s",
+        )
+    return np.append(np.arange(0, end, step_ns, dtype=np.int64), np.int64(end))
+
+
+def _values_in_force(
+    tables: Mapping[str, Table], source: Source, at_ns: Integers, start: float
+) -> NDArray[np.float64]:
+    """What was in force at some instants; the start value before the first row."""
+    series = series_of(tables[source.topic], source.column)
+    if series.values.dtype.kind not in "fib":
+        raise InputError(
+            "only numbers and truth values go into an input", where=source.name, got="text"
+        )
+    rows = rows_in_force(series.delivered_ns, at_ns)
+    values = np.append(series.values.astype(np.float64), start)
+    return values[np.where(rows >= 0, rows, values.size - 1)]
+
+
+def _received(
+    traffic: PacketSchedule, sent: NDArray[np.float64], points: Integers, start: float
+) -> NDArray[np.float64]:
+    """What a packet link has put into force at the points."""
+    used = traffic.in_use(points)
+    values = np.append(traffic.link.quantize(sent), start)
+    received = values[np.where(used >= 0, used, values.size - 1)]
+    if traffic.link.substitute is not None:
+        received[used == SUBSTITUTE] = traffic.link.substitute
+    return received
+
+
+def _transported(
+    link: Link | None, sent: NDArray[np.float64], points: Integers
+) -> NDArray[np.float64]:
+    """The delayed signal between the points, as a transport link of the master reads it."""
+    if not isinstance(link, TransportLink):
+        return sent
+    index, weight = link.rows(points)
+    following = sent[np.minimum(index + 1, sent.size - 1)]
+    delayed: NDArray[np.float64] = (1.0 - weight) * sent[index] + weight * following
+    return np.where(weight > 0.0, delayed, sent[index])

@@ -1,0 +1,300 @@
+"""From a scenario to what the master runs: links in nanoseconds, connections, inputs driven."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import InputError
+from cosim.fmu import FmuDescription, Port
+from cosim.hinf import WorstCase
+from cosim.master import (
+    CommunicationSchedule,
+    Component,
+    Connection,
+    DelaySource,
+    Endpoint,
+    Link,
+    LogLevel,
+    System,
+    make_schedule,
+)
+from cosim.scenario.channels import delay_source, link_of, nanoseconds
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.matching import endpoint, matched
+from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
+from cosim.scenario.parameters import numbers_of
+from cosim.scenario.schema import ComponentLogPart, Scenario
+from cosim.scenario.script import changes_of, instants_ns
+from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
+
+__all__ = [
+    "FmuCache",
+    "SystemParts",
+    "Wires",
+    "assemble",
+    "delay_sources",
+    "find_fmus",
+    "parts_of",
+    "same_start",
+    "system_of",
+]
+
+Wires = list[tuple[Connection, Path]]
+"""Connections, each with the part of the scenario that it comes from."""
+
+
+def find_fmus(
+    scenario: Scenario, fmu_cache: FmuCache, findings: Findings | None = None
+) -> dict[str, FmuDescription]:
+    """The FMU of every component, built if the catalogue has it and it is missing."""
+    findings = findings or Findings()
+    found = {}
+    for name, part in scenario.components.items():
+        with findings.at("components", name, "fmu"):
+            found[name] = fmu_cache.find(part.fmu)
+    return found
+
+
+@dataclass(frozen=True)
+class SystemParts:
+    """What a system is made of.
+
+    wires : connections, each with the place in the scenario that it comes from.
+    """
+
+    components: Mapping[str, Component]
+    wires: Wires
+    links: Mapping[str, Link]
+    driven: Signals
+    comm_schedule: CommunicationSchedule
+
+
+def assemble(
+    scenario: Scenario,
+    fmus: Mapping[str, FmuDescription],
+    *,
+    parameters: Mapping[str, Mapping[str, float]],
+    worst_case: WorstCase | None = None,
+    at_rest: bool = False,
+    origin: Origin = NOWHERE,
+) -> System:
+    """The system of a scenario.
+
+    Parameters
+    ----------
+    fmus : by component.
+    parameters : by component, on top of the scenario's own (the gain of a design).
+    worst_case : what the scenario's disturbance is, found from its design.
+    at_rest : the companion run: from the zero state, the reference at zero, everything else
+        the same; the gain from disturbance to output is defined there.
+    origin : where the parts of the scenario stand, for messages.
+
+    Raises
+    ------
+    InputError : a connection that matches nothing, names that do not exist.
+    """
+    findings = Findings(origin)
+    parts = parts_of(
+        scenario, fmus, findings, parameters=parameters, worst_case=worst_case, at_rest=at_rest
+    )
+    return system_of(scenario, parts, findings)
+
+
+def parts_of(
+    scenario: Scenario,
+    fmus: Mapping[str, FmuDescription],
+    findings: Findings,
+    *,
+    parameters: Mapping[str, Mapping[str, float]],
+    worst_case: WorstCase | None = None,
+    at_rest: bool = False,
+) -> SystemParts:
+    """The parts of a system, as `assemble`; faults go to `findings`."""
+    links = _links(scenario, findings)
+    comm_schedule = _comm_schedule(scenario, links, findings)
+    own = {
+        name: numbers_of(name, fmus[name], part.parameters, findings)
+        for name, part in scenario.components.items()
+        if name in fmus
+    }
+    for name in scenario.log.components if scenario.log is not None else ():
+        if name not in scenario.components:
+            with findings.at("log", "components", name):
+                raise InputError.unknown("component", name, scenario.components)
+    shaped = {name: fmus[name].resized(values) for name, values in own.items()}
+    wires = _wires(scenario, shaped, findings)
+    driven = _driven(scenario, shaped, comm_schedule, worst_case, findings, at_rest=at_rest)
+    connected = {c.target for c, _ in wires} | set(driven)
+    components = {}
+    for name, fmu in shaped.items():
+        if at_rest:
+            own[name] |= {
+                p.name: [0.0] * p.size if p.shape else 0.0
+                for p in fmu.ports.values()
+                if _of_the_start(p, Endpoint(name, p.name) in connected)
+            }
+        step = scenario.components[name].step
+        components[name] = Component(
+            fmu,
+            {**own[name], **parameters.get(name, {})},
+            None if step is None else nanoseconds(step),
+            *_wanted_log(scenario, name),
+        )
+    return SystemParts(components, wires, links, driven, comm_schedule)
+
+
+def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str] | None]:
+    """From which level on a component is recorded, and which of its categories."""
+    if scenario.log is None:
+        return "debug", None
+    part = scenario.log.components.get(component, ComponentLogPart())
+    return part.level or scenario.log.level, part.categories
+
+
+def _links(scenario: Scenario, findings: Findings) -> dict[str, Link]:
+    links: dict[str, Link] = {}
+    changes = changes_of(scenario, findings)
+    for name, part in scenario.links.items():
+        with findings.at("links", name):
+            links[name] = link_of(name, part, scenario.run.seed, changes.get(name, ()))
+    return links
+
+
+def _comm_schedule(
+    scenario: Scenario, links: Mapping[str, Link], findings: Findings
+) -> CommunicationSchedule:
+    run = scenario.run
+    step, end = nanoseconds(run.step), nanoseconds(run.end)
+    every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
+    with findings.at("run"):
+        return make_schedule(links, step, end, run.events, every, instants_ns(scenario))
+    # what can still be looked at is looked at over two points
+    return CommunicationSchedule(np.array([0, 1_000_000_000], np.int64), {}, 1_000_000_000)
+
+
+def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Findings) -> Wires:
+    wires: Wires = []
+    for path, part in scenario.wires():
+        with findings.at(*path):
+            ends = endpoint(part.source), endpoint(part.target)
+            found = (
+                [Connection(*ends, part.link, part.policy)]
+                if ends[0].component in scenario.links and ends[0].component not in fmus
+                else matched(fmus, *ends, part.link, part.policy, scenario.components)
+            )
+            wires += [(connection, path) for connection in found]
+        if part.link is not None and part.link not in scenario.links:
+            with findings.at(*path, "link"):
+                raise InputError.unknown("link", part.link, scenario.links)
+    return wires
+
+
+def _driven(
+    scenario: Scenario,
+    fmus: Mapping[str, FmuDescription],
+    comm_schedule: CommunicationSchedule,
+    worst_case: WorstCase | None,
+    findings: Findings,
+    *,
+    at_rest: bool,
+) -> Signals:
+    seconds = comm_schedule.points_ns / 1e9
+    driven: Signals = {}
+    if scenario.reference is not None:
+        with findings.at("reference"):
+            path = reference_inputs(scenario.reference, fmus)
+            driven |= along_path(path, at_rest=at_rest)
+    if scenario.disturbance is not None and worst_case is not None:
+        with findings.at("disturbance"):
+            signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, seconds)
+            for end in signals:
+                if end in driven:
+                    raise InputError(
+                        "an input has two sources",
+                        where=str(end),
+                        got="the disturbance, and the reference",
+                    )
+            driven |= signals
+    return driven
+
+
+def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> System:
+    """The system; where it does not fit together, the part that the master names is blamed.
+
+    Raises
+    ------
+    InputError : see `System`.
+    """
+    run = scenario.run
+    try:
+        return System(
+            parts.components,
+            [connection for connection, _ in parts.wires],
+            parts.links,
+            parts.driven,
+            parts.comm_schedule,
+            run.divergence,
+            run.algorithm,
+            run.order,
+            delay_sources(scenario),
+        )
+    except InputError as error:
+        raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
+
+
+def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
+    """What decides the delays of links that the run yields."""
+    found = {name: delay_source(part) for name, part in scenario.links.items()}
+    return {name: source for name, source in found.items() if source is not None}
+
+
+def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
+    where = error.where or ""
+    for connection, path in reversed(wires):
+        if (
+            f"{connection.source} -> {connection.target}" in where
+            or str(connection.target) == where
+        ):
+            return path
+    for name in scenario.components:
+        if where.startswith(f"component {name!r}"):
+            return ("components", name)
+    return ("run", "order") if where == "order" else ("run",)
+
+
+def same_start(one: System, other: System) -> bool:
+    """Whether two systems of one scenario are the same run, their inputs included."""
+    return all(
+        _start(one.components[name], port) == _start(other.components[name], port)
+        for name, component in one.components.items()
+        for port in component.description.ports.values()
+    ) and all(np.array_equal(_values(one, end), _values(other, end)) for end in one.driven)
+
+
+def _values(system: System, end: Endpoint) -> NDArray[np.float64]:
+    """A driven input at the points that are known before the run."""
+    signal = system.driven[end]
+    return signal(system.comm_schedule.points_ns / 1e9) if callable(signal) else signal
+
+
+def _start(component: Component, port: Port) -> Any:
+    value = component.parameters.get(port.name, port.start)
+    return np.ravel(value).tolist() if port.shape and value is not None else value
+
+
+def _of_the_start(port: Port, connected: bool) -> bool:  # noqa: FBT001 - a predicate of both
+    """Whether a variable says where a run starts.
+
+    That is an initial state, or an input until something reaches it; the start value of an
+    input that nothing reaches holds for the whole run.
+    """
+    if port.kind != "float":
+        return False
+    if port.causality == "parameter":
+        return port.name.startswith("initial.")
+    return connected and port.causality == "input"

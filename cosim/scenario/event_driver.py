@@ -1,0 +1,200 @@
+"""Events on the way: a session is run from one to the next, and they act."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from cosim.master import ComponentInstance, Connection, Observer, Pace, Run, Session, System
+from cosim.scenario.scope import RunScope
+from cosim.scenario.script import Action, Event
+
+
+class Due(NamedTuple):
+    """What is to happen at some instant, in the order of the scenario; ends come first."""
+
+    time_ns: int
+    begins: bool
+    number: int
+    turn: int
+
+
+class LatestValues(Observer):
+    """The rows of a run, for conditions that look at the last one."""
+
+    def __init__(self, scope: RunScope) -> None:
+        self._scope = scope
+        self._places: dict[str, tuple[ComponentInstance, int, bool]] = {}
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Where each signal stands."""
+        for instance in instances:
+            for is_input, columns in (
+                (False, instance.output_columns),
+                (True, instance.input_columns),
+            ):
+                for j, column in enumerate(columns):
+                    self._places[f"{instance.name}.{column.name}"] = instance, j, is_input
+
+    def rows_complete(self, first: int, last: int) -> None:
+        """Nothing to do: rows are looked at when a condition asks."""
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Nothing to do."""
+
+    def value(self, name: str, session: Session) -> float:
+        """The value of a name in the last complete row."""
+        k = session.rows - 1
+        if name == "t":
+            return session.row_time_ns / 1e9
+        if name in self._places:
+            instance, j, is_input = self._places[name]
+            rows = instance.inputs(k + 1) if is_input else instance.outputs
+            return float(rows[instance.own_points.last[k], j])
+        constant = self._scope.constant(name)
+        if constant is not None:
+            return constant
+        link, _, what = name.partition(".")
+        return float(getattr(session.link_state(link), "age_s" if what == "age" else what)[0])
+
+    def inputs_of(self, connection: Connection) -> list[str]:
+        """Names of the elements of a connection's target."""
+        name, variable = connection.target
+        return [
+            place.removeprefix(f"{name}.")
+            for place, (instance, j, is_input) in self._places.items()
+            if is_input
+            and instance.name == name
+            and instance.input_columns[j].port.name == variable
+        ]
+
+
+class EventDriver:
+    """Carries the events of a run out.
+
+    Attributes
+    ----------
+    stopped : why an event ended the run; None if none did.
+    altered_by_events : whether an event changed something beside the links' traffic.
+    event_counts : how often each event happened.
+    """
+
+    def __init__(self, system: System, events: Sequence[Event], rows: LatestValues) -> None:
+        self._system, self._events, self._rows = system, events, rows
+        self._due: list[Due] = []
+        self._turn = 0
+        self._before = dict.fromkeys((e.number for e in events), False)
+        self._saved: dict[tuple[int, Action], Any] = {}
+        self.stopped: str | None = None
+        self.altered_by_events = False
+        self.event_counts = [0] * len(events)
+
+    def drive(self, session: Session, pace: Pace | None = None) -> Run:
+        """Run to the end, or to where an event stops it."""
+        for event in self._events:
+            if event.at_ns is not None:
+                self._plan(event.at_ns, event.number, begins=True)
+        watched = [e for e in self._events if e.condition is not None]
+        while not session.ended and self.stopped is None:
+            while self._due and self._due[0].time_ns <= session.time_ns and not self.stopped:
+                self._happen(heapq.heappop(self._due), session)
+            if self.stopped is not None:
+                break
+            until = self._due[0].time_ns / 1e9 if self._due else None
+            stop = (lambda s: self._look(s, watched)) if watched else None
+            session.run_until(until, stop=stop, pace=pace)
+        return session.result()
+
+    def _plan(self, time_ns: int, number: int, *, begins: bool) -> None:
+        self._turn += 1
+        heapq.heappush(self._due, Due(time_ns, begins, number, self._turn))
+
+    def _look(self, session: Session, watched: Sequence[Event]) -> bool:
+        """Whether a condition has become true in the last row; what it does is planned."""
+        found = False
+        for event in watched:
+            condition = event.condition
+            assert condition is not None  # noqa: S101 - those with one are watched
+            now = bool(condition([self._rows.value(n, session) for n in condition.names]))
+            rising = now and not self._before[event.number]
+            self._before[event.number] = now
+            if rising and (event.every_time or not self.event_counts[event.number]):
+                found = True
+                self._plan(session.time_ns, event.number, begins=True)
+        return found
+
+    def _happen(self, due: Due, session: Session) -> None:
+        event = self._events[due.number]
+        if not due.begins:
+            for action in event.actions:
+                self._undo(event, action, session)
+            session.note("info", "scenario", f"{event.words} is over")
+            return
+        self.event_counts[event.number] += 1
+        for action in event.actions:
+            self._act(event, action, session)
+        actions_text = ", ".join(str(action) for action in event.actions)
+        session.note(
+            "info", "scenario", f"{event.words}{': ' if actions_text else ''}{actions_text}"
+        )
+        if event.lasts_ns is not None:
+            self._plan(session.time_ns + event.lasts_ns, event.number, begins=False)
+        if event.stop is not None:
+            if event.condition is None:
+                session.step()  # the point of its time is the last one
+            self.stopped = f"stopped at t = {session.row_time_ns / 1e9:g} s by {event.words}" + (
+                f": {event.stop}" if event.stop else ""
+            )
+            session.note("info", "scenario", self.stopped)
+
+    def _act(self, event: Event, action: Action, session: Session) -> None:
+        component, variable = action.target
+        self.altered_by_events = True
+        match action.kind:
+            case "set":
+                if event.lasts_ns is not None:
+                    key = event.number, _key(action)
+                    self._saved.setdefault(key, session.read(component, variable))
+                session.set(component, variable, action.value)
+            case "override":
+                session.override(component, variable, action.value)
+            case "bias":
+                session.bias(component, variable, action.value, action.factor)
+            case "release":
+                session.release(component, variable)
+            case "reset":
+                session.reset(component)
+            case "outage" | "restore":
+                self._hold(component, session, hold=action.kind == "outage")
+
+    def _hold(self, link: str, session: Session, *, hold: bool) -> None:
+        """Hold the inputs that a link leads to at what they have, or let them go."""
+        for target, name in self._over(link):
+            if hold:
+                session.override(target, name, self._rows.value(f"{target}.{name}", session))
+            else:
+                session.release(target, name)
+
+    def _undo(self, event: Event, action: Action, session: Session) -> None:
+        component, variable = action.target
+        match action.kind:
+            case "set":
+                session.set(component, variable, self._saved.pop((event.number, _key(action))))
+            case "override" | "bias":
+                session.release(component, variable)
+            case "outage":
+                self._hold(component, session, hold=False)
+
+    def _over(self, link: str) -> list[tuple[str, str]]:
+        """Inputs that a link leads to."""
+        return [
+            (c.target.component, name)
+            for c in self._system.connections
+            if c.link == link
+            for name in self._rows.inputs_of(c)
+        ]
+
+
+def _key(action: Action) -> Action:
+    return action._replace(value=None)

@@ -1,0 +1,121 @@
+"""Everything that a scenario needs, found or made before anything runs: FMUs, gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cosim.core import InputError, Progress, silent
+from cosim.fmu import FmuDescription
+from cosim.hinf import Design, WorstCase
+from cosim.scenario.assembly import assemble, find_fmus
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.gain import Problem, gain_parameters, problem_of
+from cosim.scenario.origin import Findings
+from cosim.scenario.pinned import DesignSource, kept_or_made, named_design
+from cosim.scenario.read import LoadedScenario
+from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_of
+
+
+@dataclass(frozen=True)
+class PreparedScenario:
+    """A scenario with everything found that it needs, before anything runs.
+
+    worst_case : the worst case that the scenario's disturbance is.
+    source : where the design comes from.
+    """
+
+    loaded: LoadedScenario
+    fmus: Mapping[str, FmuDescription]
+    problem: Problem | None
+    design: Design | None
+    worst_case: WorstCase | None = None
+    source: DesignSource | None = None
+
+
+def prepare(
+    loaded: LoadedScenario,
+    fmu_cache: FmuCache,
+    *,
+    saved: tuple[Problem, Design] | None = None,
+    worst_case: WorstCase | None = None,
+    progress: Progress | None = None,
+) -> PreparedScenario:
+    """Find or build the FMUs, and find the design that the scenario names, or make one.
+
+    saved : what a design is about and the design, in place of the scenario's.
+    worst_case : its worst case, in place of the one that the design holds.
+
+    Raises
+    ------
+    InputError, NotAchievableError : see `assemble`, `gain`, `pinned` and `signals`.
+    """
+    report_progress = progress or silent
+    report_progress("FMUs", 0.0)
+    findings = Findings(loaded.origin)
+    fmus = find_fmus(loaded.scenario, fmu_cache, findings)
+    loaded = with_numbers(loaded, fmus, findings)
+    scenario = loaded.scenario
+    part, disturbance = scenario.design, scenario.disturbance
+    if part is None:
+        with findings.at("disturbance"):
+            check_disturbance(loaded)
+        return PreparedScenario(loaded, fmus, None, None)
+    with findings.at("design"):
+        check_roles(loaded, fmus)
+        found: Design | None = None
+        if saved is not None:
+            problem, found = saved
+            source = DesignSource("made before, its proof checked again")
+        elif part.file is not None:
+            problem, found, source = named_design(part, loaded.folder)
+        else:
+            problem = problem_of(part, loaded.folder)
+        # fit everything together before a design, which takes longest: what cannot run says so
+        blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
+    with findings.at("disturbance"):
+        still = None if disturbance is None else no_disturbance(problem.system)
+    roles = {part.controller: blank}
+    assemble(scenario, fmus, parameters=roles, worst_case=still, origin=loaded.origin)
+    if found is None:
+        report_progress("design", 0.0)
+        found, source = kept_or_made(loaded, problem)
+    if disturbance is not None and worst_case is None:
+        worst_case = worst_case_of(disturbance, found)
+    return PreparedScenario(loaded, fmus, problem, found, worst_case, source)
+
+
+def with_numbers(
+    loaded: LoadedScenario, fmus: Mapping[str, FmuDescription], findings: Findings
+) -> LoadedScenario:
+    """The same with a reference in the units of the inputs that follow it."""
+    reference = loaded.scenario.reference
+    if reference is None:
+        return loaded
+    with findings.at("reference"):
+        numbers = reference_inputs(reference, fmus)
+        scenario = loaded.scenario.model_copy(update={"reference": numbers})
+        return replace(loaded, scenario=scenario)
+    return loaded
+
+
+def check_disturbance(loaded: LoadedScenario) -> None:
+    """Refuse a worst case where nothing is designed."""
+    if loaded.scenario.disturbance is not None and loaded.scenario.design is None:
+        raise InputError(
+            "a worst case is that of a design, and this scenario has none",
+            where="disturbance",
+            expected="[design]",
+            hint="a wave field as a component needs no design",
+        )
+
+
+def check_roles(loaded: LoadedScenario, fmus: Mapping[str, FmuDescription]) -> None:
+    """See that the components exist that a design is about."""
+    part = loaded.scenario.design
+    if part is not None:
+        for role, name in (("controller", part.controller), ("plant", part.plant)):
+            if name not in fmus:
+                raise InputError.unknown("component", name, fmus, where=f"design.{role}")

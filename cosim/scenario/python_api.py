@@ -1,0 +1,94 @@
+"""Scenarios from Python: flown as `cosim run` flies them, or opened as a session to be driven."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from cosim.core import InputError
+from cosim.fmu import DEFAULT_FLAVOUR
+from cosim.master import EngineName, Observer, Pace, Session
+from cosim.scenario.execute import PreparedScenario, assembled_system, execute_run, prepare
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.outcome import Outcome
+from cosim.scenario.read import load, of_scenario
+from cosim.scenario.schema import Scenario
+
+FMUS = Path("fmus")
+
+
+def run(
+    scenario: str | Path | Scenario,
+    trace: Path | str | None = None,
+    *,
+    settings: Sequence[str] = (),
+    fmus: Path = FMUS,
+    flavour: str = DEFAULT_FLAVOUR,
+    engine: EngineName = "auto",
+    pace: Pace | None = None,
+) -> Outcome:
+    """Fly a scenario; the same as `cosim run`.
+
+    Parameters
+    ----------
+    scenario : a built-in name, a file, or one that was built in Python.
+    trace : where the trace goes; None: nowhere.
+    settings : as `--set`, "links.uplink.delay='400 ms'".
+    fmus : folder of the FMUs; what is missing is built there.
+    flavour, engine, pace : as the options of `cosim run`.
+
+    Raises
+    ------
+    InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `execute_run`.
+    """
+    prepared = _prepared(scenario, settings, fmus, flavour)
+    return execute_run(prepared, None if trace is None else Path(trace), engine=engine, pace=pace)
+
+
+@contextmanager
+def open_session(
+    scenario: str | Path | Scenario,
+    *,
+    settings: Sequence[str] = (),
+    fmus: Path = FMUS,
+    flavour: str = DEFAULT_FLAVOUR,
+    engine: EngineName = "auto",
+    observers: Sequence[Observer] = (),
+) -> Iterator[Session]:
+    """A scenario at its start, designed and initialised, for you to drive.
+
+    Parameters as for `run`; `observers` look on.
+
+    Raises
+    ------
+    InputError : as `run`, or a scenario with events, which would not happen.
+    """
+    prepared = _prepared(scenario, settings, fmus, flavour)
+    system, _, events = assembled_system(prepared)
+    if events:
+        raise InputError(
+            "this scenario drives itself",
+            where=prepared.loaded.name,
+            expected="a scenario without events: in a session they are yours",
+            got=f"{len(events)} events",
+            hint="without = ['events'] in a scenario that extends it",
+        )
+    with Session(system, observers, engine=engine) as session:
+        yield session
+
+
+def _prepared(
+    scenario: str | Path | Scenario, settings: Sequence[str], fmus: Path, flavour: str
+) -> PreparedScenario:
+    if isinstance(scenario, Scenario):
+        if settings:
+            raise InputError(
+                "settings are for scenarios that are read",
+                where="settings",
+                hint="scenario.model_copy(update=...)",
+            )
+        loaded = of_scenario(scenario, "scenario")
+    else:
+        loaded = load(str(scenario), settings)
+    return prepare(loaded, FmuCache(fmus, loaded.folder, flavour=flavour))

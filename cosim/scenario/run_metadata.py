@@ -1,0 +1,112 @@
+"""What a trace says of its run, and carries so that it can be run and proved again."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, fields, is_dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cosim.hinf import Design, certificate_bytes, design_to_json
+from cosim.master import Link, System
+from cosim.network import DelayProfile
+from cosim.scenario.gain import starts_with
+from cosim.scenario.preparation import PreparedScenario
+from cosim.trace import (
+    CERTIFICATE_ATTACHMENT,
+    DESIGN_ATTACHMENT,
+    SCENARIO_ATTACHMENT,
+    Attachment,
+    certificate_entries,
+)
+
+
+def run_metadata_of(
+    prepared: PreparedScenario, system: System
+) -> tuple[dict[str, str], Sequence[Attachment]]:
+    """Entries of `cosim.run`, and the attachments."""
+    loaded = prepared.loaded
+    text = loaded.text.encode()
+    attachments = [Attachment(SCENARIO_ATTACHMENT, "application/toml", text)]
+    entries = {
+        "software": f"auv-cosim {importlib.metadata.version('auv-cosim')}",
+        "scenario": loaded.name,
+        "title": loaded.scenario.title,
+        "scenario.sha256": hashlib.sha256(text).hexdigest(),
+        "step_ns": str(system.comm_schedule.step_ns),
+        "end_ns": str(int(system.comm_schedule.points_ns[-1])),
+        "events": loaded.scenario.run.events,
+        "seed": str(loaded.scenario.run.seed),
+        "time_base": "simulated nanoseconds from the start of the run",
+        "host.python": platform.python_version(),
+        "host.platform": platform.platform(),
+        "host.started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "host.command": " ".join(Path(a).name if i == 0 else a for i, a in enumerate(sys.argv)),
+    }
+    if loaded.source_sha256 is not None:
+        entries["host.scenario.source.sha256"] = loaded.source_sha256
+    for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
+        entries[f"host.{package}"] = importlib.metadata.version(package)
+    if prepared.worst_case is not None:
+        entries["disturbance"] = json.dumps(asdict(prepared.worst_case), sort_keys=True)
+    for name, link in system.links.items():
+        entries[f"link.{name}"] = json.dumps(_link_entry(link), sort_keys=True)
+    for name, fmu in prepared.fmus.items():
+        entries[f"fmu.{name}"] = loaded.scenario.components[name].fmu
+        entries[f"fmu.{name}.sha256"] = fmu.sha256
+        attachments.append(Attachment(f"{name}.modelDescription.xml", "text/xml", fmu.xml))
+    if prepared.design is not None:
+        data = json.dumps(design_to_json(prepared.design), allow_nan=False).encode()
+        entries["design.sha256"] = hashlib.sha256(data).hexdigest()
+        attachments.append(Attachment(DESIGN_ATTACHMENT, "application/json", data))
+        named, proof = _certificate(prepared, prepared.design)
+        entries |= named
+        attachments.append(proof)
+    return entries, attachments
+
+
+_LATER = {"delay": None, "duplicate": 0.0, "queue_limit": None, "windows": ()}
+"""What links came to have, and what it is where it is not used: then it is not named, and the
+trace is the one that it was before."""
+
+
+def _link_entry(link: Link) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for each in fields(link):
+        value = getattr(link, each.name)
+        if isinstance(value, DelayProfile):
+            found[each.name] = {
+                "times_ns": value.times_ns.tolist(),
+                "delays_ns": value.delays_ns.tolist(),
+                "interpolation": value.interpolation,
+            }
+        elif isinstance(value, tuple):
+            found[each.name] = [asdict(item) for item in value]
+        elif is_dataclass(value) and not isinstance(value, type):
+            found[each.name] = asdict(value)
+        else:
+            found[each.name] = value
+        if each.name in _LATER and value == _LATER[each.name]:
+            del found[each.name]
+    return found
+
+
+def _certificate(prepared: PreparedScenario, design: Design) -> tuple[dict[str, str], Attachment]:
+    """The proof of the gain that flies, and the entries of `cosim.run` that name it."""
+    proof = certificate_bytes(design.certificate)
+    part = prepared.loaded.scenario.design
+    name = "" if part is None else part.controller
+    starts = starts_with(design.K, prepared.fmus[name])
+    own = "its FMU starts with it" if starts else "its FMU starts with another, which did not fly"
+    entries = certificate_entries(
+        design.certificate["claim"],
+        hashlib.sha256(proof).hexdigest(),
+        f"K[i,j] of {name} as set for this run; {own}",
+    )
+    return entries, Attachment(CERTIFICATE_ATTACHMENT, "application/json", proof)

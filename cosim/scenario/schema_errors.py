@@ -1,0 +1,137 @@
+"""What breaks the schema of a scenario, in words: file, line, key, what was expected and got."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from cosim.core import InputError
+from cosim.scenario.events import ConditionError
+from cosim.scenario.expression import ExpressionError
+from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN
+from cosim.scenario.origin import Origin, Path, key
+
+
+def condition_error(error: ExpressionError, path: Path, origin: Origin) -> InputError:
+    """What is wrong with a condition, with the place and the column of it."""
+    return InputError(
+        f"{key(path)}, {error.where}: {error.what}",
+        where=origin.place(path),
+        expected=error.expected,
+        got=error.got,
+        hint=error.hint,
+    )
+
+
+_SCALAR_WANTED = ("float_type", "int_type", "bool_type", "literal_error", "value_error")
+_NO_TABLE = ("model_type", "model_attributes_type", "dict_type")
+
+
+def refusals(
+    model: type[BaseModel], error: ValidationError, data: Any, origin: Origin
+) -> list[InputError]:
+    """One error per place of the file, the most telling first."""
+    found: dict[Path, Any] = {}
+    for detail in sorted(error.errors(include_url=False), key=_rank, reverse=True):
+        path = tuple(_path(detail, data))
+        # a value that fits no branch of a union is reported once per branch: that a table is no
+        # number says less than what is wrong in the table
+        if path in found or (
+            _of_other_branch(detail) and any(p[: len(path)] == path for p in found)
+        ):
+            continue
+        found[path] = detail
+    return [_refusal(model, detail, path, origin) for path, detail in found.items()]
+
+
+def _rank(detail: Any) -> tuple[bool, bool, int]:
+    """The longest path came closest."""
+    return not _of_other_branch(detail), detail["type"] != "missing", len(detail["loc"])
+
+
+def _of_other_branch(detail: Any) -> bool:
+    is_table = isinstance(detail["input"], dict)
+    if is_table:
+        return detail["type"] in _SCALAR_WANTED
+    return detail["type"] in _NO_TABLE and detail["loc"][-1] in _BRANCHES
+
+
+_BRANCHES = ("BurstPart",)
+
+
+def _refusal(model: type[BaseModel], detail: Any, path: Path, origin: Origin) -> InputError:
+    cause = detail.get("ctx", {}).get("error")
+    if isinstance(cause, ConditionError):
+        return condition_error(cause.error, path, origin)
+    return InputError(
+        _sentence(detail, key(path)),
+        where=origin.place(path),
+        expected=_expected(detail),
+        got=None if detail["type"] == "missing" else repr(detail["input"])[:200],
+        hint=_hint(model, detail, path),
+    )
+
+
+def _path(detail: Any, data: Any) -> list[str | int]:
+    """The place of a fault as keys of the file; pydantic's names of union branches are none."""
+    path: list[str | int] = []
+    for i, part in enumerate(detail["loc"]):
+        here = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int)
+        )
+        if here:
+            data = data[part]
+        if here or (detail["type"] == "missing" and i == len(detail["loc"]) - 1):
+            path.append(part)
+    return path
+
+
+def _sentence(detail: Any, key: str) -> str:
+    match detail["type"]:
+        case "extra_forbidden":
+            return f"there is no key {key!r}"
+        case "missing":
+            return f"the key {key!r} is missing"
+        case _:
+            return f"the value of {key!r} is not allowed"
+
+
+def _expected(detail: Any) -> str | None:
+    match detail["type"]:
+        case "extra_forbidden" | "missing":
+            return None
+        case "string_pattern_mismatch":
+            return _PATTERNS[detail["ctx"]["pattern"]]
+        case "union_tag_not_found":
+            return "a key 'kind' that says which kind this is"
+        case "union_tag_invalid":
+            return f"kind = {detail['ctx']['expected_tags'].replace(',', ' or')}"
+    message: str = detail["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return message
+
+
+_PATTERNS = {
+    NAME_PATTERN: "a name: a letter, then letters, digits, _ or -",
+    REFERENCE_PATTERN: "component.variable",
+}
+
+
+def _hint(model: type[BaseModel], detail: Any, path: Path) -> str | None:
+    """The nearest key that the table has, else the nearest that any table has."""
+    if detail["type"] == "literal_error":
+        words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
+        choices = [c.strip("' ") for word in words for c in word.split(",")]
+        return _nearest(str(detail["input"]), choices)
+    if detail["type"] != "extra_forbidden":
+        return None
+    schema = model.model_json_schema()
+    known = {name: set(part.get("properties", {})) for name, part in schema["$defs"].items()}
+    everywhere = set(schema["properties"]).union(*known.values())
+    return _nearest(str(path[-1]), sorted(everywhere))
+
+
+def _nearest(word: str, known: list[str]) -> str | None:
+    near = difflib.get_close_matches(word, known, n=2)
+    return f"did you mean {' or '.join(near)}?" if near else None

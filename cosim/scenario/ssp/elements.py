@@ -1,0 +1,269 @@
+"""Elements and connections of an archive from the system that the master would run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import InputError
+from cosim.fmu import Port, component_module
+from cosim.master import Connection, Endpoint, Session, System
+from cosim.network import PacketLink, TransportLink
+from cosim.scenario.ssp.link_fmu import link_spec
+from cosim.scenario.ssp.resources import Resources
+from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire
+
+_TABLE = component_module("signal_table.variables")
+_LINK = component_module("link_channel.variables")
+_STATE = {"age": "Real", "sequence": "Integer", "dropped": "Integer"}
+
+
+@dataclass
+class ArchiveElements:
+    """What stands in an archive.
+
+    Attributes
+    ----------
+    annotated : TOML of the links that are annotations.
+    element_of : link -> name of its element.
+    wired : transport links without a delay, which are wires.
+    """
+
+    elements: list[Element] = field(default_factory=list)
+    wires: list[Wire] = field(default_factory=list)
+    annotated: dict[str, str] = field(default_factory=dict)
+    element_of: dict[str, str] = field(default_factory=dict)
+    wired: set[str] = field(default_factory=set)
+    warnings: list[str] = field(default_factory=list)
+
+
+def archive_elements(
+    system: System,
+    resources: Resources,
+    links: Literal["annotate", "fmu"],
+    tomls: Mapping[str, str],
+) -> ArchiveElements:
+    """Components, what drives inputs, links; `tomls`: the links as the scenario has them.
+
+    Raises
+    ------
+    InputError : what an archive cannot say, named.
+    """
+    built = ArchiveElements()
+    starts: dict[Endpoint, Value] = {}
+    _drive(system, resources, built, starts)
+    if links == "fmu":
+        _link_fmus(system, resources, built, tomls)
+    else:
+        _annotations(system, built, tomls)
+    _components(system, resources, built, starts)
+    return built
+
+
+def _components(
+    system: System, resources: Resources, built: ArchiveElements, starts: Mapping[Endpoint, Value]
+) -> None:
+    inputs = {wire.target for wire in built.wires}
+    own = []
+    for name, component in system.components.items():
+        fmu = component.description
+        connectors = [
+            Connector(p.name, p.causality, TYPES[p.kind], p.unit)  # type: ignore[arg-type]
+            for p in fmu.ports.values()
+            if p.kind is not None
+            and not p.shape
+            and (p.causality == "output" or (p.causality == "input" and (name, p.name) in inputs))
+        ]
+        values = {v: _value(fmu.ports[v], x, name) for v, x in component.parameters.items()}
+        values |= {end.variable: v for end, v in starts.items() if end.component == name}
+        source = resources.add(fmu.path.stem, fmu.path.read_bytes())
+        own.append(Element(name, source, connectors, dict(sorted(values.items()))))
+    built.elements[:0] = own
+
+
+def _value(port: Port, value: Any, component: str) -> Value:
+    if port.kind is None or port.shape:
+        raise InputError(
+            "SSP 1.0 has no values for this variable",
+            where=f"component {component!r}, {port.name}",
+            expected="a scalar number, truth value or text",
+            got="an array" if port.shape else "Binary or Clock",
+        )
+    return Value(TYPES[port.kind], value, port.unit)
+
+
+# ---- inputs that follow given signals
+
+
+def _drive(
+    system: System, resources: Resources, built: ArchiveElements, starts: dict[Endpoint, Value]
+) -> None:
+    """Constant ones become start values, the others a table."""
+    points = system.comm_schedule.points_ns
+    moving: list[tuple[Endpoint, NDArray[np.float64], str | None]] = []
+    for end, signal in system.driven.items():
+        values = np.asarray(signal(points / 1e9) if callable(signal) else signal)
+        port = system.components[end.component].description.ports[end.variable]
+        if (values == values[0]).all():
+            starts[end] = Value("Real", float(values[0]), port.unit)
+        else:
+            moving.append((end, values, port.unit))
+    if not moving:
+        return
+    if points.size * len(moving) > _TABLE.MOST_NUMBERS:
+        raise InputError(
+            "the given signals are too long for a table in an FMU",
+            where=", ".join(str(end) for end, _, _ in moving),
+            expected=f"at most {_TABLE.MOST_NUMBERS} values",
+            got=f"{points.size} points of {len(moving)} signals",
+            hint="a shorter run, or a longer step",
+        )
+    name = free_name("signals", system.components, system.links)
+    outputs = [(str(end), unit) for end, _, unit in moving]
+    rows = np.column_stack([values for _, values, _ in moving])
+    spec = _TABLE.table_spec(
+        "Signals", outputs, points.tolist(), rows.tolist(), system.comm_schedule.step_ns / 1e9
+    )
+    connectors = [Connector(n, "output", "Real", u) for n, u in outputs]
+    built.elements.append(Element(name, resources.build(spec), connectors))
+    built.wires += [Wire((name, str(end)), (end.component, end.variable)) for end, _, _ in moving]
+
+
+def free_name(wanted: str, *taken: Iterable[str]) -> str:
+    """`wanted`, or with a number what nothing else is called."""
+    names = {name for group in taken for name in group}
+    name, number = wanted, 2
+    while name in names:
+        name, number = f"{wanted}_{number}", number + 1
+    return name
+
+
+# ---- links as annotations
+
+
+def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str]) -> None:
+    for connection in system.connections:
+        if system.is_state(connection.source):
+            raise InputError(
+                "the state of a link is a signal only where the link is an FMU",
+                where=f"connection {connection.source} -> {connection.target}",
+                hint="--links fmu",
+            )
+        built.wires.append(Wire(connection.source, connection.target, connection.link))
+    used = sorted({c.link for c in system.connections if c.link is not None})
+    built.annotated = {name: tomls[name] for name in used}
+    if used:
+        built.warnings.append(
+            f"other tools ignore the links {', '.join(used)}: to them each is a wire; with "
+            "--links fmu each is an FMU, which they do not ignore"
+        )
+
+
+# ---- links as FMUs
+
+
+def _link_fmus(
+    system: System, resources: Resources, built: ArchiveElements, tomls: Mapping[str, str]
+) -> None:
+    over: dict[str, list[Connection]] = {}
+    for connection in system.connections:
+        link = None if connection.link is None else system.links[connection.link]
+        if isinstance(link, TransportLink) and link.delay is None and link.delay_ns == 0:
+            built.wired.add(link.name)
+            link = None
+        if link is None:
+            built.wires.append(_plain(system, connection))
+        else:
+            over.setdefault(link.name, []).append(connection)
+    firsts = _first_values(system, over)
+    for name, connections in over.items():
+        element = free_name(name, system.components, [e.name for e in built.elements])
+        built.element_of[name] = element
+        _link_fmu(system, resources, built, (name, element), connections, firsts, tomls[name])
+    for i, wire in enumerate(built.wires):
+        start = built.element_of.get(wire.source[0])
+        if start is not None and wire.source[1] in _STATE:
+            built.wires[i] = Wire((start, wire.source[1]), wire.target)
+    missing = [w for w in built.wires if w.source[0] in system.links and w.source[1] in _STATE]
+    missing = [w for w in missing if w.source[0] not in built.element_of]
+    if missing:
+        raise InputError(
+            "the state of a link that carries nothing",
+            where=f"connection {'.'.join(missing[0].source)} -> {'.'.join(missing[0].target)}",
+        )
+
+
+def _plain(system: System, connection: Connection) -> Wire:
+    source, target = connection.source, connection.target
+    if system.is_state(source):
+        kind = system.components[target.component].description.ports[target.variable].kind
+        wanted = _STATE.get(source.variable)
+        if wanted is None or TYPES[kind] != wanted:
+            raise InputError(
+                "a link FMU has no such output for this input",
+                where=f"connection {source} -> {target}",
+                expected=", ".join(f"{n} ({t})" for n, t in _STATE.items()),
+                got=f"{source.variable}, to an input of type {TYPES[kind]}",
+            )
+    return Wire(source, target)
+
+
+def _first_values(system: System, over: Mapping[str, list[Connection]]) -> dict[Endpoint, float]:
+    """What a transport link delivers at the start: the sender's first row."""
+    sources = {
+        c.source
+        for name, connections in over.items()
+        if not isinstance(system.links[name], PacketLink)
+        for c in connections
+    }
+    if not sources:
+        return {}
+    with Session(system, engine="python") as session:
+        session.step()
+        return {end: float(session.value(end.component, end.variable)) for end in sources}
+
+
+def _link_fmu(
+    system: System,
+    resources: Resources,
+    built: ArchiveElements,
+    names: tuple[str, str],
+    connections: list[Connection],
+    firsts: Mapping[Endpoint, float],
+    toml: str,
+) -> None:
+    name, element = names
+    signals, connectors = [], []
+    for i, connection in enumerate(connections, 1):
+        source, target = connection.source, connection.target
+        sender = system.components[source.component].description.ports[source.variable]
+        component = system.components[target.component]
+        receiver = component.description.ports[target.variable]
+        if sender.kind != "float" or receiver.kind != "float" or sender.shape or receiver.shape:
+            raise InputError(
+                "a link FMU carries Reals",
+                where=f"connection {source} -> {target}, link {name!r}",
+                got=f"{sender.getter_type} to {receiver.getter_type}"
+                + (", an array" if sender.shape or receiver.shape else ""),
+            )
+        start = component.parameters.get(target.variable, receiver.start)
+        first = firsts.get(source, 0.0 if start is None else float(start))
+        signals.append(_LINK.LinkSignal(sender.unit, first, f"{source} to {target}"))
+        built.wires.append(Wire(source, (element, f"u[{i}]")))
+        built.wires.append(Wire((element, f"y[{i}]"), target))
+        connectors.append(Connector(f"u[{i}]", "input", "Real", sender.unit))
+        connectors.append(Connector(f"y[{i}]", "output", "Real", sender.unit))
+    link = system.links[name]
+    model = "Link_" + re.sub(r"[^A-Za-z0-9]+", "_", name)
+    spec, warnings = link_spec(model[:80], link, signals, system.comm_schedule.step_ns)
+    built.warnings += warnings
+    connectors.append(Connector("age", "output", "Real", "s"))
+    if isinstance(link, PacketLink):
+        connectors += [Connector(n, "output", "Integer") for n in ("sequence", "dropped")]
+    connectors.sort(key=lambda c: c.kind)
+    built.elements.append(Element(element, resources.build(spec), connectors, link=(name, toml)))

@@ -1,0 +1,133 @@
+"""What `cosim scenario new` writes."""
+
+from __future__ import annotations
+
+from cosim.scenario.read import load
+
+_WHOLE = '''\
+# A scenario: what flies, over which links, for how long, and what must hold.
+# Times are in seconds and everything else in SI; "50 ms", "20 deg", "2 kN" are numbers too.
+#   cosim scenario check {name}.toml     what is wrong with it
+#   cosim run {name}.toml                fly it
+title = "{name}"
+description = """
+Why these numbers are plausible.
+"""
+
+[run]
+end = "60 s"
+step = "50 ms"
+seed = 1
+# algorithm = "gauss-seidel"   # components one after the other; else "jacobi"
+# events = "grid"              # messages on the grid of steps; else "align"
+
+[components.plant]
+fmu = "AuvPlant"               # of the catalogue, or the path of any .fmu
+# step = "0.1 s"               # a communication step of its own
+[components.plant.parameters]
+"initial.eta.x" = "0.5 m"
+
+[components.controller]
+fmu = "HinfController"
+[components.controller.parameters]
+"eta.x" = "0.5 m"              # what it goes by until the first message arrives
+
+[components.sea]
+fmu = "WaveField"
+parameters = {{ Hs = 0.5, Tp = 8.0 }}
+
+# from -> to, groups of variables or single ones, over a link if one is named.
+# connect = ["plant.eta -> controller.eta : uplink", ...] says the same in short.
+[[connections]]
+from = "sea.disturbance"
+to = "plant.disturbance"
+
+[[connections]]
+from = "plant.eta"
+to = "controller.eta"
+link = "uplink"
+
+[[connections]]
+from = "plant.nu"
+to = "controller.nu"
+link = "uplink"
+
+[[connections]]
+from = "controller.force"
+to = "plant.force"
+
+[[connections]]
+from = "controller.moment"
+to = "plant.moment"
+
+[links.uplink]
+kind = "packet"                # messages; "transport": a continuous signal, delayed
+sample_time = "0.2 s"
+delay = "0.3 s"                # or {{ range = [...], from = [...] }}, or recorded
+loss = "5 %"                   # or {{ p_enter = 0.05, p_exit = 0.3 }}: in bursts
+# jitter = {{ kind = "uniform", width = "50 ms" }}
+
+# What happens on the way: at a time, or when a condition becomes true.
+[[events]]
+at = "30 s"
+for = "3 s"
+outage = ["uplink"]
+
+# [[events]]
+# when = "plant.eta.z > 5 m and t > 10 s"
+# override = {{ "plant.force.z" = "-100 N" }}
+# for = "2 s"
+
+# What must hold; the run ends with exit code 1 if it does not.
+[[assertions]]
+name = "stays near its station"
+always = "hypot(plant.eta.x, plant.eta.y) < 2 m"
+
+# [[assertions]]
+# within = {{ of = "20 s", when = "uplink.age > 1 s", holds = "uplink.age < 1 s" }}
+# after = "5 s"
+
+# The gain: without [design] the controller flies with its own.
+# [design]
+# system = "auv"
+# loop_delay = "1.25 s"        # a design is made once, and kept in {name}.design.json
+# file = "auv-1.25s"           # or a design that exists: of the package, or FILE.json
+'''
+
+_EXTENSION = """\
+# {base}, but for what stands here.
+#   cosim scenario show {name}.toml      all of it, put together
+#   cosim scenario check {name}.toml     what is wrong with it
+#   cosim run {name}.toml                fly it
+# Tables are merged; lists, the connections among them, are replaced.
+extends = "{base}"
+title = "{title}, changed"
+# without = ["reference"]              # takes away what {base} has
+
+[run]
+end = "{end:g} s"
+# seed = 2
+{links}
+# [[events]]
+# at = "10 s"
+# for = "5 s"
+# bias = {{ "plant.eta.x" = {{ offset = "0.5 m" }} }}
+
+# [[assertions]]
+# always = "t >= 0 s"
+"""
+
+
+def template(name: str, base: str | None = None) -> str:
+    """The text of a new scenario: a whole one, or one that extends `base`.
+
+    Raises
+    ------
+    InputError : there is no such base.
+    """
+    if base is None:
+        return _WHOLE.format(name=name)
+    scenario = load(base).scenario
+    links = "".join(f'\n# [links.{link}]\n# delay = "0.4 s"\n' for link in scenario.links)
+    title = scenario.title.replace("\\", "\\\\").replace('"', '\\"')
+    return _EXTENSION.format(name=name, base=base, title=title, end=scenario.run.end, links=links)

@@ -1,0 +1,253 @@
+"""A study from its beginning, or from where it was left, to its table."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cosim.core import LossError, Progress, silent
+from cosim.study.batch import FAILED, Job, Row, record_batch, register_runner, run_batch
+from cosim.study.folder import Folder
+from cosim.study.manifest import manifest_of
+from cosim.study.plan import Plan, trial_run
+from cosim.study.schema import Study
+from cosim.study.stability_boundary import nominal_loop_figures
+from cosim.study.table import make_table, pyarrow, write_table
+from cosim.study.workers import Batch, WorkerDied, WorkerPool, in_process
+
+BATCH_S = 2.0
+"""What a batch should take: long against what handing it out costs, short against a coffee."""
+MAX_AT_ONCE = 1000
+_PIECES = 8  # of a batch under which a worker died
+
+_KILLED = "the process that flew this run died, each time that it was tried"
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """A study that is done.
+
+    Attributes
+    ----------
+    folder, results : where it is, and its table.
+    runs : number of runs in the table; `executed` of them now, the others before.
+    statuses : status -> number of runs.
+    traces : kept, by number of the run; a reason where a trace could not be had.
+    seconds : that it took now.
+    """
+
+    folder: Path
+    results: Path
+    runs: int
+    executed: int
+    statuses: dict[str, int]
+    traces: dict[int, str | None]
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, for `--json`."""
+        return {
+            "folder": str(self.folder),
+            "results": str(self.results),
+            "runs": self.runs,
+            "executed": self.executed,
+            "resumed": self.runs - self.executed,
+            "statuses": self.statuses,
+            "traces": {str(run): why for run, why in sorted(self.traces.items())},
+            "seconds": self.seconds,
+        }
+
+
+def execute_study(
+    plan: Plan,
+    out: Path,
+    pool: Callable[[], AbstractContextManager[WorkerPool]] = in_process,
+    *,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> StudyResult:
+    """Fly what is not flown yet, and write the table.
+
+    Parameters
+    ----------
+    out : folder of the study.
+    pool : opens the workers (`cosim.study.workers`), asked for only if there is work.
+    fresh : begin anew, whatever is there.
+
+    Raises
+    ------
+    CosimError : see `Folder.begin`, `trial_run` and `workers`. What is done stays.
+    """
+    pyarrow()  # what would fail at the end is said at the beginning
+    began = time.perf_counter()
+    report_progress = progress or silent
+    register_runner(plan.job.digest, plan.runner)
+    with Folder(out) as folder:
+        folder.begin(manifest_of(plan), fresh=fresh)
+        done = folder.rows()
+        before = len(done)
+        if before < plan.count:
+            if not done:
+                report_progress("one run for a start", 0.0)
+                first = trial_run(plan)
+                if first is not None:
+                    folder.append([first])
+                    done.append(first)
+            with pool() as opened:
+                _run_rest(plan, folder, opened, done, report_progress)
+        _complete(plan, done)
+        table = make_table({**manifest_of(plan), "stability": nominal_loop_figures(plan)}, done)
+        write_table(table, folder.results)
+        chosen = _chosen(plan.job.study, done)
+        kept: dict[int, str | None] = dict.fromkeys(chosen)
+        missing = [r for r in chosen if not plan.job.trace_of(folder.traces, r).is_file()]
+        if missing:
+            with pool() as opened:
+                kept |= _record(plan, folder, opened, missing, report_progress)
+    statuses: dict[str, int] = {}
+    for row in sorted(done):
+        statuses[row.status] = statuses.get(row.status, 0) + 1
+    return StudyResult(
+        folder=out,
+        results=folder.results,
+        runs=len(done),
+        executed=len(done) - before,
+        statuses=statuses,
+        traces=kept,
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Queue:
+    """Runs still to be flown, handed out in batches that take about `BATCH_S`."""
+
+    def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
+        self._runs, self._left, self._workers = runs, count, workers
+        self._each = seconds
+        self._again: list[Batch] = []
+
+    def next_batch(self) -> Batch | None:
+        """The next batch."""
+        if self._again:
+            return self._again.pop()
+        size = int(BATCH_S / max(self._each, 1e-6))
+        # towards the end everybody shall end at about the same time
+        size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
+        batch = list(itertools.islice(self._runs, size))
+        self._left -= len(batch)
+        return batch or None
+
+    def give_back(self, batch: Batch) -> Batch:
+        """Hand a batch out again in pieces, since a worker died under it; or give its only run."""
+        if len(batch) == 1:
+            return batch
+        size = math.ceil(len(batch) / _PIECES)
+        self._again += [batch[i : i + size] for i in range(0, len(batch), size)]
+        return []
+
+    def record_durations(self, rows: list[Row]) -> None:
+        """Take note of how long runs take."""
+        mean = sum(row.seconds for row in rows) / len(rows)
+        self._each = 0.7 * self._each + 0.3 * mean
+
+
+def _run_rest(
+    plan: Plan, folder: Folder, pool: WorkerPool, done: list[Row], report_progress: Progress
+) -> None:
+    """Every run that is not done, into the journal and into `done`."""
+    job = _ready(plan, folder)
+    known = {row.run for row in done}
+    seconds = sum(row.seconds for row in done) / len(done) if done else BATCH_S
+    rest = (run for run in range(plan.count) if run not in known)
+    queue = _Queue(rest, plan.count - len(known), pool.size, seconds)
+    suspects: list[int] = []
+
+    def keep(rows: list[Row]) -> None:
+        folder.append(rows)
+        done.extend(rows)
+        report_progress(f"{len(done)} of {plan.count} runs", len(done) / plan.count)
+
+    for batch, result in pool.run_batches(run_batch, job, queue.next_batch):
+        if isinstance(result, WorkerDied):
+            suspects += queue.give_back(batch)
+            continue
+        queue.record_durations(result)
+        keep(result)
+    # a worker died under each of these: one at a time, so that no other is to blame
+    for run in suspects:
+        for _, result in pool.run_batches(run_batch, job, _once(run)):
+            if isinstance(result, WorkerDied):
+                nothing = (None,) * len(plan.job.study.metrics)
+                keep([Row(run, FAILED, _KILLED, 0.0, nothing)])
+            else:
+                keep(result)
+
+
+def _complete(plan: Plan, done: list[Row]) -> None:
+    """See that every run is there once: a table with a hole is none."""
+    missing = set(range(plan.count)).symmetric_difference(row.run for row in done)
+    if missing or len(done) != plan.count:
+        raise LossError(
+            "runs are missing from the table",
+            where="study",
+            expected=f"{plan.count} runs",
+            got=f"{len(done)}, without number {min(missing, default=None)}",
+            hint="the same command goes on",
+        )
+
+
+def _ready(plan: Plan, folder: Folder) -> Job:
+    """The job as workers get it: with what this process has made, and the place for traces."""
+    all_kept = plan.job.study.traces == "all"
+    return replace(
+        plan.job,
+        designs=plan.runner.designs_made(),
+        traces=folder.traces.absolute() if all_kept else None,
+    )
+
+
+def _chosen(study: Study, done: list[Row]) -> list[int]:
+    """The runs whose traces are to be kept."""
+    ran = [row for row in done if row.status != "refused" and row.reason != _KILLED]
+    if study.traces == "all":
+        return sorted(row.run for row in ran)
+    if study.traces == "failed":
+        unsuccessful = ("failed", "diverged", "limit_cycle")
+        return sorted(row.run for row in ran if row.status in unsuccessful)
+    if study.worst is None:
+        return []
+    count, by = study.worst
+    place = list(study.metrics).index(by.removeprefix("-"))
+    sign = -1.0 if by.startswith("-") else 1.0
+    ranked = [
+        (sign * float(value), -row.run)
+        for row in ran
+        if isinstance(value := row.values[place], (int, float)) and math.isfinite(value)
+    ]
+    return sorted(-run for _, run in heapq.nlargest(count, ranked))
+
+
+def _record(
+    plan: Plan, folder: Folder, pool: WorkerPool, chosen: list[int], report_progress: Progress
+) -> dict[int, str | None]:
+    """Fly the chosen runs again, each into its trace: a run is the same whenever it is flown."""
+    job = replace(_ready(plan, folder), traces=folder.traces.absolute())
+    kept: dict[int, str | None] = {}
+    for batch, result in pool.run_batches(record_batch, job, _once(*chosen)):
+        reasons = [_KILLED] * len(batch) if isinstance(result, WorkerDied) else result
+        kept.update(zip(batch, reasons, strict=True))
+        report_progress(f"{len(kept)} of {len(chosen)} traces", len(kept) / len(chosen))
+    return kept
+
+
+def _once(*runs: int) -> Callable[[], Batch | None]:
+    """Each of the runs in a batch of its own."""
+    waiting = iter(runs)
+    return lambda: None if (run := next(waiting, None)) is None else [run]

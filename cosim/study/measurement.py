@@ -1,0 +1,128 @@
+"""The figures that a study takes from each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.core import InputError
+from cosim.master import Run
+from cosim.study.figure_lookup import value_at
+from cosim.study.schema import Metric
+
+_FROM_ZERO_STATE_RUN = (
+    "metrics.gain",
+    "metrics.norm_reached",
+    "metrics.gain_within_gamma",
+    "metrics.envelope_use",
+    "metrics.assumptions.state_inside_envelope",
+    "metrics.assumptions.limits_not_reached",
+)
+"""Figures that are those of the run and of its companion from rest together."""
+
+Reals = NDArray[np.float64]
+Value = float | int | bool | str | None
+
+
+def needs_zero_state_run(metrics: Mapping[str, Metric]) -> bool:
+    """Whether any of the figures is taken from the companion run too."""
+    return any((metric.path or "").startswith(_FROM_ZERO_STATE_RUN) for metric in metrics.values())
+
+
+def measure(metric: Metric, outcome: Mapping[str, Any], run: Run) -> Value:
+    """One figure of a run; None for what does not exist.
+
+    outcome : what `Outcome.to_json` gives.
+
+    Raises
+    ------
+    InputError : no such figure or signal; or it is no single value.
+    """
+    if metric.path is not None:
+        value = value_at(outcome, metric.path)
+        if isinstance(value, (dict, list)):
+            raise InputError(
+                "a metric is one value",
+                where=metric.path,
+                expected="a number, a word or a truth",
+                got=f"a table of {', '.join(map(str, value))}"[:200],
+            )
+    else:
+        value = _reduced(metric, run)
+    return _asked(metric, value) if metric.asks else value
+
+
+def _asked(metric: Metric, value: Value) -> bool:
+    if value is None:
+        return False
+    if metric.equals is not None and value != metric.equals:
+        return False
+    for bound, within in ((metric.below, float.__lt__), (metric.above, float.__gt__)):
+        if bound is not None:
+            if not isinstance(value, (int, float)):
+                raise InputError("only numbers have bounds", where=metric.path, got=repr(value))
+            if not within(float(value), float(bound)):
+                return False
+    return True
+
+
+def _reduced(metric: Metric, run: Run) -> float | None:
+    t = run.points_ns / 1e9
+    columns = []
+    for name in metric.signals:
+        component, _, variable = name.partition(".")
+        columns.append(run.signal(component, variable) - metric.to)
+    e = columns[0] if len(columns) == 1 else np.sqrt(np.sum(np.square(columns), axis=0))
+    late = t >= metric.after
+    t, e = t[late], e[late]
+    if t.size == 0:
+        return None
+    if metric.reduce == "settling_time":
+        return _settling_time(t, e, metric.within or 0.0, run)
+    value = _REDUCTIONS[metric.reduce or "final"](t, e)
+    return None if value is None or math.isnan(value) else value
+
+
+def _rms(t: Reals, e: Reals) -> float:
+    if t.size == 1:
+        return abs(float(e[0]))
+    with np.errstate(over="ignore"):
+        return math.sqrt(float(np.trapezoid(e**2, t)) / float(t[-1] - t[0]))
+
+
+def _mean(t: Reals, e: Reals) -> float:
+    return float(e[0]) if t.size == 1 else float(np.trapezoid(e, t)) / float(t[-1] - t[0])
+
+
+def _growth_rate(t: Reals, e: Reals) -> float | None:
+    """Exponent [1/s]: of the root mean squares of two halves; exact for an exponential."""
+    middle = int(np.searchsorted(t, 0.5 * (t[0] + t[-1])))
+    if middle < 1 or middle >= t.size - 1:
+        return None
+    first, second = _rms(t[: middle + 1], e[: middle + 1]), _rms(t[middle:], e[middle:])
+    if first == 0.0 or second == 0.0 or not math.isfinite(second):
+        return None
+    return math.log(second / first) / (0.5 * float(t[-1] - t[0]))
+
+
+def _settling_time(t: Reals, e: Reals, band: float, run: Run) -> float | None:
+    """From the first point on until |e| stays in the band; None if it does not."""
+    outside = np.flatnonzero(~(np.abs(e) <= band))
+    if run.status != "finished" or (outside.size and outside[-1] == t.size - 1):
+        return None
+    return float(t[outside[-1] + 1] - t[0]) if outside.size else 0.0
+
+
+_REDUCTIONS: dict[str, Callable[[Reals, Reals], float | None]] = {
+    "max_abs": lambda _t, e: float(np.abs(e).max()),
+    "rms": _rms,
+    "mean": _mean,
+    "minimum": lambda _t, e: float(e.min()),
+    "maximum": lambda _t, e: float(e.max()),
+    "final": lambda _t, e: float(e[-1]),
+    "growth_rate": _growth_rate,
+}

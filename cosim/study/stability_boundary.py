@@ -1,0 +1,146 @@
+"""Where a loop loses its stability as its delay grows: measured, exact, and certified.
+
+Measured: on the grid of a study, per loss, from the last delay up to which every run was stable
+to the first at which one was not. Exact: the delay margin of the nominal loop, from its
+characteristic equation. Certified: the largest age of the measurements that the proof covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.core import CosimError
+from cosim.hinf import Delay, DelaySystem, delay_margin
+from cosim.study.plan import Plan
+from cosim.study.schema import StabilityPart, Study
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The measured boundary at one loss.
+
+    stable_to : the last delay up to which all runs were stable, None if already the first was
+        not.
+    unstable_from : the next delay; None if no run was unstable.
+    certified_to : the last delay up to which every run kept to what its certificate assumes;
+        None if none did, or it was not asked.
+    """
+
+    loss: float | None
+    stable_to: float | None
+    unstable_from: float | None
+    certified_to: float | None
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Everything that the picture of a boundary shows.
+
+    exact_margin : None where the nominal loop is stable for every delay, or it is not known.
+    certified_age : None where nothing is certified.
+    agrees : whether, without loss, the exact margin lies between the last delay that was
+        measured as stable and the first that was not; None where either is not known.
+    certified_inside : whether every delay that was certified was also measured as stable.
+    """
+
+    edges: tuple[Edge, ...]
+    exact_margin: float | None
+    certified_age: float | None
+    agrees: bool | None
+    certified_inside: bool | None
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON values."""
+        return asdict(self)
+
+
+def nominal_loop_figures(plan: Plan) -> dict[str, float | None] | None:
+    """What is known of the loop without flying it; None where the design changes from run to run.
+
+    The proof and the margin are those of the first run's design.
+    """
+    study = plan.job.study
+    moved = [place for axis in study.vary for place in axis.places]
+    if study.stability is None or any(place.startswith("design") for place in moved):
+        return None
+    try:
+        problem, design = plan.runner.problem_and_design(0)
+    except CosimError:
+        return None
+    if problem is None or design is None:
+        return None
+    return {
+        "exact_margin": loop_delay_margin(problem.system, design.K),
+        "certified_age": problem.system.feedback_delay,
+        "gamma": design.gamma,
+    }
+
+
+def loop_delay_margin(system: DelaySystem, K: Any) -> float | None:
+    """The delay of the feedback at which the nominal loop loses its stability [s].
+
+    A system whose feedback is immediate gets one that is late. None: stable for every delay.
+    """
+    for i, delay in enumerate(system.delays):
+        if delay.feedback:
+            return delay_margin(_at_zero(system, i), K)[i]
+    late = Delay(0.0, np.zeros_like(system.A), feedback=True)
+    return delay_margin(_with(system, (*system.delays, late)), K)[-1]
+
+
+def _at_zero(system: DelaySystem, delay_index: int) -> DelaySystem:
+    """The same with the feedback immediate: the margin is the first loss from there."""
+    delays = list(system.delays)
+    delays[delay_index] = Delay(0.0, delays[delay_index].A, feedback=True)
+    return _with(system, tuple(delays))
+
+
+def _with(system: DelaySystem, delays: tuple[Delay, ...]) -> DelaySystem:
+    # nothing is uncertain in the nominal loop
+    plain = tuple(Delay(d.d, d.A, feedback=d.feedback) for d in delays)
+    return DelaySystem(system.A, system.B, delays=plain, name=system.name)
+
+
+def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:
+    """The boundary that a table shows; None for a study without [stability]."""
+    study = Study.model_validate(manifest["study"])
+    part = study.stability
+    if part is None:
+        return None
+    frame = table.to_pandas()
+    known = manifest.get("stability") or {}
+    losses = [None] if part.loss is None else sorted(frame[part.loss].unique().tolist())
+    edges = tuple(
+        _edge(frame if loss is None else frame[frame[part.loss] == loss], part, loss)
+        for loss in losses
+    )
+    margin, first = known.get("exact_margin"), edges[0]
+    lossless = first.loss in (None, 0.0)
+    agrees = None
+    if margin is not None and lossless and first.stable_to is not None:
+        agrees = first.stable_to <= margin and (
+            first.unstable_from is None or margin <= first.unstable_from
+        )
+    inside = None
+    if part.certified is not None:
+        kept = frame[frame[part.certified] == True]  # noqa: E712 - missing values are not True
+        inside = bool((kept[part.stable] == True).all()) if len(kept) else None  # noqa: E712
+    return Boundary(edges, margin, known.get("certified_age"), agrees, inside)
+
+
+def _edge(frame: Any, part: StabilityPart, loss: float | None) -> Edge:
+    stable_to = unstable_from = certified_to = None
+    certified_yet = part.certified is not None
+    for delay, runs in frame.groupby(part.delay, sort=True):
+        if unstable_from is None:
+            if bool((runs[part.stable] == True).all()):  # noqa: E712 - missing is not True
+                stable_to = float(delay)
+            else:
+                unstable_from = float(delay)
+        certified_yet = certified_yet and bool((runs[part.certified] == True).all())  # noqa: E712
+        if certified_yet:
+            certified_to = float(delay)
+    return Edge(loss, stable_to, unstable_from, certified_to)

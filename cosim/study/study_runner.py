@@ -1,0 +1,179 @@
+"""Run number i of a study, flown: the one place where a study meets what flies scenarios.
+
+A process keeps what runs have in common: FMUs that were found and described, designs that were
+made. What a run gives depends on the study and on its number alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cosim.core import InputError, NotAchievableError
+from cosim.fmu import FmuDescription
+from cosim.hinf import Design, design_from_json, design_to_json
+from cosim.master import Run
+from cosim.scenario import (
+    FmuCache,
+    LoadedScenario,
+    Outcome,
+    PreparedScenario,
+    Problem,
+    Scenario,
+    execute_run,
+    execute_unrecorded,
+    prepare,
+    problem_about,
+)
+from cosim.study.consistency import Place, nowhere
+from cosim.study.measurement import needs_zero_state_run
+from cosim.study.points import Points
+from cosim.study.schema import Study
+from cosim.study.varied import Variations
+
+_DESIGNS_KEPT = 256
+
+
+@dataclass(frozen=True)
+class BaseScenario:
+    """What is varied, and where its FMUs are.
+
+    Attributes
+    ----------
+    name, text, folder : of the scenario, as in `LoadedScenario`.
+    fmus, flavour : as in `FmuCache`.
+    """
+
+    name: str
+    scenario: Scenario
+    text: str
+    folder: Path
+    fmus: Path
+    flavour: str
+
+
+@dataclass(frozen=True)
+class DescribedFmuCache(FmuCache):
+    """A hangar that looks every FMU up once."""
+
+    known: dict[str, FmuDescription] = field(default_factory=dict, compare=False)
+
+    def find(self, fmu: str) -> FmuDescription:
+        """An FMU by catalogue name or path."""
+        if fmu not in self.known:
+            self.known[fmu] = super().find(fmu)
+        return self.known[fmu]
+
+
+class StudyRunner:
+    """Flies the runs of one study.
+
+    Parameters
+    ----------
+    hashes : SHA-256 by FMU reference, as the one who started the study found them.
+    designs : what `designs_made` of another flyer of the same study gave.
+    place : where a key of the study stands, for messages.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        base: BaseScenario,
+        hashes: Mapping[str, str] | None = None,
+        designs: Mapping[str, str] | None = None,
+        *,
+        place: Place = nowhere,
+    ) -> None:
+        self.study, self.base = study, base
+        self.points = Points(study, place("vary", 0))
+        self.variations = Variations(study, base.scenario, place)
+        self._hashes = hashes or {}
+        # by their hash they are found at once, where by name they are first seen to be up to date
+        self.fmu_cache = DescribedFmuCache(base.fmus, base.folder, self._hashes, base.flavour)
+        self._zero_state_run = needs_zero_state_run(study.metrics)
+        self._given = designs or {}
+        self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
+
+    def execute_run(self, run: int) -> tuple[Outcome, Run]:
+        """Fly one run without a trace.
+
+        Raises
+        ------
+        InputError, NotAchievableError, ComponentError : it cannot be flown.
+        """
+        prepared = self._prepared(self._loaded(run, ""))
+        return execute_unrecorded(prepared, zero_state_run=self._zero_state_run)
+
+    def record(self, run: int, trace: Path) -> Outcome:
+        """Fly one run into a trace, which carries its scenario and can be flown again."""
+        return execute_run(self._prepared(self._loaded(run, self._text(run))), trace)
+
+    def designs_made(self) -> dict[str, str]:
+        """The designs that were made so far, for others to fly with, as JSON by their demands."""
+        return {
+            key: json.dumps(design_to_json(made[1]), allow_nan=False)
+            for key, made in self._designs.items()
+            if not isinstance(made, NotAchievableError)
+        }
+
+    def problem_and_design(self, run: int) -> tuple[Problem | None, Design | None]:
+        """What a run's gain is about, and the gain."""
+        prepared = self._prepared(self._loaded(run, ""))
+        return prepared.problem, prepared.design
+
+    def _loaded(self, run: int, text: str) -> LoadedScenario:
+        """The scenario of a run; only a trace carries its text."""
+        scenario = self.variations.scenario(self.points[run])
+        name = f"{self.base.name}, run {run} of a study"
+        return LoadedScenario(name, scenario, text, self.base.folder)
+
+    def _text(self, run: int) -> str:
+        """The scenario of a run as TOML."""
+        return self.variations.scenario(self.points[run]).to_toml()
+
+    def _prepared(self, loaded: LoadedScenario) -> PreparedScenario:
+        for component in loaded.scenario.components.values():
+            self._check_hash(component.fmu)
+        part = loaded.scenario.design
+        if part is None:
+            return prepare(loaded, self.fmu_cache)
+        key = json.dumps(part.model_dump(), sort_keys=True)
+        if key in self._given and key not in self._designs:
+            where = "the study's design"
+            found = design_from_json(json.loads(self._given[key]), where=where)
+            self._keep(key, (problem_about(part, found, where, self.base.folder), found))
+        known = self._designs.get(key)
+        if isinstance(known, NotAchievableError):
+            raise known.with_traceback(None)
+        if known is not None:
+            self._designs.move_to_end(key)
+            return prepare(loaded, self.fmu_cache, saved=known)
+        try:
+            prepared = prepare(loaded, self.fmu_cache)
+        except NotAchievableError as error:
+            self._keep(key, error)
+            raise
+        if prepared.problem is not None and prepared.design is not None:
+            self._keep(key, (prepared.problem, prepared.design))
+        return prepared
+
+    def _keep(self, key: str, made: Any) -> None:
+        self._designs[key] = made
+        while len(self._designs) > _DESIGNS_KEPT:
+            self._designs.popitem(last=False)
+
+    def _check_hash(self, fmu: str) -> None:
+        wanted = self._hashes.get(fmu)
+        found = self.fmu_cache.find(fmu)
+        if wanted is not None and found.sha256 != wanted:
+            raise InputError(
+                "this FMU is not the one the study was started with",
+                where=str(found.path),
+                expected=f"SHA-256 {wanted}",
+                got=found.sha256,
+                hint="give every worker the same folder of FMUs: --fmus",
+            )

@@ -1,0 +1,259 @@
+"""Two traces side by side: which signals part, when first, and by how much.
+
+Where a topic has rows at the same instants in both, they are compared row by row. Else (another
+rate, other arrivals) what was in force is compared at every instant at which one of them has a
+row, from where both have begun to where the shorter trace ends.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+
+import numpy as np
+
+from cosim.trace.content import content_hash_of
+from cosim.trace.diff_context import Context, context_of
+from cosim.trace.diff_links import LinkDiff, compare_links
+from cosim.trace.hold import rows_in_force, sample_and_hold
+from cosim.trace.layout import LOG_TOPIC, component_of
+from cosim.trace.reader import Trace
+from cosim.trace.table import Table
+from cosim.trace.tolerance import Tolerances, distances, exceeds
+
+
+@dataclass(frozen=True, slots=True)
+class SignalDiff:
+    """One signal in both traces.
+
+    Attributes
+    ----------
+    name : as `Trace.signal` takes it.
+    rows : how many in each.
+    compared, differing : instants compared, and those at which the values are too far apart.
+    max_abs, max_rel : largest differences, None where values are no finite numbers.
+    max_at_s, first_s : when the largest difference is, and when the first too large one.
+    sample_and_hold : whether rows are at other instants, and what was in force was compared.
+    """
+
+    name: str
+    topic: str
+    unit: str | None
+    rows: tuple[int, int]
+    compared: int
+    differing: int
+    max_abs: float | None
+    max_rel: float | None
+    max_at_s: float | None
+    first_s: float | None
+    sample_and_hold: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Diff:
+    """Two traces side by side.
+
+    Attributes
+    ----------
+    identical : equal content hashes; then nothing else was looked at.
+    signals : of both, in the order of the first trace.
+    only : topics and signals that one of them alone has.
+    other_bytes : topics that are no columns (other encodings), whose messages differ.
+    ends_s : last instant of each.
+    log_lines : lines of /log that one of them alone has.
+    prefix : whether the first is a part of a run, compared with the beginning of the second.
+    """
+
+    paths: tuple[str, str]
+    hashes: tuple[str, str]
+    identical: bool
+    signals: tuple[SignalDiff, ...] = ()
+    only: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    other_bytes: tuple[str, ...] = ()
+    links: tuple[LinkDiff, ...] = ()
+    context: Context = field(default_factory=Context)
+    ends_s: tuple[float, float] = (0.0, 0.0)
+    log_lines: tuple[int, int] = (0, 0)
+    prefix: bool = False
+
+    @property
+    def parted(self) -> list[SignalDiff]:
+        """Signals that differ, the first to part first."""
+        found = [signal for signal in self.signals if signal.differing]
+        return sorted(found, key=lambda signal: signal.first_s or 0.0)
+
+    @property
+    def same_end(self) -> bool:
+        """Whether both go on equally long; not asked of a part of a run."""
+        return self.prefix or self.ends_s[0] == self.ends_s[1]
+
+    @property
+    def equal(self) -> bool:
+        """Whether both say the same within the tolerances: signals, messages of links, end."""
+        unlike = self.parted or self.other_bytes or any(self.only) or not self.same_end
+        return self.identical or not (unlike or any(link.differs for link in self.links))
+
+
+def diff(
+    a: str | PathLike[str],
+    b: str | PathLike[str],
+    tolerances: Tolerances | None = None,
+    *,
+    prefix: bool = False,
+    topics: Sequence[str] | None = None,
+) -> Diff:
+    """Compare two traces.
+
+    Parameters
+    ----------
+    tolerances : none by default: values are to be the same.
+    prefix : compare a part of a run with as much of the other.
+    topics : these alone; all by default.
+
+    Raises
+    ------
+    InputError : not traces, a tolerance of a signal that neither has.
+    LossError : a damaged trace.
+    """
+    allowed = tolerances or Tolerances()
+    one, two = Trace(a), Trace(b)
+    paths = str(one.path), str(two.path)
+    hashes = content_hash_of(one), content_hash_of(two)
+    if topics is None:
+        allowed.check([*one.signals, *two.signals])
+    if hashes[0] == hashes[1]:
+        return Diff(paths, hashes, identical=True)
+    chosen = set(one.topics) | set(two.topics) if topics is None else set(topics)
+    both = [t for t in one.topics if t in two.topics and t in chosen]
+    readable = [t for t in both if _readable(one, t) and _readable(two, t) and t != LOG_TOPIC]
+    tables = one.read_all(readable), two.read_all(readable)
+    ends = _end_ns(one, chosen), _end_ns(two, chosen)
+    signals: list[SignalDiff] = []
+    only: tuple[list[str], list[str]] = ([], [])
+    for topic in one.topics:
+        if topic in chosen and topic not in two.topics and one.topics[topic].count:
+            only[0].append(topic)
+    for topic in two.topics:
+        if topic in chosen and topic not in one.topics and two.topics[topic].count:
+            only[1].append(topic)
+    for topic in readable:
+        left, right = tables[0][topic], tables[1][topic]
+        if prefix:
+            right = right.part(np.arange(min(len(left), len(right))))
+        for mine, theirs, there in ((left, right, only[0]), (right, left, only[1])):
+            there += [signal_name(topic, n) for n in mine.columns if n not in theirs.columns]
+        until = None if prefix else min(ends)
+        signals += _compare(left, right, allowed, until)
+    return Diff(
+        paths,
+        hashes,
+        identical=False,
+        signals=tuple(signals),
+        only=(tuple(only[0]), tuple(only[1])),
+        other_bytes=tuple(
+            t
+            for t in both
+            if t not in readable and t != LOG_TOPIC and _bytes(one, t) != _bytes(two, t)
+        ),
+        links=() if topics is not None else tuple(compare_links(one, two, prefix=prefix)),
+        context=context_of(one, two),
+        ends_s=(ends[0] / 1e9, ends[1] / 1e9),
+        log_lines=_log_lines(one, two) if topics is None else (0, 0),
+        prefix=prefix,
+    )
+
+
+def signal_name(topic: str, name: str) -> str:
+    """As `Trace.signal` takes it: `plant.eta.x`, `/link/uplink:plant.eta.x`."""
+    component = component_of(topic)
+    return f"{component}.{name}" if component else f"{topic}:{name}"
+
+
+def _readable(trace: Trace, topic: str) -> bool:
+    info = trace.topics[topic]
+    return info.encoding == "json" or (info.encoding == "protobuf" and bool(info.signals))
+
+
+def _compare(a: Table, b: Table, tolerances: Tolerances, until_ns: int | None) -> list[SignalDiff]:
+    """Every column that both have."""
+    same = np.array_equal(a.log_time_ns, b.log_time_ns)
+    if same:
+        instants = a.log_time_ns
+        rows_a = rows_b = np.arange(len(a))
+    else:
+        instants = np.union1d(a.log_time_ns, b.log_time_ns)
+        if len(a) and len(b):
+            begin = max(a.log_time_ns.min(), b.log_time_ns.min())
+            instants = instants[instants >= begin]
+        if until_ns is not None:
+            instants = instants[instants <= until_ns]
+        rows_a = rows_in_force(a.log_time_ns, instants)
+        rows_b = rows_in_force(b.log_time_ns, instants)
+    found = []
+    for name in a.columns:
+        if name not in b.columns:
+            continue
+        x, in_a = sample_and_hold(a[name], rows_a)
+        y, in_b = sample_and_hold(b[name], rows_b)
+        in_a &= sample_and_hold(a.present[name], rows_a)[0]
+        in_b &= sample_and_hold(b.present[name], rows_b)[0]
+        distance, relative = distances(x, y)
+        distance[in_a != in_b] = relative[in_a != in_b] = np.inf
+        distance[~in_a & ~in_b] = relative[~in_a & ~in_b] = 0.0
+        full = signal_name(a.topic, name)
+        differs = exceeds(tolerances.of(full), distance, relative)
+        first = int(np.argmax(differs)) if differs.any() else None
+        most = int(np.argmax(distance)) if distance.size else None
+        found.append(
+            SignalDiff(
+                name=full,
+                topic=a.topic,
+                unit=a.signals[name].unit,
+                rows=(len(a), len(b)),
+                compared=int(instants.size),
+                differing=int(differs.sum()),
+                max_abs=_finite(distance),
+                max_rel=_finite(relative),
+                max_at_s=None if most is None else int(instants[most]) / 1e9,
+                first_s=None if first is None else int(instants[first]) / 1e9,
+                sample_and_hold=not same,
+            )
+        )
+    return found
+
+
+def _finite(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float | None:
+    most = float(values.max(initial=0.0))
+    return most if np.isfinite(most) else None
+
+
+def _end_ns(trace: Trace, chosen: set[str]) -> int:
+    return max((high for topic, (_, high) in trace.spans.items() if topic in chosen), default=0)
+
+
+def _bytes(trace: Trace, topic: str) -> bytes:
+    digest = hashlib.sha256()
+    for channel, sequence, log, publish, payload in trace.messages():
+        if channel.topic == topic:
+            digest.update(f"{sequence} {log} {publish} {len(payload)} ".encode())
+            digest.update(payload)
+    return digest.digest()
+
+
+def _log_lines(a: Trace, b: Trace) -> tuple[int, int]:
+    lines = []
+    for trace in (a, b):
+        found: dict[tuple[int, bytes], int] = {}
+        if LOG_TOPIC in trace.topics:
+            for channel, _, log, _, payload in trace.messages():
+                if channel.topic == LOG_TOPIC:
+                    key = (log, bytes(payload))
+                    found[key] = found.get(key, 0) + 1
+        lines.append(found)
+    one, two = lines
+    return (
+        sum(max(0, n - two.get(line, 0)) for line, n in one.items()),
+        sum(max(0, n - one.get(line, 0)) for line, n in two.items()),
+    )

@@ -1,0 +1,73 @@
+"""What becomes of traces that are still open when the process ends, forks or is told to go."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import signal
+import sys
+import threading
+import weakref
+from types import FrameType
+from typing import Protocol
+
+from cosim.core import CosimError
+
+
+class Open(Protocol):
+    """A trace being written."""
+
+    def close(self) -> None:
+        """Write what there is, and end."""
+
+    def forget(self) -> None:
+        """Touch nothing: this process is a copy of the one that writes."""
+
+
+_open: weakref.WeakSet[Open] = weakref.WeakSet()
+_END_SIGNALS = (signal.SIGTERM,) if sys.platform == "win32" else (signal.SIGTERM, signal.SIGHUP)
+
+
+def register(trace: Open) -> None:
+    """Look after a trace from now on.
+
+    While traces are open, SIGTERM and SIGHUP end the process as `sys.exit` does, with 128 plus
+    the number, so that traces are closed and temporary folders removed: only where nobody has
+    said otherwise, and in the main thread, which alone gets signals.
+    """
+    _open.add(trace)
+    if threading.current_thread() is threading.main_thread():
+        for number in _END_SIGNALS:
+            if signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, _leave)
+
+
+def unregister(trace: Open) -> None:
+    """It has ended by itself."""
+    _open.discard(trace)
+    if not _open and threading.current_thread() is threading.main_thread():
+        for number in _END_SIGNALS:
+            if signal.getsignal(number) is _leave:
+                signal.signal(number, signal.SIG_DFL)
+
+
+def _leave(number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
+def _close_all() -> None:
+    for trace in list(_open):
+        with contextlib.suppress(CosimError):
+            trace.close()
+
+
+def _forget_all() -> None:
+    for trace in list(_open):
+        trace.forget()
+    _open.clear()
+
+
+atexit.register(_close_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_all)

@@ -1,0 +1,109 @@
+"""The report as one HTML file that stands alone: no network, and a policy that forbids it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.resources
+import json
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from cosim.core import optional
+from cosim.trace.report.content import Content
+
+MAX_BYTES = 6_000_000
+_POINTS = 90_000
+_FEWEST_POINTS = 2_000
+
+
+def page(content: Content) -> str:
+    """HTML text, the same for the same content.
+
+    Raises
+    ------
+    InputError : plotly is not installed.
+    """
+    library = plotly_js()
+    points = _POINTS
+    while True:
+        html = _rendered(content, library, points)
+        # tables and texts of a trace have no bound; what is drawn gives way to them
+        if len(html.encode()) < MAX_BYTES or points <= _FEWEST_POINTS:
+            return html
+        points //= 2
+
+
+def plotly_js() -> str:
+    """plotly.js as the installed package carries it.
+
+    Raises
+    ------
+    InputError : plotly is not installed.
+    """
+    offline = optional("plotly.offline", extra="report", what="a report is drawn with plotly")
+    return str(offline.get_plotlyjs()).replace("\r\n", "\n").replace("</script", "<\\/script")
+
+
+def figures(content: Content, points: int) -> dict[str, Any]:
+    """What `report.js` draws: `span`, `path`, and `charts` by key."""
+    curves = sum(len(chart.curves) for chart in content.charts)
+    segments = max(points // (4 * max(curves, 1)), 8)
+    segments = min(segments, 1500)
+    return {
+        "span": list(content.span),
+        "path": content.path,
+        "charts": {chart.key: chart.figure(segments) for chart in content.charts},
+    }
+
+
+def _rendered(content: Content, library: str, points: int) -> str:
+    environment = Environment(
+        loader=PackageLoader("cosim.trace.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"short": _short, "clock": _clock}
+    script = _resource("report.js")
+    data = json.dumps(figures(content, points), allow_nan=False, separators=(",", ":"))
+    return environment.get_template("page.html.j2").render(
+        c=content,
+        info=content.info,
+        policy=_policy(library, script),
+        style=Markup(_resource("style.css")),  # noqa: S704 - a file of this package
+        library=Markup(library),  # noqa: S704 - a file of plotly
+        script=Markup(script),  # noqa: S704 - a file of this package
+        data=Markup(data.replace("<", "\\u003c")),  # noqa: S704 - JSON, without a tag
+    )
+
+
+def _policy(*scripts: str) -> str:
+    """Content security policy: these scripts, styles of the page, and nothing from anywhere."""
+    hashes = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
+    return "; ".join(
+        (
+            "default-src 'none'",
+            "script-src " + " ".join(f"'sha256-{value}'" for value in hashes),
+            "style-src 'unsafe-inline'",
+            "img-src data: blob:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        )
+    )
+
+
+def _resource(name: str) -> str:
+    text = importlib.resources.files("cosim.trace.report").joinpath(name).read_text("utf-8")
+    return text.replace("\r\n", "\n")
+
+
+def _short(value: float | None, digits: int = 5) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def _clock(t: float) -> str:
+    return f"{t:.3f}".rstrip("0").rstrip(".") + " s"

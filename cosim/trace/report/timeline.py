@@ -1,0 +1,137 @@
+"""What happened, in order of time: for whoever opens the report after a run went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.trace import foxglove
+from cosim.trace.layout import LOG_TOPIC
+from cosim.trace.report import traffic
+from cosim.trace.report.parameters import Settings
+from cosim.trace.report.series import Recording, Series
+from cosim.trace.report.verdict import BAD, GOOD, OPEN, Check
+
+LOG_LINES = 40
+_LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
+_SHARED = {"force.": "limit.force", "moment.": "limit.moment"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the log."""
+
+    t: float
+    level: str
+    name: str
+    message: str
+
+
+@dataclass(frozen=True)
+class TimelineEntry:
+    """Something that happened at a time [s]."""
+
+    t: float
+    tone: str
+    what: str
+
+
+def log_of(recording: Recording) -> list[Line]:
+    """The last lines of the log, oldest first."""
+    table = recording.tables.get(LOG_TOPIC)
+    if table is None or not {"level", "name", "message"} <= set(table.columns):
+        return []
+    t = recording.seconds(table.log_time_ns)
+    return [
+        Line(
+            float(t[i]),
+            _LEVELS.get(int(table["level"][i]), "unknown"),
+            str(table["name"][i]),
+            str(table["message"][i]),
+        )
+        for i in range(len(table))[-LOG_LINES:]
+    ]
+
+
+def timeline_of(
+    recording: Recording,
+    settings: Settings,
+    links: Sequence[traffic.LinkFigures],
+    log: Sequence[Line],
+    assertions: Sequence[Check],
+    metrics: Mapping[str, Any],
+) -> list[TimelineEntry]:
+    """Limits reached, silences, values that are no numbers, assertions, warnings and errors."""
+    moments = [*_limits(recording, settings), *_beyond_numbers(recording)]
+    moments += [TimelineEntry(t, OPEN, what) for link in links for t, what in traffic.moments(link)]
+    moments += [
+        TimelineEntry(check.at, BAD, f"{check.what}: {check.why}")
+        for check in assertions
+        if check.tone == BAD and check.at is not None
+    ]
+    moments += [
+        TimelineEntry(line.t, BAD if line.level in {"error", "fatal"} else OPEN, _log_text(line))
+        for line in log
+        if line.level not in {"info", "debug"}
+    ]
+    designed = metrics.get("designed_age_s")
+    if isinstance(designed, int | float):
+        moments += _too_old(recording, links, float(designed))
+    return sorted(moments, key=lambda m: (m.t, m.tone != GOOD, m.what))
+
+
+def _log_text(line: Line) -> str:
+    return f"{line.name}: {line.message}" if line.name else line.message
+
+
+def _limits(recording: Recording, settings: Settings) -> Iterator[TimelineEntry]:
+    """When each command first stood at its limit."""
+    for series in recording.series:
+        if series.direction != "output":
+            continue
+        limit = next(
+            (shared for start, shared in _SHARED.items() if series.name.startswith(start)),
+            f"limit.{series.name}",
+        )
+        bound = settings.value(series.component, limit)
+        if bound is None:
+            continue
+        at_limit = np.flatnonzero(np.abs(series.values) >= bound * (1 - 1e-12))
+        if at_limit.size:
+            t = float(series.t[at_limit[0]])
+            yield TimelineEntry(
+                t, BAD, f"{series.full_name} is at its limit of {_amount(bound, series)}"
+            )
+
+
+def _beyond_numbers(recording: Recording) -> Iterator[TimelineEntry]:
+    """When an output first was no number, or left every sensible range."""
+    for series in recording.series:
+        if series.direction != "output":
+            continue
+        wild = np.flatnonzero(~np.isfinite(series.values) | (np.abs(series.values) > 1e12))
+        if wild.size:
+            value = series.values[wild[0]]
+            what = f"{series.full_name} is {value:.3g}"
+            yield TimelineEntry(float(series.t[wild[0]]), BAD, what)
+
+
+def _too_old(
+    recording: Recording, links: Sequence[traffic.LinkFigures], designed: float
+) -> Iterator[TimelineEntry]:
+    """When a single link already made messages older than the whole loop was designed for."""
+    for link in links:
+        if designed <= 0 or link.largest_age_s is None or link.largest_age_s <= designed:
+            continue
+        t, age = traffic.sawtooth(recording, recording.links()[link.name][0], 0.0)
+        late = np.flatnonzero(age > designed)
+        if late.size:
+            what = f"{link.name}: its message in use is older than the {designed:g} s designed for"
+            yield TimelineEntry(float(t[late[0]]), BAD, what)
+
+
+def _amount(value: float, series: Series) -> str:
+    return f"{value:g} {series.unit or ''}".strip()

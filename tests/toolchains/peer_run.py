@@ -1,0 +1,142 @@
+"""One coupled flight as plain data, flown by a foreign tool in a process of its own.
+
+Every tool stands in `TOOLS` and has a file `by_NAME.py` beside this one: a function from a
+`PeerRun` to the rows of every watched variable, and a last line `serve(run_tool)`. A tool runs in
+its
+own process because each loads native code, prints what it likes, and must not end the tests when
+it falls.
+
+The coupling is the same in all: at each point the outputs are read, then handed to the inputs,
+then every FMU steps (Jacobi), the first hand-over being of the outputs after initialisation.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from fmpy import read_model_description
+from numpy.typing import NDArray
+
+Rows = Mapping[str, list[float]]
+HERE = Path(__file__).parent
+EXTRA = "toolchains"
+
+
+class Tool(NamedTuple):
+    """A foreign tool: the modules it needs, the versions of FMI that it takes."""
+
+    file: str
+    modules: tuple[str, ...]
+    versions: tuple[str, ...]
+
+
+TOOLS = MappingProxyType(
+    {
+        "fmpy": Tool("by_fmpy", ("fmpy",), ("2", "3")),
+        "libcosim": Tool("by_libcosim", ("libcosimpy",), ("2",)),
+        "ecos": Tool("by_ecos", ("ecospy", "tbb"), ("2", "3")),
+        "container": Tool("by_container", ("fmu_manipulation_toolbox",), ("2", "3")),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """An FMU and what it is told before it starts; an int is an Integer, a float a Real."""
+
+    fmu: str
+    parameters: Mapping[str, float | int]
+
+
+@dataclass(frozen=True)
+class PeerRun:
+    """What is flown.
+
+    Attributes
+    ----------
+    parts : by name.
+    wires : (part, output, part, input), Real.
+    step_ns, steps : communication step [ns] and their number.
+    watch : (part, Real output), in the order of the rows.
+    """
+
+    parts: Mapping[str, Part]
+    wires: tuple[tuple[str, str, str, str], ...]
+    step_ns: int
+    steps: int
+    watch: tuple[tuple[str, str], ...]
+
+    @property
+    def step(self) -> float:
+        """The communication step [s]."""
+        return self.step_ns / 1e9
+
+    def references(self, part: str) -> Mapping[str, int]:
+        """Value references of a part by name."""
+        model = read_model_description(self.parts[part].fmu, validate=False)
+        return {v.name: v.valueReference for v in model.modelVariables}
+
+
+def label(part: str, variable: str) -> str:
+    """The name of a row."""
+    return f"{part}.{variable}"
+
+
+def run_peer(tool: Tool, peer_run: PeerRun, folder: Path) -> dict[str, NDArray[np.float64]]:
+    """Fly with a tool; the test is skipped if the tool is not installed.
+
+    Returns
+    -------
+    Label -> value at the end of each step, shape (steps,).
+    """
+    missing = [name for name in tool.modules if not installed(name)]
+    if missing:
+        pytest.skip(f"needs {', '.join(missing)}: pip install auv-cosim[{EXTRA}]")
+    question, answer = folder / "question.json", folder / "answer.json"
+    question.write_text(json.dumps(asdict(peer_run)), "utf-8")
+    path = os.pathsep.join([str(HERE.parent), *sys.path])
+    done = subprocess.run(  # noqa: S603 - a file of this folder
+        [sys.executable, "-m", f"toolchains.{tool.file}", str(question), str(answer)],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{tool.file} ended with {done.returncode}:\n{done.stderr}"
+    rows = {name: np.array(row) for name, row in json.loads(answer.read_text("utf-8")).items()}
+    assert {row.shape for row in rows.values()} == {(peer_run.steps,)}
+    return rows
+
+
+def installed(name: str) -> bool:
+    """Whether a module, or a distribution without one, is there."""
+    if find_spec(name) is not None:
+        return True
+    try:
+        importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def serve(run_tool: Callable[[PeerRun], Rows]) -> None:
+    """What a tool's file does when it is run: read the question, fly, write the answer."""
+    question, answer = map(Path, sys.argv[1:])
+    plain = json.loads(question.read_text("utf-8"))
+    plain["parts"] = {name: Part(**part) for name, part in plain["parts"].items()}
+    for key in ("wires", "watch"):
+        plain[key] = tuple(tuple(row) for row in plain[key])
+    answer.write_text(json.dumps(run_tool(PeerRun(**plain))), "utf-8")

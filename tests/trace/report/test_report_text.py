@@ -1,0 +1,420 @@
+"""What a report says: taken from the trace, in words, with the cause of a failure on top."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+from cli.shell import cosim, shared_run, trace_of
+from report_files import TITLE, failing, foreign, small, wild
+from shared import copied
+
+from cosim.core.errors import InputError
+from cosim.trace import Trace
+from cosim.trace.report import write_report
+from cosim.trace.report.content import content_of
+from cosim.trace.report.html_page import MAX_BYTES, figures, page
+from cosim.trace.report.verdict import assumptions_of, metrics_of
+from cosim.trace.report.write import default_output
+
+
+class _Texts(HTMLParser):
+    """Words of a page outside of scripts and styles; and every address in it."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.addresses: list[str] = []
+        self._silent = 0
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._silent += tag in {"script", "style"}
+        self.addresses += [v or "" for k, v in attrs if k in {"src", "href", "action", "srcset"}]
+
+    def handle_endtag(self, tag: str) -> None:
+        self._silent -= tag in {"script", "style"}
+
+    def handle_data(self, data: str) -> None:
+        if not self._silent:
+            self.words.append(data)
+
+
+def words(html: str) -> str:
+    return " ".join(" ".join(_Texts(html).words).split())
+
+
+@pytest.fixture(scope="module")
+def naive() -> str:
+    return page(content_of(trace_of("auv-acoustic-naive")))
+
+
+def test_the_verdict_is_the_one_of_the_run(naive: str) -> None:
+    """Status, gain, bound, norm, and each assumption with its numbers."""
+    page_text, metrics = words(naive), shared_run("auv-acoustic-naive").json["metrics"]
+    assert "limit cycle" in page_text
+    assert "The measured gain is above γ" in page_text
+    for key in ("gain", "gamma", "exact_norm"):
+        assert f"{metrics[key]:.5g}" in page_text
+    age = f"oldest in use {metrics['message_age_s']:.6g} s, designed for any age up to 0.05 s"
+    assert f"not met: Measurements were no older than designed for {age}" in page_text
+    assert "met: The certificate is valid" in page_text
+    assert f"at a limit during {100 * metrics['saturated_fraction']:.3g} % of the time" in page_text
+    worst = max(metrics["envelope_use"], key=metrics["envelope_use"].get)
+    assert worst == "r"
+    assert (
+        f"largest use of the bounds: yaw rate {100 * metrics['envelope_use']['r']:.3g} %"
+        in page_text
+    )
+
+
+def test_the_first_time_at_a_limit_is_found(naive: str) -> None:
+    """The story says when; the command in the trace says the same."""
+    command = Trace(trace_of("auv-acoustic-naive")).read("/controller/output")
+    for axis in "xyz":
+        full = np.flatnonzero(np.abs(command[f"force.{axis}"]) >= 2500.0)
+        t = command.log_time_ns[full[0]] / 1e9
+        reported = f"{t:.3f}".rstrip("0").rstrip(".")
+        assert f"{reported} s controller.force.{axis} is at its limit of 2500 N" in words(naive)
+
+
+def test_delivered_and_lost_are_counted(naive: str) -> None:
+    """The link table has the counts of the run."""
+    page_text = words(naive)
+    for name, link in shared_run("auv-acoustic-naive").json["links"].items():
+        assert f"{name} {link['sent']} {link['delivered']} {link['dropped']} (" in page_text
+        assert f"{link['lost']} lost" in page_text
+        assert f"{link['mean_delay_s']:.4g} s {link['max_delay_s']:.4g} s" in page_text
+
+
+def test_age_of_the_loop_is_the_measured_one() -> None:
+    """The curve's greatest value is what the run measured on the way."""
+    content = content_of(trace_of("auv-acoustic"))
+    age = next(c for c in content.charts if c.key == "age")
+    loop = age.curves[0]
+    assert loop.label.startswith("measurement behind")
+    metrics = shared_run("auv-acoustic").json["metrics"]
+    assert np.nanmax(loop.values) == pytest.approx(metrics["message_age_s"], abs=1e-6)
+    assert age.bounds == [("largest age of a measurement designed for", 1.25)]
+    assert [c.label for c in age.curves if c.text] == ["uplink: not used", "downlink: not used"]
+
+
+def test_provenance_is_complete(naive: str) -> None:
+    """Content hash, FMUs with their hashes, seed, versions, parameters that were set."""
+    page_text, trace = words(naive), Trace(trace_of("auv-acoustic-naive"))
+    assert shared_run("auv-acoustic-naive").json["content_hash"] in page_text
+    for key, value in trace.run.items():
+        if key.endswith("sha256") or key in {"seed", "software", "host.numpy", "host.platform"}:
+            assert value in page_text, key
+    assert "plant initial.eta.x 3 0.0 m scenario" in page_text
+    claim = json.loads(trace.run["certificate.claim"])
+    assert f"Proved: {claim['property']}, with γ = {claim['gamma']} exactly" in page_text
+    assert f"d = {claim['delays'][1]['d']} s: age {claim['delays'][1]['age']}" in page_text
+    gain = json.loads(trace.attachments["design.json"])["K"]
+    assert f"controller K[1,1] {gain[0][0]:.12g}" in page_text
+
+
+def test_nothing_outside_is_named_as_an_address(naive: str) -> None:
+    """Links lead to the page itself; the policy allows its own scripts alone."""
+    addresses = _Texts(naive).addresses
+    assert addresses
+    assert all(a.startswith(("#", "data:")) for a in addresses)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', naive)
+    assert policy is not None
+    rules = policy[1].replace("&#39;", "'")
+    assert rules.startswith("default-src 'none'; script-src 'sha256-")
+    assert "http" not in rules
+    assert "unsafe-eval" not in rules
+
+
+def test_the_same_trace_gives_the_same_bytes(naive: str, tmp_path: Path) -> None:
+    """Also under another path, at another time; and less than six megabytes."""
+    copy = tmp_path / "auv-acoustic-naive.mcap"
+    copied(trace_of("auv-acoustic-naive"), copy)
+    again = page(content_of(copy))
+    assert again == naive
+    assert len(again.encode()) < MAX_BYTES
+
+
+@pytest.mark.parametrize("kind", ["vehicle", "paper", "wild", "foreign"])
+def test_plotly_knows_every_property(kind: str, tmp_path: Path) -> None:
+    """The charts fit plotly's schema: a misspelt property would be ignored in silence."""
+    path = {
+        "vehicle": lambda: trace_of("auv-acoustic"),
+        "paper": lambda: trace_of("paper-worst-case"),
+        "wild": lambda: wild(tmp_path / "w.mcap"),
+        "foreign": lambda: foreign(tmp_path / "f.mcap"),
+    }[kind]()
+    charts = figures(content_of(path), 10_000)["charts"]
+    assert charts
+    for figure in charts.values():
+        assert figure["data"]
+        go.Figure(figure)
+
+
+def test_a_failed_run_has_its_cause_on_top(tmp_path: Path) -> None:
+    """Reason, assertions and last log lines before all else; markup in texts stays text."""
+    html = page(content_of(failing(tmp_path)))
+    page_text = words(html)
+    assert TITLE in page_text
+    order = [
+        "failed, 2 of 3 assertions failed",
+        "step from t = 0.4 s returned fmi2Error",
+        "the <i>tank</i> stays empty always pump.x < 0.25 failed at 0.3 s",
+        "always pump.x >= 0 failed",
+        "eventually pump.x > 0.15 passed at 0.2 s",
+        "0.3 s the <i>tank</i> stays empty: failed",
+        "The last lines of the log",
+        "the <pump> has lost its prime",
+        "What happened",
+    ]
+    places = [page_text.index(part) for part in order[:-2]]
+    assert places == sorted(places)
+    assert page_text.index(order[-2], places[-1]) < page_text.index(order[-1], places[-1])
+    for markup in ("<b>run</b>", "<i>tank</i>", "<pump>"):
+        assert markup not in html
+
+
+def test_values_beyond_all_numbers_are_reported(tmp_path: Path) -> None:
+    """The first of them, and where the others are drawn."""
+    page_text = words(page(content_of(wild(tmp_path / "wild.mcap"))))
+    assert "plant.eta.psi is inf" in page_text
+    assert "values beyond 1e+150: drawn there: plant.eta.z" in page_text
+
+
+PROMISES = """
+extends = "auv-direct"
+title = "A guarantee is kept, and three of five promises"
+[run]
+end = 5.0
+[[assertions]]
+always = "abs(plant.eta.x) < 100"
+[[assertions]]
+always = "t < 0"
+expected = "fails"
+[[assertions]]
+name = "soon"
+always = "t < 1 s"
+[[assertions]]
+eventually = "t > 1.5 s"
+[[assertions]]
+always = "t >= 0"
+expected = "fails"
+"""
+REPORTED = [
+    ("bad", "soon", "failed", 1.0),
+    ("bad", "always t >= 0", "failed: it holds, but was expected to fail", None),
+    ("good", "always abs(plant.eta.x) < 100", "passed", None),
+    ("good", "always t < 0", "passed: it fails, as expected", 0.0),
+]
+"""Those that failed first, else as in the scenario."""
+
+
+def test_a_failed_assertion_is_reported_first(native_fmus: Path, tmp_path: Path) -> None:
+    """By the run, its report, and `trace info`: failed, kept as passed, none as open.
+
+    The bound on the gain is another matter, and is claimed beside them.
+    """
+    (tmp_path / "s.toml").write_text(PROMISES)
+    more = ("--flavour", "native", "--fmus", native_fmus.parent, "--out", "t.mcap")
+    traces = cosim("run", "s.toml", *more, cwd=tmp_path)
+    assert traces.code == 1
+    content = content_of(tmp_path / "t.mcap")
+    assert (content.status.tone, content.status.what) == (
+        "bad",
+        "finished, 2 of 5 assertions failed",
+    )
+    reported = [(c.tone, c.what, c.why, c.at) for c in content.assertions]
+    assert reported[:4] == REPORTED
+    assert reported[4] == ("good", "eventually t > 1.5 s", "passed", 1.55)
+    assert content.guarantee is not None
+    assert content.guarantee.tone == "good"
+    page_text = words(page(content))
+    assert page_text.index("soon always t < 1 s failed at 1 s") < page_text.index(
+        "The guarantee holds"
+    )
+    info = cosim("trace", "info", "t.mcap", cwd=tmp_path).out
+    places = [info.index(f"assertion {what}") for _, what, _, _ in reported]
+    assert places == sorted(places)
+    lines = {line.strip() for line in re.sub(" {2,}", "  ", info).splitlines()}
+    assert "state  finished; 2 of 5 assertions failed" in lines
+    for _, what, why, at in reported:
+        line = f"assertion {what}  {why}" + ("" if at is None else f" at {at:g} s")
+        assert line in lines
+        assert re.search(rf"{re.escape(line.partition('  ')[2])} +{re.escape(what)}", traces.out)
+
+
+def test_assertions_of_a_trace_for_programs_are_those_of_the_run(tmp_path: Path) -> None:
+    """`run --json`, the trace and `trace info --json` say the same, key by key.
+
+    A run that was stopped leaves open what it did not get to.
+    """
+    failing(tmp_path)
+    for more, results in (
+        ((), ["holds", "fails", "fails"]),
+        (("--until", "0.2"), ["holds", "undecided", "undecided"]),
+    ):
+        traces = cosim("run", "failing.toml", "--json", "--out", "t.mcap", *more, cwd=tmp_path)
+        reported = cosim("trace", "info", "t.mcap", "--json", cwd=tmp_path)
+        assert reported.json["result"]["assertions"] == traces.json["assertions"]
+        assert [v["result"] for v in traces.json["assertions"]] == results
+    content = content_of(tmp_path / "t.mcap")
+    assert content.status.what == "stopped"
+    assert [c.tone for c in content.assertions] == ["good", "open", "open"]
+    assert content.assertions[1].why == "undecided: the run ended before"
+
+
+def test_a_recording_of_another_tool_has_a_report(tmp_path: Path) -> None:
+    """Its numbers by topic, its times from the first message on, and what could not be read."""
+    content = content_of(foreign(tmp_path / "foreign.mcap"))
+    chart = content.charts[0]
+    assert chart.title == "/lab/sensors/1"
+    assert [c.label for c in chart.curves] == ["temperature", "count"]
+    assert not chart.curves[0].stepwise
+    assert chart.curves[0].t[[0, -1]] == pytest.approx([0.0, 49.9])
+    assert content.status.what == "recording"
+    page_text = words(page(content))
+    assert "/lab/sensors/1 constant 500 4 4 4 4" in page_text
+    assert "1700000000000000000 ns" in page_text
+    assert "/camera" in page_text
+
+
+def test_an_unfinished_run_says_so(tmp_path: Path) -> None:
+    """A .partial file: what is there is drawn, and where it ends is said."""
+    data = trace_of("auv-acoustic").read_bytes()
+    cut = tmp_path / "run.mcap.partial"
+    cut.write_bytes(data[: len(data) // 2])
+    written = write_report(cut)
+    assert written.output == tmp_path / "run.partial.html"
+    assert written.status == "cut short"
+    assert written.charts > 10
+    assert "The file ends early" in words(written.output.read_text("utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("assumption", "metrics", "words_wanted"),
+    [
+        ("message_age_within_design", {"message_age_s": None, "designed_age_s": 1.0}, "no meas"),
+        ("message_age_within_design", {"message_age_s": 0.5, "designed_age_s": 1.0}, "substitute"),
+        ("message_age_within_design", {"message_age_s": 0.5, "designed_age_s": 0.0}, "without del"),
+        ("limits_not_reached", {"saturated_fraction": 0.0}, "zero_state_run"),
+        ("state_inside_envelope", {"envelope_use": {"u": 1e300}}, "surge beyond all numbers"),
+        ("plant_as_designed", {}, "other parameters"),
+        ("something_new", {}, "not met"),
+    ],
+)
+def test_why_an_assumption_is_not_met(
+    assumption: str, metrics: dict[str, Any], words_wanted: str
+) -> None:
+    """Each reason there can be has its words."""
+    info = {"result": {"metrics": {**metrics, "assumptions": {assumption: False}}}}
+    (check,) = assumptions_of(info)
+    assert check.tone == "bad"
+    assert words_wanted in check.why
+
+
+def test_figures_may_be_of_any_kind() -> None:
+    """What others wrote in place of figures is no figure."""
+    for result in (None, {}, {"metrics": "text"}, {"metrics": {"assumptions": [1]}}):
+        assert assumptions_of({"result": result}) == []
+        assert isinstance(metrics_of(result), dict)
+
+
+@pytest.fixture
+def light(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages without their library, which takes longest and is always the same."""
+    monkeypatch.setattr("cosim.trace.report.html_page.plotly_js", lambda: "")
+
+
+@pytest.mark.usefixtures("light")
+def test_any_damage_gives_a_report_or_a_refusal(tmp_path: Path) -> None:
+    """Cut anywhere, a byte changed anywhere: what can be read is shown."""
+    whole = small(tmp_path / "small.mcap").read_bytes()
+    path, displayed = tmp_path / "damaged.mcap", 0
+    changes = [bytes([*whole[:k], whole[k] ^ 0x55, *whole[k + 1 :]]) for k in range(0, 6000, 301)]
+    for data in [*(whole[:k] for k in range(0, len(whole), len(whole) // 25)), *changes]:
+        path.write_bytes(data)
+        try:
+            html = page(content_of(path))
+        except InputError:
+            continue
+        displayed += 1
+        assert "</html>" in html
+    assert displayed > 20
+
+
+@pytest.mark.usefixtures("light")
+@pytest.mark.parametrize("value", ["x", 1, [1], {"a": [{}]}, None, True, 1e308, ""])
+def test_a_result_may_hold_anything(value: Any, tmp_path: Path) -> None:
+    """Whatever stands where figures, assertions, links or a claim should: a page comes out."""
+    keys = ("gain", "gamma", "assumptions", "assertions", "envelope_use", "worst_case")
+    text = json.dumps(value)
+    metrics = json.dumps(dict.fromkeys((*keys, "message_age_s", "designed_age_s"), value))
+    path = small(
+        tmp_path / "odd.mcap",
+        run={
+            "step_ns": text,
+            "seed": text,
+            "certificate.sha256": text,
+            "certificate.claim": json.dumps({"gamma": value, "delays": value}),
+        },
+        result={"status": text, "metrics": metrics, "assertions": text, "link.up.sent": text},
+        scenario=json.dumps({"components": value}).encode(),
+    )
+    assert "</html>" in page(content_of(path))
+
+
+def test_where_a_report_goes() -> None:
+    """Beside the trace, and never over it."""
+    assert default_output(Path("a/run.mcap")) == Path("a/run.html")
+    assert default_output(Path("run.mcap.partial")) == Path("run.partial.html")
+    assert default_output(Path("run")) == Path("run.html")
+    assert default_output(Path(".mcap")) == Path(".mcap.html")
+
+
+def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The message says what to install; nothing is written."""
+    path, real = wild(tmp_path / "wild.mcap"), builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.startswith("plotly"):
+            raise ImportError("No module named 'plotly'")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"auv-cosim\[report\]"):
+        write_report(path)
+    assert not (tmp_path / "wild.html").exists()
+
+
+def test_the_verb(tmp_path: Path) -> None:
+    """`cosim trace report`: JSON, words, its own place, and refusals."""
+    failing(tmp_path)
+    reported = cosim("trace", "report", "failing.mcap", "--json", cwd=tmp_path)
+    assert reported.code == 0, reported.err
+    assert reported.json["output"] == "failing.html"
+    assert reported.json["status"] == "failed, 2 of 3 assertions failed"
+    assert reported.json["guarantee"] is None
+    assert reported.json["assertions"][0]["tone"] == "bad"
+    assert (tmp_path / "failing.html").stat().st_size == reported.json["bytes"] < 6_000_000
+    seen = cosim("trace", "report", "failing.mcap", "-o", "sub/x.html", cwd=tmp_path)
+    assert seen.code == 0
+    assert "sub/x.html" in seen.out
+    assert (tmp_path / "sub" / "x.html").exists()
+    for arguments in (
+        ("none.mcap",),
+        ("failing.html",),
+        ("failing.mcap", "-o", "failing.mcap"),
+        (".",),
+    ):
+        refused = cosim("trace", "report", *arguments, "--json", cwd=tmp_path)
+        assert refused.code == 2
+        assert refused.error["what"]
+    assert Trace(tmp_path / "failing.mcap").finished
