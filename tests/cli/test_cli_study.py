@@ -127,7 +127,7 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on(
 ) -> None:
     """Exit code 130; the same command flies the rest."""
     study(tmp_path)
-    original = batch.taken
+    original = batch.run_and_measure
 
     def interrupted(runner: StudyRunner, run: int) -> Any:
         if run == 4:
@@ -135,7 +135,7 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on(
         return original(runner, run)
 
     with monkeypatch.context() as patched:
-        patched.setattr(batch, "taken", interrupted)
+        patched.setattr(batch, "run_and_measure", interrupted)
         stopped = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path)
     assert stopped.code == 130
     assert stopped.error["got"] == "4 of 6 runs are done, and kept"

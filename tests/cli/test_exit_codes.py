@@ -42,7 +42,7 @@ def test_error_leaves_with_its_code(
     def fails(*_: object) -> None:
         raise kind("this went wrong")
 
-    monkeypatch.setattr("cosim.cli.run.answer", fails)
+    monkeypatch.setattr("cosim.cli.scenario.answer", fails)
     monkeypatch.delenv("COSIM_DEBUG", raising=False)
     result = cosim("scenarios", "--json", cwd=tmp_path)
     assert result.code == code
@@ -56,7 +56,7 @@ import sys
 
 class Finder:
     def find_spec(self, name, path=None, target=None):
-        if name == "cosim.cli":
+        if name == "cosim.cli.application":
             raise KeyboardInterrupt
 
 sys.meta_path.insert(0, Finder())

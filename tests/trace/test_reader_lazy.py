@@ -44,7 +44,7 @@ def read_segment(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         positions.append(segment.position)
         return real(stream, segment, declared)
 
-    monkeypatch.setattr("cosim.trace.reader.opened", counting)
+    monkeypatch.setattr("cosim.trace.reader.read_segment", counting)
     return positions
 
 
