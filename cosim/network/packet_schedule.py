@@ -129,14 +129,6 @@ class PacketSchedule:
             )
         return rows
 
-    def age_ns(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Time since the message in use was sent [ns]; -1 where none is in use."""
-        points = np.asarray(points_ns, np.int64)
-        used = self.in_use(points)
-        age = np.full(points.shape, -1, np.int64)
-        age[used >= 0] = points[used >= 0] - self.sent_ns[used[used >= 0]]
-        return age
-
     def state(self, points_ns: ArrayLike) -> LinkState:
         """Age, sequence number, and what was dropped and delivered so far, at each point."""
         return self._timeline().state(points_ns)

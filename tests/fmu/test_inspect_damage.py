@@ -517,6 +517,15 @@ def test_a_flood_of_findings_is_counted_not_listed(tmp_path: Path) -> None:
     assert ranges[-1].what == "and 9975 more of this kind"
 
 
+@pytest.mark.parametrize("bounds", ['min="1"', 'max="1"', 'min="1" max="1"'])
+def test_bounds_belong_to_their_range(tmp_path: Path, bounds: str) -> None:
+    """A start at a bound is within it, and a range of one value is not empty."""
+    files = described(FMI3, "documentation/index.html")
+    described_as((r'(<Float64 name="y" [^>]*)start="1"', rf'\1start="1" {bounds}'))(files)
+    codes = {f.code for f in inspect_fmu(pack(files, tmp_path / "m.fmu")).findings}
+    assert not codes & {"range-empty", "start-range"}
+
+
 def test_names_cannot_write_to_the_terminal(fmus: Path, tmp_path: Path) -> None:
     """An escape sequence in a file name or in the XML comes out as text."""
     files = files_of(fmus / "WaveField.fmu")

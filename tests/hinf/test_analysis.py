@@ -428,6 +428,20 @@ def test_every_tampered_certificate_is_refused() -> None:
             check_certificate(data)
 
 
+def test_each_part_of_the_functional_is_positive() -> None:
+    """Where the delay hardly acts -Phi > 0 does not need R; the functional does."""
+    system = DelaySystem([[-4.0]], delays=[Delay(0.3, [[0.5]])])
+    found = analyse(system, np.zeros((0, 1)), order=0)
+    for name, value, reason in (
+        ("R", "1/1000000", None),
+        ("R", "-1/1000000", "R[0] is not positive definite"),
+        ("Q", "0", "Q[0] is not positive definite"),
+    ):
+        data = json.loads(json.dumps(found.certificate))
+        data["variables"][name] = [[[value]]]
+        assert check_certificate(data).reason == reason
+
+
 def test_what_does_not_fit_is_bad_input() -> None:
     """A gain of another shape, a gamma or an order that is none, an absent delay: each named."""
     system = paper_example.system()

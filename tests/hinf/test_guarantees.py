@@ -106,6 +106,12 @@ def test_a_claim_a_little_better_than_its_proof_is_refused(saved: Any) -> None:
         (both("peak_control", "bounds", 0, less), "peak_control: bounds"),
         (both("peak_control", "offset", 0, more), "peak_control: bounds"),
         (both("peak_control", "energy", None, more), "peak_control: bounds"),
+        # squares say nothing of a sign, and a loop that is stable grows no faster than exp(t)
+        (both("peak_control", "bounds", 0, Fraction(-1)), "negative"),
+        (both("peak_control", "offset", 0, Fraction(-1)), "negative"),
+        (both("peak_control", "energy", None, Fraction(-1)), "negative"),
+        (both("decay", "rate", None, Fraction(-1)), "rate is not positive"),
+        (both("decay", "rate", None, Fraction(0)), "rate is not positive"),
     ):
         assert word in str(check_certificate(data).reason)
 

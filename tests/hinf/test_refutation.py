@@ -207,6 +207,9 @@ def test_every_entry_counts() -> None:  # noqa: C901 - one change after the othe
             data["at"][key] = data["claim"][key] = [str(Fraction(data["at"][key][0]) / 2)]
 
         assert fails(move)
+    nought = copy.deepcopy(proof)  # where the LMI is no longer that of the theorem
+    nought["at"]["k2"] = nought["claim"]["k2"] = ["0"]
+    assert check_certificate(nought).reason == "a k2 is 0"
 
     def tenfold(data: dict[str, Any]) -> None:
         data["at"]["gamma"] = data["claim"]["gamma"] = "60"

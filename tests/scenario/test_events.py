@@ -63,6 +63,13 @@ def test_time_becomes_a_point_and_acts_there(fmus: Path, tmp_path: Path) -> None
     assert not (sent["force.x"] == 70.0).any()
 
 
+def test_event_at_the_end_acts_at_the_last_point(fmus: Path, tmp_path: Path) -> None:
+    """The end belongs to the run; what comes after it never happens."""
+    event = '\n[[events]]\nat = 2.0\noverride = { "plant.force.x" = 70.0 }\n'
+    _, trace = run(LOOP + event, fmus, tmp_path)
+    assert np.flatnonzero(trace.read("/plant/input")["force.x"] == 70.0).tolist() == [20]
+
+
 def test_condition_acts_at_the_next_point(fmus: Path, tmp_path: Path) -> None:
     """Seen in row k, in force from row k + 1 on; a bias is arithmetic to the last bit."""
     event = (
@@ -248,6 +255,10 @@ def test_assertion_that_fails_is_exit_code_1(fmus: Path, tmp_path: Path) -> None
     within = '\n[[assertions]]\nwithin = { of = 0.3, when = "t > 0.5", holds = "t > LATE" }\n'
     run(LOOP + within.replace("LATE", "0.85"), fmus, tmp_path)
     run(LOOP + within.replace("LATE", "0.95"), fmus, tmp_path, code=1)
+    never = '\n[[assertions]]\nwithin = { of = 0.5, holds = "t > 9" }\n'
+    for until, code, result in (("0.4", 0, "undecided"), ("0.5", 1, "fails")):
+        ended, _ = run(LOOP + never, fmus, tmp_path, "--until", until, code=code)
+        assert ended["assertions"][0]["result"] == result
     ended, _ = run(
         LOOP + '\n[[assertions]]\neventually = "t > 1"\n', fmus, tmp_path, "--until", "1"
     )

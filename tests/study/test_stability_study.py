@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.shell import cosim
+from study.deadly import plan, truth
 
 from cosim.hinf import characteristic_roots, close, system_by_name
 from cosim.models.delay_system import Delay, DelaySystem
@@ -127,3 +128,20 @@ def test_a_later_measured_boundary_would_not_agree(native_fmus: Path, tmp_path: 
     assert other is not None
     assert other.agrees is False
     assert replace(other, exact_margin=found.exact_margin, agrees=True) == found
+
+
+@pytest.mark.parametrize(("certified", "inside"), [(3.5, True), (4.5, True), (7.5, False)])
+def test_certified_is_inside_only_where_every_run_is_stable(
+    tmp_path: Path, certified: float, *, inside: bool
+) -> None:
+    """Runs that end near 1 ... 8, stable below 5, and certified below some number."""
+    x = {"path": "final.tiny.x[1]"}
+    metrics = {"stable": {**x, "below": 5.0}, "certified": {**x, "below": certified}}
+    stability = {"delay": "u", "stable": "stable", "certified": "certified"}
+    values = [float(u) for u in range(1, 9)]
+    execute_study(plan(values, metrics=metrics, stability=stability), tmp_path / "study")
+    found = boundary(*read_table(tmp_path / "study"))
+    assert found is not None
+    assert found.certified_inside is inside
+    assert (found.edges[0].stable_to, found.edges[0].unstable_from) == (5.0, 6.0)  # truth(5) = 4.5
+    assert found.edges[0].certified_to == max(u for u in values if truth(u) < certified)

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from cosim.core.errors import InputError
-from cosim.study.points import Points
-from cosim.study.schema import Study
+from cosim.study.points import Points, _distributed
+from cosim.study.schema import SampledAxis, Study
 
 
 def points(*vary: dict[str, Any], **more: Any) -> Points:
@@ -102,6 +102,22 @@ def test_another_seed_draws_others_and_the_same_seed_the_same() -> None:
         column(points(axis, samples=5, seed=1), 0)
     )
     assert column(points(axis, samples=5, seed=2), 0)[0] != column(points(axis, samples=5), 0)[0]
+
+
+def test_random_axes_have_streams_of_their_own() -> None:
+    """Two alike draw differently; what follows an axis changes nothing of it."""
+    axis = {"kind": "random", "uniform": [0.0, 1.0]}
+    both = points(axis, axis, samples=20, seed=4)
+    assert not set(column(both, 0)) & set(column(both, 1))
+    assert list(column(both, 0)) == list(column(points(axis, samples=20, seed=4), 0))
+
+
+def test_the_least_number_drawn_has_a_normal_value() -> None:
+    """0 is one of 2^53 steps: as far out as the first of them, not infinitely far."""
+    axis = SampledAxis(kind="random", path="run.p0", normal=[1.0, 2.0])
+    drawn = _distributed(axis, np.array([0.0, 2.0**-53, 0.5]))
+    assert drawn[0] == drawn[1] == pytest.approx(1.0 + 2.0 * stats.norm.ppf(2.0**-53))
+    assert drawn[2] == 1.0
 
 
 def test_more_runs_than_can_be_had_are_refused() -> None:

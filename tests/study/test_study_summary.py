@@ -67,3 +67,6 @@ def test_groups_are_those_of_the_axes_asked_for() -> None:
     assert together.groups[0].runs == 4
     with pytest.raises(InputError, match="there is no axis 'sed'"):
         summarise(table, manifest, ["sed"])
+    for confidence in (0.0, 1.0, -0.5, 95.0, float("nan")):
+        with pytest.raises(InputError, match="not a confidence"):
+            summarise(table, manifest, confidence=confidence)

@@ -50,11 +50,10 @@ def ensure_fmu(
     KeyError : no such component or flavour.
     InputError : a native FMU has to be built and there is no compiler.
     """
-    spec = CATALOGUE[name]
     path = root / flavour / f"{name}.fmu"
     if not force and path.is_file() and _up_to_date(path, name, flavour, platforms):
         return Built(name, path, new=False)
-    return Built(name, build_fmu(spec, path.parent, flavour, platforms), new=True)
+    return Built(name, build_fmu(CATALOGUE[name], path.parent, flavour, platforms), new=True)
 
 
 def build_fmu(
@@ -103,10 +102,7 @@ def ensure_all(
 
 
 def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platform]) -> bool:
-    found = _inside(path)
-    if found is None:
-        return False  # not an FMU: it is built anew
-    identity, entries = found
+    identity, entries = _inside(path)
     version = FMI_VERSION[flavour]
     machines = [] if flavour == "python" else platforms or [host()]
     wanted = {f"binaries/{p.folder(version)}/{name}{p.suffix}" for p in machines}
@@ -120,13 +116,13 @@ def _guid(name: str, flavour: str) -> str:
     return python_guid(spec) if flavour == "python" else native_guid(spec, FMI_VERSION[flavour])
 
 
-def _inside(path: Path) -> tuple[str, set[str]] | None:
-    """GUID or instantiation token, and the names of all entries."""
+def _inside(path: Path) -> tuple[str, set[str]]:
+    """GUID or instantiation token, and the names of all entries; of what is no FMU, none."""
     try:
         with zipfile.ZipFile(path) as archive:
             text = archive.read("modelDescription.xml").decode("utf-8", "replace")
             entries = set(archive.namelist())
     except (OSError, KeyError, zipfile.BadZipFile):
-        return None
+        return "", set()
     found = re.search(r'\b(?:guid|instantiationToken)="([^"]*)"', text)
-    return None if found is None else (found.group(1), entries)
+    return found.group(1) if found else "", entries
