@@ -28,7 +28,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +35,7 @@ from scipy import sparse
 
 from cosim.hinf.conic import Constraint
 from cosim.hinf.svec import Array
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 _ROOT2 = math.sqrt(2.0)
 

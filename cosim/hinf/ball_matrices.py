@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 import numpy as np
 
 from cosim.hinf.rational import exact_matrix
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 def exact_terms(system: DelaySystem, K: Any) -> dict[float, tuple[Any, Any]]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
@@ -16,11 +17,7 @@ from cosim.hinf.not_achievable import hint_after
 from cosim.hinf.synthesis import Design, check_achievable, design
 from cosim.hinf.threads import one_thread
 from cosim.hinf.worst_case_disturbance import worst_case_at
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _SHORT = 2.0**-10
 """First delay tried where Theorem 2 has none, of the limit."""

@@ -30,7 +30,6 @@ gain of Theorem 2 on, analysis and synthesis in turn therefore only improve.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,9 +37,7 @@ from cosim.hinf.analysis_lmi import AnalysisVariables, own_units
 from cosim.hinf.bessel_legendre_rows import BesselLegendreRows, symmetrised
 from cosim.hinf.conic import Constraint, solve
 from cosim.hinf.svec import Array, product, svec
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _FLOOR = 1e-3
 """The margin of P, Q and R beside that of Phi, relative."""

@@ -6,15 +6,11 @@ X^-1 x.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from cosim.hinf.analysis_lmi import couplings
 from cosim.hinf.svec import Array, product, svec
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 def symmetrised(left: Array, right: Array) -> Array:

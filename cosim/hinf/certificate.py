@@ -17,9 +17,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.analysis_certificate import KIND, check_analysis
@@ -36,11 +37,7 @@ from cosim.hinf.refutation_certificate import (
 from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
 from cosim.hinf.value_text import format_value
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 __all__ = [
     "CertificateCheck",

@@ -10,20 +10,17 @@ since feedback over a link makes D2 K act on the late state.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 Matrix = NDArray[np.float64]
 Stack = NDArray[np.complex128]

@@ -12,8 +12,6 @@ What is proved of the gain in the end is proved with variables that need not be 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy import sparse
 
@@ -25,9 +23,7 @@ from cosim.hinf.design_constraints import DesignConstraints
 from cosim.hinf.peak_lmi import level_constraints, scaled_design_constraints
 from cosim.hinf.problem import Problem
 from cosim.hinf.scaling import scaling_of
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 
 class ConstrainedProblem(Problem):

@@ -23,7 +23,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 import numpy as np
@@ -42,10 +42,7 @@ from cosim.hinf.rational import (
 )
 from cosim.hinf.system_json import known_keys
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
-from cosim.models import DelaySystem
-
-if TYPE_CHECKING:
-    from cosim.models import Matrix
+from cosim.models import DelaySystem, Matrix
 
 MAX_OFFSETS = 8
 """Most states that may start away from zero: 2^7 corners of a box, up to their sign."""

@@ -25,20 +25,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import NotAchievableError
-from cosim.hinf.closed_loop import balanced, close, closed_terms
+from cosim.hinf.closed_loop import Matrix, balanced, close, closed_terms
 from cosim.hinf.roots import spectral_abscissa
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cosim.hinf.closed_loop import Matrix
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 Reals = NDArray[np.float64]
 

@@ -33,14 +33,12 @@ V' < 0 follows on the subspace xj = x without them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 
 from cosim.hinf.rational import exact, exact_matrix, identity, lower_triangle
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from cosim.hinf.bessel_legendre_designs import bessel_legendre_delay
 from cosim.hinf.from_control import checked_system
@@ -13,9 +12,7 @@ from cosim.hinf.greatest_delays import (
     greatest_delay as delay_of_theorem_2,
 )
 from cosim.hinf.search import initial_scalars
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 def greatest_delay(

@@ -12,10 +12,10 @@ search stops at a limit, and says so.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from scipy import optimize
 
@@ -36,9 +36,6 @@ from cosim.hinf.synthesis import (
 )
 from cosim.hinf.threads import one_thread
 from cosim.models import DelaySystem
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 DELAY_LIMIT = 20.0
 """Where a search ends [s]."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.hinf.control_limits import (
     GainLimit,
@@ -19,9 +19,7 @@ from cosim.hinf.control_limits import (
 )
 from cosim.hinf.decay import Decay, decay_from_json
 from cosim.hinf.system_json import known_keys
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 KEY = "guarantees"
 _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,10 +40,7 @@ from cosim.hinf.analysis import gain_of
 from cosim.hinf.from_control import checked_system
 from cosim.hinf.scaling import scaling_of
 from cosim.hinf.synthesis import Design, check_achievable, checked_scalars, design, rounded_gain
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
-
+from cosim.models import DelaySystem, Matrix
 
 _SINGULAR = 1e14
 """A condition of X beyond which Y X^-1 is noise."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
 from cosim.hinf.closed_loop import close
@@ -13,11 +15,7 @@ from cosim.hinf.norm import ROOTS, NormResult, hinf_norm
 from cosim.hinf.norm_proof import norm_proved
 from cosim.hinf.roots import characteristic_roots
 from cosim.hinf.threads import one_thread
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
 """How far above the norm a bound is tried, in turn: a flat gain takes too long up close."""

@@ -21,18 +21,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from cosim.core import InputError
-from cosim.hinf.roots import characteristic_roots
-
-if TYPE_CHECKING:
-    from cosim.hinf.closed_loop import ClosedLoop
-    from cosim.hinf.roots import Roots
+from cosim.hinf.closed_loop import ClosedLoop
+from cosim.hinf.roots import Roots, characteristic_roots
 
 Reals = NDArray[np.float64]
 

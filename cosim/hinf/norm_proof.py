@@ -31,21 +31,17 @@ C. Stability. On each interval det H(jw)/det H(jc) = det(I + E) with |E| <= rho 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import flint
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.ball_matrices import balls, below, exact_terms, floats, size
 from cosim.hinf.rational import exact_matrix
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _BITS = 128
 _MOST_STEPS = 1000

@@ -8,7 +8,6 @@ solve (`cosim.hinf.conic`). Questions and answers are in the system's own units.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -17,9 +16,7 @@ from cosim.hinf.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.scaling import Scaling, scaling_of
 from cosim.hinf.svec import Array, svec
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 _LARGEST_X = 1e3
 """What a margin needs to be bounded: X <= this."""

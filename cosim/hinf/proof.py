@@ -18,11 +18,11 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables, Shift, minus_omega
 from cosim.hinf.rational import exact, exact_matrix, first_bad_matrix, first_bad_pivot, to_text
+from cosim.models import DelaySystem, Matrix
 
 if TYPE_CHECKING:
     from cosim.hinf.assembly import Scalars
     from cosim.hinf.problem import Point
-    from cosim.models import DelaySystem, Matrix
 
 MAX_ROWS = 400
 """Largest LMI taken on; the vehicle's with two delays has some 70 rows."""

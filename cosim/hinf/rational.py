@@ -10,15 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 
 from cosim.core import InputError
 from cosim.hinf.value_text import format_value
-
-if TYPE_CHECKING:
-    from cosim.models import Matrix
+from cosim.models import Matrix
 
 MAX_DIGITS = 2000
 """Longest numerator or denominator read: three times what a product of two doubles needs."""

@@ -14,17 +14,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.closed_loop import ClosedLoop, balanced
-
-if TYPE_CHECKING:
-    from cosim.hinf.closed_loop import Matrix
+from cosim.hinf.closed_loop import ClosedLoop, Matrix, balanced
 
 Roots = NDArray[np.complex128]
 

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize
@@ -21,9 +20,7 @@ from cosim.hinf.assembly import Scalars
 from cosim.hinf.conic import Solution
 from cosim.hinf.problem import ROUGH_TOLERANCE, Answer, Problem
 from cosim.hinf.svec import Array
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)

@@ -8,16 +8,13 @@ A matrix without entries is left out; the sizes of the others say which shape it
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.value_text import format_value
-from cosim.models import Delay, DelaySystem
-
-if TYPE_CHECKING:
-    from cosim.models import Matrix
+from cosim.models import Delay, DelaySystem, Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""

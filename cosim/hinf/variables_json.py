@@ -8,16 +8,14 @@ Y is left out, being K X; a design's certificate writes it beside them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.rational import from_text, is_symmetric, matrix_from_text, matrix_to_text, to_text
 from cosim.hinf.system_json import known_keys
 from cosim.hinf.value_text import format_value
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")
 

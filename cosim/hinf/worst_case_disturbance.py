@@ -10,18 +10,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.closed_loop import ClosedLoop, close
 from cosim.hinf.system_json import known_keys, number
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _AGREE = 1e-6
 _DIGITS = 6
