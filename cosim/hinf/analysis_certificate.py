@@ -31,8 +31,13 @@ from cosim.hinf.rational import (
     matrix_to_text,
     to_text,
 )
-from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import (
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    system_from_json,
+    system_to_json,
+)
 
 if TYPE_CHECKING:
     from cosim.hinf.analysis_lmi import AnalysisVariables
@@ -87,8 +92,7 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate; one whose claim is not proved comes back not valid.
+    InputError : for what is no certificate; one whose claim is not proved comes back not valid.
     """
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)

@@ -117,8 +117,7 @@ def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Cert
 
     Raises
     ------
-    InputError
-        For more than `MAX_ROWS` rows: a check must come to an end.
+    InputError : for more than `MAX_ROWS` rows: a check must come to an end.
     """
     reason = _failure(system, gain, v)
     claim = analysis_claim(system, v)

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
 from cosim.hinf.greatest_delays import with_delays
+from cosim.hinf.synthesis import GAIN_DIGITS
 from cosim.models import DelaySystem
 
 Gain = NDArray[np.float64]
-
-GAIN_DIGITS = 6
-"""Significant digits of a designed gain, relative to its largest entry."""
 
 SCALES = (0.02, 0.1, 0.5, 2.0)
 """Scalar multipliers to start from, in units of the longest delay."""

@@ -14,6 +14,7 @@ and, where more is proved than gamma, `guarantees` (`cosim.hinf.guarantees`).
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -34,20 +35,15 @@ from cosim.hinf.refutation_certificate import (
     check_gamma_floor,
     check_refutation,
 )
-from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import (
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    system_from_json,
+    system_to_json,
+)
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
 from cosim.models import DelaySystem, Matrix
-
-__all__ = [
-    "CertificateCheck",
-    "Variables",
-    "certificate_from_bytes",
-    "certificate_to_json",
-    "certify",
-    "check_certificate",
-    "read_certificate",
-]
 
 _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     KIND: check_analysis,
@@ -57,6 +53,9 @@ _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
 """What checks a certificate that is not one of a gain by Theorem 2, by its kind."""
 
 _KEYS = ("claim", "system", "variables", "K")
+_NOTES = ("figures", "made_for")
+"""Keys of a saved design that are no part of its certificate."""
+
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
@@ -73,8 +72,7 @@ def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> Certific
 
     Raises
     ------
-    InputError
-        If shapes do not fit or a number is not finite; never because an inequality fails.
+    InputError : if shapes do not fit or a number is not finite; never because an inequality fails.
     """
     gain = _gain(K, system)
     return proved(system, gain, exact_variables(system, variables))
@@ -90,8 +88,7 @@ def certificate_to_json(
 
     Raises
     ------
-    InputError
-        If shapes do not fit or a number is not finite.
+    InputError : if shapes do not fit or a number is not finite.
     """
     gain = _gain(K, system)
     v = exact_variables(system, variables)
@@ -116,8 +113,7 @@ def check_certificate(data: Any) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate: a missing key, a wrong shape, a number that is none. A
+    InputError : for what is no certificate: a missing key, a wrong shape, a number that is none. A
         well-formed certificate whose claim is not proved is returned with `valid` False.
     """
     if not isinstance(data, dict):
@@ -163,8 +159,7 @@ def read_certificate(path: str | Path) -> Any:
 
     Raises
     ------
-    InputError
-        If the file cannot be read or is no JSON, with the line.
+    InputError : if the file cannot be read or is no JSON, with the line.
     """
     try:
         content = Path(path).read_bytes()
@@ -178,8 +173,7 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
 
     Raises
     ------
-    InputError
-        If it is no JSON, with the line.
+    InputError : if it is no JSON, with the line.
     """
     try:
         return json.loads(content.decode("utf-8"))
@@ -188,6 +182,23 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
         raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
+
+
+def certificate_bytes(data: dict[str, Any]) -> bytes:
+    """Return a certificate, or that of a saved design, as JSON in one form: sorted, no spaces.
+
+    Raises
+    ------
+    ValueError : a NaN or an infinity, which JSON does not have.
+    """
+    kept = {key: value for key, value in data.items() if key not in _NOTES}
+    text = json.dumps(kept, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return text.encode() + b"\n"
+
+
+def certificate_hash(data: dict[str, Any]) -> str:
+    """Return the SHA-256 of `certificate_bytes`, 64 hexadecimal digits."""
+    return hashlib.sha256(certificate_bytes(data)).hexdigest()
 
 
 def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:

@@ -12,13 +12,12 @@ delay up to it is tried for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
 from cosim.hinf.analysis import (
     Analysis,
     Prover,
@@ -26,7 +25,7 @@ from cosim.hinf.analysis import (
     check_order_of_analysis,
     gain_of,
 )
-from cosim.hinf.greatest_delays import DELAY_LIMIT
+from cosim.hinf.greatest_delays import DELAY_LIMIT, check_delay, with_delay
 from cosim.hinf.nominal_figures import nominal_figures_of
 from cosim.models import DelaySystem
 
@@ -86,7 +85,10 @@ def certified_delay(
     InputError : numbers that do not fit the system.
     """
     K = gain_of(system, gain)
-    _check(system, gamma, delay_index, order, limit)
+    check_delay(system, delay_index, limit)
+    check_order_of_analysis(order)
+    if gamma is not None:
+        check_gamma(gamma, system)
     search = _Search(system, K, gamma, delay_index)
     if order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
@@ -137,10 +139,8 @@ class _Search:
         self.certificate: dict[str, Any] | None = None
 
     def at(self, d: float) -> DelaySystem:
-        """The system with delay `delay_index` replaced."""
-        delays = list(self._system.delays)
-        delays[self._which] = replace(delays[self._which], d=d)
-        return replace(self._system, delays=tuple(delays))
+        """Return the system with the delay that is searched replaced by d [s]."""
+        return with_delay(self._system, self._which, d)
 
     def widen(self) -> None:
         """A proof for every delay up to the greatest, where there is one."""
@@ -183,19 +183,3 @@ def _between(low: float, high: float) -> float:
     digits = 1 - int(np.floor(np.log10(high - low)))
     rounded = round(middle, digits)
     return rounded if low < rounded < high else middle
-
-
-def _check(
-    system: DelaySystem, gamma: float | None, delay_index: int, order: int, limit: float
-) -> None:
-    N = len(system.delays)
-    if not 0 <= delay_index < N:
-        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
-        raise InputError(
-            "there is no such delay", where="delay_index", expected=expected, got=str(delay_index)
-        )
-    check_order_of_analysis(order)
-    if not (np.isfinite(limit) and limit > 0):
-        raise InputError("not a limit", where="limit", expected="seconds > 0", got=repr(limit))
-    if gamma is not None:
-        check_gamma(gamma, system)

@@ -26,7 +26,7 @@ Matrix = NDArray[np.float64]
 Stack = NDArray[np.complex128]
 
 
-def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
+def checked_matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
     """Read-only float copy of `value`, checked against the shape (None: any)."""
     shape = f"({'any' if rows is None else rows}, {'any' if columns is None else columns})"
     expected = f"a matrix of finite numbers, shape {shape}"
@@ -66,8 +66,7 @@ class ClosedLoop:
 
     Raises
     ------
-    InputError
-        Naming the matrix, what was expected and what was got.
+    InputError : naming the matrix, what was expected and what was got.
     """
 
     A: tuple[Matrix, ...]
@@ -96,7 +95,7 @@ class ClosedLoop:
                 raise InputError(
                     "not a delay", where=f"delays[{i}]", expected="seconds >= 0", got=str(d)
                 )
-        n = _matrix("A[0]", A[0], None, None).shape[0]
+        n = checked_matrix("A[0]", A[0], None, None).shape[0]
         if n == 0:
             raise InputError("no state", where="A[0]", expected="n >= 1", got="shape (0, 0)")
         merged = tuple(sorted({0.0, *(float(d) for d in delays)}))
@@ -104,8 +103,8 @@ class ClosedLoop:
         def merge(name: str, matrices: Sequence[ArrayLike], rows: int) -> tuple[Matrix, ...]:
             sums = {d: np.zeros((rows, n)) for d in merged}
             for i, (d, value) in enumerate(zip(delays, matrices, strict=True)):
-                sums[float(d)] = sums[float(d)] + _matrix(f"{name}[{i}]", value, rows, n)
-            return tuple(_matrix(name, total, rows, n) for total in sums.values())
+                sums[float(d)] = sums[float(d)] + checked_matrix(f"{name}[{i}]", value, rows, n)
+            return tuple(checked_matrix(name, total, rows, n) for total in sums.values())
 
         performance = C is not None and len(D) > 0
         if not performance and D1 is not None:
@@ -125,12 +124,12 @@ class ClosedLoop:
                     expected=f"one matrix D per delay, {len(delays)}",
                     got=str(len(D)),
                 )
-            disturbance = _matrix("C", np.asarray(C), n, None)
-            p = _matrix("D[0]", D[0], None, n).shape[0]
+            disturbance = checked_matrix("C", np.asarray(C), n, None)
+            p = checked_matrix("D[0]", D[0], None, n).shape[0]
             direct = np.zeros((p, disturbance.shape[1])) if D1 is None else D1
             object.__setattr__(self, "C", disturbance)
             object.__setattr__(self, "D", merge("D", D, p))
-            object.__setattr__(self, "D1", _matrix("D1", direct, p, disturbance.shape[1]))
+            object.__setattr__(self, "D1", checked_matrix("D1", direct, p, disturbance.shape[1]))
 
     @property
     def order(self) -> int:
@@ -139,8 +138,25 @@ class ClosedLoop:
 
     @property
     def has_performance(self) -> bool:
-        """Whether there are w and z, so that a gain exists to be asked for."""
+        """Whether there are w and z, and so a gain from one to the other."""
         return self.C is not None
+
+    @property
+    def direct(self) -> Matrix:
+        """D1 (p, q).
+
+        Raises
+        ------
+        InputError : the loop has no w or no z.
+        """
+        if self.D1 is None:
+            raise InputError(
+                "this loop has no gain from w to z",
+                where="closed loop",
+                expected="a disturbance w (C) and a performance output z (D)",
+                got="a loop without one of them: only its stability can be analysed",
+            )
+        return self.D1
 
     @cached_property
     def sizes(self) -> Matrix:
@@ -154,6 +170,20 @@ class ClosedLoop:
     def output_matrix(self, s: Any) -> Stack:
         """sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
         return self._sum(self.D, s, 0)
+
+    def transfer(self, omega: ArrayLike) -> Stack:
+        """Return G(s) = D(s) (s I - A(s))^-1 C + D1 at s = j omega; omega.shape + (p, q).
+
+        Raises
+        ------
+        InputError : the loop has no w or no z.
+        numpy.linalg.LinAlgError : j omega is a root of the loop.
+        """
+        D1, s = self.direct, 1j * np.asarray(omega, dtype=np.float64)
+        H = s[..., None, None] * np.eye(self.order) - self.state_matrix(s)
+        C = np.asarray(self.C, dtype=np.complex128)
+        inner = np.linalg.solve(H, np.broadcast_to(C, (*s.shape, *C.shape)))
+        return np.asarray(self.output_matrix(s) @ inner + D1, dtype=np.complex128)
 
     def _sum(self, matrices: tuple[Matrix, ...], s: Any, derivative: int) -> Stack:
         delays = np.array(self.delays)
@@ -184,8 +214,7 @@ def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
 
     Raises
     ------
-    InputError
-        K has the wrong shape or is not finite.
+    InputError : K has the wrong shape or is not finite.
     """
     A, D, delays = closed_terms(system, K)
     if not system.has_performance:
@@ -206,11 +235,10 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
 
     Raises
     ------
-    InputError
-        As `close`.
+    InputError : as `close`.
     """
     n, m = system.B.shape
-    gain = _matrix("K", K, m, n)
+    gain = checked_matrix("K", K, m, n)
     on_state, on_output = system.B @ gain, system.D2 @ gain
     acts = (system.immediate_feedback, *(delay.feedback for delay in system.delays))
     open_A = (system.A, *(delay.A for delay in system.delays))

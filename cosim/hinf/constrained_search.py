@@ -153,7 +153,9 @@ class ConstrainedSearch:
         """Limits at which the LMI's own bounds say nothing new of the first design."""
         d = self._design_constraints
         free: dict[str, Any] = {}
-        X = np.array([[float(Fraction(x)) for x in row] for row in _variable(plain, "X")])
+        X = np.array(
+            [[float(Fraction(x)) for x in row] for row in plain.certificate["variables"]["X"]]
+        )
         KXK = plain.K @ X @ plain.K.T
         if d.gain_limit is not None:
             least = float(np.linalg.eigvalsh(X)[0])
@@ -232,10 +234,6 @@ class ConstrainedSearch:
 def _between(free: float, limit: float, strength: float) -> float:
     """The limit at strength 1, towards what is free of any at 0."""
     return float(limit * max(free / limit, 1.0) ** (1.0 - strength))
-
-
-def _variable(found: Design, name: str) -> Any:
-    return found.certificate["variables"][name]
 
 
 def describe_constraints(design_constraints: DesignConstraints) -> str:

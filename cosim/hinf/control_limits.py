@@ -34,9 +34,8 @@ from cosim.hinf.proof import failure
 from cosim.hinf.rational import (
     exact,
     exact_matrix,
-    first_bad_matrix,
     from_text,
-    identity,
+    norm_is_below,
     rounded_up,
     to_text,
 )
@@ -74,10 +73,7 @@ class GainLimit:
         K = exact_matrix(gain)
         if self.bound < 0:
             return "the bound of |K| is negative"
-        rest = self.bound * self.bound * identity(K.nrows()) - K * K.transpose()
-        if first_bad_matrix([("rest", rest)]) is not None:
-            return "bound^2 I - K K' is not positive definite"
-        return None
+        return None if norm_is_below(K, self.bound) else "bound^2 I - K K' is not positive definite"
 
 
 def gain_limit_from_json(data: Any, system: DelaySystem, where: str) -> GainLimit:

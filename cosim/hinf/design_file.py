@@ -12,8 +12,7 @@ from cosim.core import InputError
 from cosim.hinf.certificate import check_certificate
 from cosim.hinf.guarantees import KEY, Guarantees, guarantees_from_json
 from cosim.hinf.synthesis import Design
-from cosim.hinf.system_json import number, system_from_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import format_value, number, system_from_json
 from cosim.hinf.worst_case_disturbance import worst_case_from_json
 
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")

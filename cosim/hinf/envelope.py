@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
+from cosim.hinf.rational import exact, norm_is_below
 from cosim.models import total, velocity_coefficients
 
 _AXES = "uvwr"
@@ -143,14 +144,14 @@ def quadratic_part(
     Products are shared between columns as in `_FIRST_SHARE`.
     """
     Q = [[Fraction(0)] * 4 for _ in range(4)]
-    exact = [Fraction(value) for value in nu]
+    speeds = [Fraction(value) for value in nu]
     for i, row in enumerate(coefficients):
         for product, c in row.items():
             a, b = (_AXES.index(letter) for letter in product)
             # a square has both shares in one column
             first = _FIRST_SHARE.get((i, product), Fraction(1, 2))
-            Q[i][a] += first * c * exact[b]
-            Q[i][b] += (1 - first) * c * exact[a]
+            Q[i][a] += first * c * speeds[b]
+            Q[i][b] += (1 - first) * c * speeds[a]
     return Q
 
 
@@ -171,7 +172,8 @@ def _quadratic_bound(
         Q = quadratic_part(nu, coefficients)
         vertices.append([[Q[i][j] / S[i] / T[j] for j in range(4)] for i in range(4)])
     q = max(_norm(N) for N in vertices)
-    while not all(_norm_below(N, Fraction(q)) for N in vertices):
+    exactly = [_rational(N) for N in vertices]
+    while not all(norm_is_below(N, exact(q)) for N in exactly):
         q *= 1 + 1e-13
     return q
 
@@ -194,24 +196,8 @@ def _norm(N: list[list[Fraction]]) -> float:
     return math.sqrt(reached / length) if length else 0.0
 
 
-def _norm_below(N: list[list[Fraction]], q: Fraction) -> bool:
-    """Whether |N| < q: q^2 I - N N' is positive definite, by exact elimination."""
-    n = len(N)
-    G = [
-        [
-            (q * q if i == j else Fraction(0)) - sum(a * b for a, b in zip(N[i], N[j], strict=True))
-            for j in range(n)
-        ]
-        for i in range(n)
-    ]
-    for k in range(n):
-        if G[k][k] <= 0:
-            return False
-        for i in range(k + 1, n):
-            factor = G[i][k] / G[k][k]
-            for j in range(k, n):
-                G[i][j] -= factor * G[k][j]
-    return True
+def _rational(N: list[list[Fraction]]) -> flint.fmpq_mat:
+    return flint.fmpq_mat([[flint.fmpq(x.numerator, x.denominator) for x in row] for row in N])
 
 
 def _up(value: float) -> float:

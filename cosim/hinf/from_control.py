@@ -28,24 +28,16 @@ def frequency_response(loop: ClosedLoop, omega: ArrayLike) -> NDArray[np.complex
     ------
     InputError : a loop without w or z, frequencies that are none, or one at a root of the loop.
     """
-    if loop.C is None or loop.D1 is None:
-        raise InputError(
-            "this loop has no gain from w to z", expected="C, and D, D1 or D2", where="loop"
-        )
     try:
         points = np.asarray(omega, dtype=np.float64).ravel()
     except (TypeError, ValueError) as error:
         raise InputError("not frequencies", where="omega", expected="numbers of rad/s") from error
     if not np.isfinite(points).all():
         raise InputError("not frequencies", where="omega", expected="finite numbers of rad/s")
-    s = 1j * points
-    resolvent = s[:, None, None] * np.eye(loop.order) - loop.state_matrix(s)
     try:
-        inner = np.linalg.solve(resolvent, np.broadcast_to(loop.C, (len(s), *loop.C.shape)))
+        return np.moveaxis(loop.transfer(points), 0, -1)
     except np.linalg.LinAlgError as error:
         raise InputError("a frequency at which the loop has a root", where="omega") from error
-    response = np.asarray(loop.output_matrix(s) @ inner + loop.D1, dtype=np.complex128)
-    return np.moveaxis(response, 0, -1)
 
 
 def to_control(loop: ClosedLoop, omega: ArrayLike) -> Any:

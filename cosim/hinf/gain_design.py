@@ -8,12 +8,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import synthesis
-from cosim.hinf.bessel_legendre_designs import bessel_legendre_design
+from cosim.hinf.analysis import analyse
+from cosim.hinf.bessel_legendre_designs import bessel_legendre_delay, bessel_legendre_design
 from cosim.hinf.constrained_search import (
     ConstrainedSearch,
     describe_constraints,
@@ -23,6 +25,11 @@ from cosim.hinf.constrained_search import (
 )
 from cosim.hinf.design_constraints import design_constraints_of
 from cosim.hinf.from_control import checked_system
+from cosim.hinf.greatest_delays import (
+    DELAY_LIMIT,
+    GreatestDelay,
+    greatest_delay as delay_of_theorem_2,
+)
 from cosim.hinf.search import initial_scalars
 from cosim.hinf.synthesis import Design
 from cosim.hinf.threads import one_thread
@@ -138,3 +145,70 @@ def design(
         scalars_of(plain), system, design_constraints, gamma, search=look
     )
     return search_for.best(plain)
+
+
+def greatest_delay(
+    system: DelaySystem,
+    gamma: float | None,
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
+    *,
+    delay_index: int = 0,
+    limit: float = DELAY_LIMIT,
+    search: bool | None = None,
+    order: int | None = None,
+) -> GreatestDelay:
+    """The greatest delay `delay_index` at which gamma (None: stability) is certified.
+
+    Parameters
+    ----------
+    system : the delays other than `delay_index` are held.
+    gamma : bound of the gain from w to z; None for a system without w and z.
+    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+    delay_index : index of the delay.
+    limit : where the search ends [s].
+    search : look for better k1, k2 as well.
+    order : None for Theorem 2, with what refutes it beyond; N for the sharper condition.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no delay at all can be certified.
+    """
+    system = checked_system(system, control=True)
+    one, two, look = initial_scalars(system, k1, k2, search)
+    if order is None:
+        return delay_of_theorem_2(
+            system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
+        )
+    return bessel_legendre_delay(
+        system, gamma, one, two, order=order, delay_index=delay_index, limit=limit, search=look
+    )
+
+
+def without_uncertainty(system: DelaySystem) -> DelaySystem:
+    """The nominal system: E and every H removed."""
+    delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
+    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
+
+
+def nominal_gamma(found: Design) -> float | None:
+    """The least certified gamma of the same K at the same k1, k2 or order, nothing uncertain.
+
+    What lies between it and `found.gamma` is paid for E, H; what lies between the exact norm
+    and it is the conservatism of the condition. Costs about as much as half a design.
+
+    Returns
+    -------
+    None where only stability is certified; `found.gamma` where nothing is uncertain.
+
+    Raises
+    ------
+    NotAchievableError : no proof was found.
+    """
+    if found.gamma is None or not found.system.E.size:
+        return found.gamma
+    nominal = without_uncertainty(found.system)
+    if found.order is not None:
+        return analyse(nominal, found.K, order=found.order).gamma
+    return synthesis.design(nominal, found.k1, found.k2, gain=found.K).gamma

@@ -96,17 +96,7 @@ def greatest_delay(
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    if not 0 <= delay_index < len(system.delays):
-        raise InputError(
-            "there is no such delay",
-            where="delay_index",
-            expected=f"an index below {len(system.delays)}, the number of delays",
-            got=str(delay_index),
-        )
-    if not (math.isfinite(limit) and limit > 0):
-        raise InputError(
-            "not a limit for a delay", where="limit", expected="a positive number", got=repr(limit)
-        )
+    check_delay(system, delay_index, limit)
     if gamma is not None:
         check_achievable(gamma, system)
     elif system.has_performance:
@@ -114,7 +104,7 @@ def greatest_delay(
             "a greatest delay needs a gamma to be kept", where="gamma", expected="a number"
         )
     p = checked_scalars(system, k1, k2)
-    start = _with_delay(system, delay_index, limit)
+    start = with_delay(system, delay_index, limit)
     problem = Problem(start)
     p = replace(p, d=tuple(delay.d for delay in start.delays))
     with solver_words() as words:
@@ -126,7 +116,7 @@ def greatest_delay(
         if cause is not None:
             raise cause
         least = _replaced(p, delay_index, _SMALLEST * limit)
-        there = _with_delay(system, delay_index, least.d[delay_index])
+        there = with_delay(system, delay_index, least.d[delay_index])
         proof = None if search else refute(there, problem, least, gamma)
         raise _none_at_all(system, gamma, least, proof, not_found(words), search=search)
     shares = (0.0, *_BELOW) if end.d[delay_index] == limit else _BELOW
@@ -134,7 +124,7 @@ def greatest_delay(
     for share in shares:
         d = end.d[delay_index] * (1 - share)
         at = _replaced(end, delay_index, d)
-        there = _with_delay(system, delay_index, d)
+        there = with_delay(system, delay_index, d)
         found, reason = find_certified_gain(there, problem, at, gamma)
         if found is not None:
             beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
@@ -209,7 +199,7 @@ def _refuted(
     for share in _ABOVE:
         d = p.d[delay_index] * (1 + share)
         proof = refute(
-            _with_delay(system, delay_index, d), problem, _replaced(p, delay_index, d), gamma
+            with_delay(system, delay_index, d), problem, _replaced(p, delay_index, d), gamma
         )
         if proof is not None:
             return d, proof
@@ -247,7 +237,27 @@ def _replaced(p: Scalars, delay_index: int, d: float) -> Scalars:
     return replace(p, d=(*p.d[:delay_index], d, *p.d[delay_index + 1 :]))
 
 
-def _with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
+def check_delay(system: DelaySystem, delay_index: int, limit: float) -> None:
+    """Refuse an index that no delay has, and a limit that is no positive number of seconds.
+
+    Raises
+    ------
+    InputError : naming which.
+    """
+    N = len(system.delays)
+    if not 0 <= delay_index < N:
+        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
+        raise InputError(
+            "there is no such delay", where="delay_index", expected=expected, got=str(delay_index)
+        )
+    if not (math.isfinite(limit) and limit > 0):
+        raise InputError(
+            "not a limit for a delay", where="limit", expected="seconds > 0", got=repr(limit)
+        )
+
+
+def with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
+    """Return the same system with delay `delay_index` replaced by d [s]."""
     return with_delays(
         system, [d if j == delay_index else x.d for j, x in enumerate(system.delays)]
     )

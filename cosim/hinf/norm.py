@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from cosim.core import InputError
 from cosim.hinf.closed_loop import ClosedLoop
 from cosim.hinf.roots import Roots, characteristic_roots
 
@@ -58,18 +57,6 @@ class NormResult(NamedTuple):
     bound: float
 
 
-def _direct(loop: ClosedLoop) -> Reals:
-    """D1 of a loop that has w and z."""
-    if loop.D1 is None:
-        raise InputError(
-            "there is no gain to compute",
-            where="closed loop",
-            expected="a disturbance w (C) and a performance output z (D)",
-            got="a loop without one of them: only its stability can be asked",
-        )
-    return loop.D1
-
-
 def gain_at(loop: ClosedLoop, omega: Any) -> Reals:
     """Largest singular value of G(j omega).
 
@@ -84,27 +71,22 @@ def gain_at(loop: ClosedLoop, omega: Any) -> Reals:
 
     Raises
     ------
-    InputError
-        The loop has no w or no z.
+    InputError : the loop has no w or no z.
     """
-    D1, w = _direct(loop), np.asarray(omega, dtype=np.float64)
+    w = np.asarray(omega, dtype=np.float64)
     finite = np.isfinite(w)
-    s = 1j * np.where(finite, w, 0.0)
-    H = s[..., None, None] * np.eye(loop.order) - loop.state_matrix(s)
-    C = np.asarray(loop.C, dtype=np.complex128)
-    C = np.broadcast_to(C, (*w.shape, *C.shape))
-    G = loop.output_matrix(s) @ np.linalg.solve(H, C) + D1
-    gains: Reals = np.linalg.norm(G, ord=2, axis=(-2, -1))
-    return np.asarray(np.where(finite, gains, np.linalg.norm(D1, 2)), dtype=np.float64)
+    gains: Reals = np.linalg.norm(loop.transfer(np.where(finite, w, 0.0)), ord=2, axis=(-2, -1))
+    limit = np.linalg.norm(loop.direct, 2)
+    return np.asarray(np.where(finite, gains, limit), dtype=np.float64)
 
 
 class _Bounds:
     """Upper bounds of |G| on intervals and beyond a frequency (items 2 and 3 above)."""
 
     def __init__(self, loop: ClosedLoop) -> None:
-        self.loop, D1, C = loop, _direct(loop), np.asarray(loop.C)
+        self.loop, D1, C = loop, loop.direct, np.asarray(loop.C)
         delays = np.array(loop.delays)
-        a = np.array([np.linalg.norm(A, 2) for A in loop.A])
+        a = loop.sizes
         b = np.array([np.linalg.norm(D, 2) for D in loop.D])
         self.L1 = 1.0 + float(delays @ a)  # |H'|
         self.L2 = float(delays**2 @ a)  # |H''|
@@ -248,10 +230,8 @@ def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None
 
     Raises
     ------
-    InputError
-        The loop has no w or no z.
-    NotAchievableError
-        The characteristic roots could not be found (see `characteristic_roots`).
+    InputError : the loop has no w or no z.
+    NotAchievableError : the characteristic roots could not be found (see `characteristic_roots`).
     """
     bounds = _Bounds(loop)
     if roots is None:

@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.ball_matrices import balls, below, exact_terms, floats, size
+from cosim.hinf.closed_loop import checked_matrix
 from cosim.hinf.rational import exact_matrix
 from cosim.models import DelaySystem
 
@@ -66,15 +67,8 @@ def norm_proved(system: DelaySystem, K: ArrayLike, level: float) -> bool:
     ------
     InputError : no w or no z, K that does not fit, or a level that is no positive number.
     """
-    gain = np.array(K, dtype=np.float64)
     n, m = system.B.shape
-    if gain.shape != (m, n) or not np.isfinite(gain).all():
-        raise InputError(
-            "the gain does not fit the system",
-            where="K",
-            expected=f"{m} rows of {n} finite numbers",
-            got=f"shape {gain.shape}",
-        )
+    gain = checked_matrix("K", K, m, n)
     if not system.has_performance:
         raise InputError("this system has no gain to bound", where="system", expected="C and D")
     if not (math.isfinite(level) and level > 0.0):

@@ -15,7 +15,7 @@ from scipy import sparse
 from cosim.hinf.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.scaling import Scaling, scaling_of
-from cosim.hinf.svec import Array, svec
+from cosim.hinf.svec import Array, places, svec
 from cosim.models import DelaySystem, Matrix
 
 _LARGEST_X = 1e3
@@ -191,9 +191,8 @@ class Problem:
     ) -> Constraint:
         """C + sign V >= t I, t the last unknown; without a t where it is None."""
         n = self._n
-        rows, columns = np.tril_indices(n)
-        place = V.place[rows, columns]
-        entries = sign * np.where(rows == columns, 1.0, np.sqrt(2.0))
+        rows, columns, factors = places(n)
+        place, entries = V.place[rows, columns], sign * factors
         width = self._t if t is None else self._t + 1
         matrix = sparse.csc_array((entries, (np.arange(len(place)), place)), (len(place), width))
         if t:

@@ -95,8 +95,7 @@ def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateC
 
     Raises
     ------
-    InputError
-        If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
+    InputError : if the LMI has more than `MAX_ROWS` rows: a check must come to an end.
     """
     reason = failure(system, gain, v)
     return CertificateCheck(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
@@ -109,8 +108,7 @@ def failure(
 
     Raises
     ------
-    InputError
-        As `proved`.
+    InputError : as `proved`.
     """
     rows = (1 + 3 * len(system.delays)) * system.A.shape[0] + system.H.shape[0]
     rows += system.C.shape[1] + system.D.shape[0] if v.gamma is not None else 0
@@ -149,8 +147,7 @@ def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
 
     Raises
     ------
-    InputError
-        If shapes do not fit the system or a number is not finite.
+    InputError : if shapes do not fit the system or a number is not finite.
     """
     n, N = system.A.shape[0], len(system.delays)
     for name, values in (("Q", v.Q), ("R", v.R), ("k1", v.k1), ("k2", v.k2)):
@@ -190,8 +187,7 @@ def exact_point(system: DelaySystem, point: Point, p: Scalars) -> ExactVariables
 
     Raises
     ------
-    InputError
-        As `exact_variables`.
+    InputError : as `exact_variables`.
     """
     gamma = 1.0 if point.gamma is None else point.gamma
     v = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)

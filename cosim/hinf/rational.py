@@ -15,7 +15,7 @@ from typing import Any
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import format_value
 from cosim.models import Matrix
 
 MAX_DIGITS = 2000
@@ -33,8 +33,7 @@ def exact(value: float) -> Any:
 
     Raises
     ------
-    OverflowError, ValueError
-        For an infinity and for a NaN.
+    OverflowError, ValueError : for an infinity and for a NaN.
     """
     p, q = float(value).as_integer_ratio()
     return flint.fmpq(p, q)
@@ -56,8 +55,7 @@ def from_text(text: Any, where: str) -> Any:
 
     Raises
     ------
-    InputError
-        If `text` is no "p/q" string of decimal integers, or a longer one than any this
+    InputError : if `text` is no "p/q" string of decimal integers, or a longer one than any this
         project writes: the cost of what follows stays bounded.
     """
     match = _TEXT.fullmatch(text) if isinstance(text, str) else None
@@ -93,8 +91,7 @@ def matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:
 
     Raises
     ------
-    InputError
-        If it has another shape, or an entry is no "p/q".
+    InputError : if it has another shape, or an entry is no "p/q".
     """
     fits = (
         isinstance(rows, list)
@@ -197,6 +194,16 @@ def first_bad_matrix(matrices: Iterable[tuple[str, Any]]) -> str | None:
         if first_bad_pivot([[matrix[i, j] for j in range(i + 1)] for i in range(n)]) is not None:
             return name
     return None
+
+
+def norm_is_below(matrix: Any, bound: Any) -> bool:
+    """Whether it is proved that the largest singular value of `matrix` is less than `bound` >= 0.
+
+    matrix : `flint.fmpq_mat`.
+    bound : `flint.fmpq`.
+    """
+    rest = bound * bound * identity(matrix.nrows()) - matrix * matrix.transpose()
+    return first_bad_matrix([("rest", rest)]) is None
 
 
 def rounded_up(value: float) -> float:

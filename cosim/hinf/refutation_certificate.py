@@ -36,8 +36,7 @@ from cosim.hinf.refutation_proof import (
     refutation_claim,
     refuted,
 )
-from cosim.hinf.system_json import known_keys, system_from_json, system_to_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import format_value, known_keys, system_from_json, system_to_json
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -74,8 +73,7 @@ def check_refutation(data: dict[str, Any]) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate; one whose claim is not proved comes back not valid.
+    InputError : for what is no certificate; one whose claim is not proved comes back not valid.
     """
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
@@ -114,8 +112,7 @@ def check_gamma_floor(data: dict[str, Any]) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate; one whose claim is not proved comes back not valid.
+    InputError : for what is no certificate; one whose claim is not proved comes back not valid.
     """
     own = {key: data[key] for key in _FLOOR_KEYS if key in data}
     known_keys(own, "certificate", _FLOOR_KEYS, required=_FLOOR_KEYS)

@@ -173,8 +173,7 @@ def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> Cert
 
     Raises
     ------
-    InputError
-        If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
+    InputError : if the LMI has more than `MAX_ROWS` rows: a check must come to an end.
     """
     reason = _failure(system, place, multipliers)
     return CertificateCheck(

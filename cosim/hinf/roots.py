@@ -156,8 +156,7 @@ def roots_right_of(loop: ClosedLoop, real: float) -> int:
 
     Raises
     ------
-    NotAchievableError
-        A root lies on the line, to rounding.
+    NotAchievableError : a root lies on the line, to rounding.
     """
     top = 2.0 * _bound(loop, real) + abs(real) + 1e-300
     # Evenly against the delay, in proportion against stiff modes; the rest is refinement.
@@ -234,10 +233,9 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
 
     Raises
     ------
-    InputError
-        `count` is less than 1.
-    NotAchievableError
-        The roots found and the argument principle do not agree with the largest discretisation.
+    InputError : `count` is less than 1.
+    NotAchievableError : the roots found and the argument principle do not agree with the largest
+        discretisation.
     """
     if count < 1:
         raise InputError("no roots asked for", where="count", expected=">= 1", got=str(count))
@@ -281,7 +279,6 @@ def spectral_abscissa(loop: ClosedLoop) -> float:
 
     Raises
     ------
-    NotAchievableError
-        As `characteristic_roots`.
+    NotAchievableError : as `characteristic_roots`.
     """
     return float(characteristic_roots(loop, count=1)[0].real)

@@ -27,7 +27,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.analysis import check_gamma, gain_of
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
-from cosim.hinf.certificate import Variables, certificate_to_json, certify
+from cosim.hinf.certificate import certificate_to_json, certify
 from cosim.hinf.guarantees import Guarantees
 from cosim.hinf.nominal_figures import NominalFigures, nominal_figures_of
 from cosim.hinf.not_achievable import (
@@ -38,6 +38,7 @@ from cosim.hinf.not_achievable import (
     not_certified,
 )
 from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.proof import Variables
 from cosim.hinf.rational import rounded_up
 from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.scaling import Scaling, check_size

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.value_text import format_value
 from cosim.models import Delay, DelaySystem, Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
@@ -37,15 +36,9 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
 
     Raises
     ------
-    InputError
-        Naming the key, what was expected and what was got.
+    InputError : naming the key, what was expected and what was got.
     """
     known_keys(data, where, (*MATRICES, "name", "delays"), required=("A",))
-    name = data.get("name", "")
-    if not isinstance(name, str):
-        raise InputError(
-            "not a name", where=f"{where}.name", expected="a string", got=format_value(name)
-        )
     delays = data.get("delays", [])
     if not isinstance(delays, list):
         raise InputError(
@@ -53,10 +46,7 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
         )
     n = len(data["A"]) if isinstance(data["A"], list) else 0
     terms = [delay_from(x, f"{where}.delays[{i}]", n) for i, x in enumerate(delays)]
-    matrices = {
-        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
-    }
-    return assembled(matrices, terms, name, where)
+    return assembled(data, terms, where)
 
 
 def delay_from(data: Any, where: str, n: int) -> Delay:
@@ -81,12 +71,23 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
         raise InputError(str(error), where=where) from error
 
 
-def assembled(
-    matrices: dict[str, Matrix], delays: list[Delay], name: str, where: str
-) -> DelaySystem:
-    """`DelaySystem` of these parts; what does not fit together is an `InputError`."""
+def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str = "") -> DelaySystem:
+    """Return the system of a table's matrices and `delays`; `name` unless the table has one.
+
+    Raises
+    ------
+    InputError : a name or a matrix that is none, or parts that do not fit together.
+    """
+    title = data.get("name", name)
+    if not isinstance(title, str):
+        raise InputError(
+            "not a name", where=f"{where}.name", expected="a string", got=format_value(title)
+        )
+    matrices = {
+        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
+    }
     try:
-        return DelaySystem(**matrices, delays=delays, name=name)
+        return DelaySystem(**matrices, delays=delays, name=title)
     except ValueError as error:
         raise InputError(str(error), where=where) from error
 
@@ -115,8 +116,7 @@ def number(value: Any, where: str) -> float:
 
     Raises
     ------
-    InputError
-        For anything else: text, a truth value, an infinity, a NaN.
+    InputError : for anything else: text, a truth value, an infinity, a NaN.
     """
     wrong = InputError(
         "not a finite number", where=where, expected="a finite number", got=format_value(value)
@@ -179,6 +179,15 @@ def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
         for i, j in np.argwhere(np.abs(a - b) > allowed).tolist():
             return f"{key}[{i + 1},{j + 1}]: {float(a[i, j])!r} and {float(b[i, j])!r}"
     return None
+
+
+def format_value(value: Any) -> str:
+    """Return the `repr` of a value from a file, at most 60 characters, for a message."""
+    try:
+        text = repr(value)
+    except ValueError:  # the interpreter refuses to print an integer of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"
 
 
 def _kind(value: Any) -> str:

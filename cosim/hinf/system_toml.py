@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +50,11 @@ from cosim.hinf.system_json import (
     MATRICES,
     assembled,
     delay_from,
+    format_value,
     known_keys,
     matrix_from_rows,
     number,
 )
-from cosim.hinf.value_text import format_value
 from cosim.hinf.weights import weighted
 from cosim.models import Delay, DelaySystem
 
@@ -62,34 +62,32 @@ _ONE_DELAY = ("d", "A1", "H1")
 
 
 @dataclass(frozen=True)
-class SystemFile:
-    """A system with what its file says about the design; None where it says nothing.
+class NamedSystem:
+    """A system with the settings of its design.
 
-    system : its z weighted.
-    k1, k2 : one number per delay, k2 not zero.
-    gamma : the bound to design for, positive.
-    weights : of the rows of z.
-    unweighted : the system before.
-    design_constraints : what a design is to meet beside gamma.
+    k1, k2 : one number per delay, k2 not zero; None: to be searched.
+    gamma : the bound to design for, positive; None: the least.
+    weights : of the rows of z, already in `system`; None where there are none.
+    unweighted : the system before these weights; None where there are none.
+    design_constraints : what a design must meet beside gamma.
     """
 
     system: DelaySystem
     k1: tuple[float, ...] | None
     k2: tuple[float, ...] | None
-    gamma: float | None
-    weights: tuple[float, ...] | None
-    unweighted: DelaySystem
-    design_constraints: DesignConstraints
+    gamma: float | None = None
+    weights: tuple[float, ...] | None = None
+    unweighted: DelaySystem | None = None
+    design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
 
 
-def load_system(path: str | Path) -> SystemFile:
+def load_system(path: str | Path) -> NamedSystem:
     """Read a system file; the system is named after the file unless it says otherwise.
 
     Raises
     ------
-    InputError
-        If the file cannot be read, is malformed (with line and content), or does not describe
-        a system (with the key, what was expected and what was got).
+    InputError : if the file cannot be read, is malformed (with line and content), or does not
+        describe a system (with the key, what was expected and what was got).
     """
     path = Path(path)
     try:
@@ -99,7 +97,7 @@ def load_system(path: str | Path) -> SystemFile:
     return system_from_toml(text, where=str(path), name=path.stem)
 
 
-def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
+def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     """A system from TOML text.
 
     Parameters
@@ -110,18 +108,16 @@ def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
 
     Raises
     ------
-    InputError
-        As `load_system`.
+    InputError : as `load_system`.
     """
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design"), required=("system",))
-    unweighted = _system(data["system"], f"{where}: system", name)
-    weights = None
+    system = _system(data["system"], f"{where}: system", name)
+    weights, unweighted = None, None
     if "weights" in data["system"]:
-        weights = _numbers(data["system"]["weights"], f"{where}: system.weights")
-    system = unweighted
-    if weights is not None:
-        system = weighted(unweighted, weights, where=f"{where}: system.weights")
+        at = f"{where}: system.weights"
+        weights, unweighted = _numbers(data["system"]["weights"], at), system
+        system = weighted(unweighted, weights, where=at)
     place = f"{where}: design"
     design = data.get("design", {})
     known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
@@ -145,7 +141,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
             "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
         )
     design_constraints = design_constraints_from_table(design, system, place)
-    return SystemFile(system, k1, k2, gamma, weights, unweighted, design_constraints)
+    return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
@@ -153,8 +149,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
     Raises
     ------
-    InputError
-        If it is malformed; the message has the line, and what stands there.
+    InputError : if it is malformed; the message has the line, and what stands there.
     """
     try:
         return tomllib.loads(text)
@@ -174,20 +169,12 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 def _system(data: Any, where: str, name: str) -> DelaySystem:
     known_keys(data, where, (*MATRICES, *_ONE_DELAY, "delays", "name", "weights"), required=("A",))
-    matrices = {
-        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
-    }
-    title = data.get("name", name)
-    if not isinstance(title, str):
-        raise InputError(
-            "not a name", where=f"{where}.name", expected="a string", got=format_value(title)
-        )
-    return assembled(matrices, _delays(data, where), title, where)
+    return assembled(data, _delays(data, where), where, name)
 
 
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
-    """The delays of either spelling; the system's A has been checked to be a matrix."""
-    n = len(data["A"])
+    """Return the delays of either spelling."""
+    n = len(data["A"]) if isinstance(data["A"], list) else 0
     one = [key for key in _ONE_DELAY if key in data]
     if "delays" in data:
         if one:

@@ -13,8 +13,7 @@ from typing import Any
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.rational import from_text, is_symmetric, matrix_from_text, matrix_to_text, to_text
-from cosim.hinf.system_json import known_keys
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import format_value, known_keys
 from cosim.models import DelaySystem
 
 _KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")

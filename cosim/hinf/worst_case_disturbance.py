@@ -50,22 +50,14 @@ def worst_case(loop: ClosedLoop, omega: float) -> WorstCase:
 
     Raises
     ------
-    InputError
-        The loop has no w or no z, or `omega` is no frequency >= 0.
+    InputError : the loop has no w or no z, or `omega` is no frequency >= 0.
     """
-    if not loop.has_performance or loop.C is None:
-        raise InputError(
-            "there is no disturbance to find",
-            where="closed loop",
-            expected="a disturbance w (C) and a performance output z (D)",
-            got="a loop without one of them",
-        )
     if not (math.isfinite(omega) and omega >= 0):
         raise InputError(
             "not a frequency", where="omega", expected="a finite number >= 0", got=repr(omega)
         )
     omega = _rounded(omega)
-    G = transfer(loop, omega)
+    G = loop.transfer(omega)
     _, sizes, rows = np.linalg.svd(G)
     space = rows[: int((sizes >= sizes[0] * (1 - _AGREE)).sum())]
     onto = space.conj().T @ space  # the projection; its column k is e_k as seen in the space
@@ -103,15 +95,6 @@ def worst_case_from_json(data: Any, where: str, size: int) -> WorstCase:
         entries[key] = tuple(number(x, f"{where}.{key}[{k}]") for k, x in enumerate(data[key]))
     omega, gain = (number(data[key], f"{where}.{key}") for key in ("omega", "gain"))
     return WorstCase(omega, entries["amplitude"], entries["phase"], gain)
-
-
-def transfer(loop: ClosedLoop, omega: float) -> np.ndarray:
-    """G(j omega) = D(j omega) (j omega I - A(j omega))^-1 C + D1, complex (p, q)."""
-    s = np.asarray(1j * omega)
-    H = s * np.eye(loop.order) - loop.state_matrix(s)
-    through = loop.output_matrix(s) @ np.linalg.solve(H, np.asarray(loop.C, dtype=complex))
-    G: np.ndarray = through + loop.D1
-    return G
 
 
 def _rounded(value: float) -> float:

@@ -96,5 +96,5 @@ def test_no_frequency_is_refused(omega: float) -> None:
 
 def test_loop_without_a_gain_has_no_worst_case() -> None:
     """Without w and z there is nothing to amplify."""
-    with pytest.raises(InputError, match="no disturbance to find"):
+    with pytest.raises(InputError, match="no gain from w to z"):
         worst_case(ClosedLoop([[[-1.0]]], [0.0]), 1.0)
