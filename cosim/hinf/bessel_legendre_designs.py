@@ -19,8 +19,7 @@ from cosim.hinf.threads import one_thread
 from cosim.hinf.worst_case_disturbance import worst_case_at
 from cosim.models import DelaySystem
 
-_SHORT = 2.0**-10
-"""First delay tried where Theorem 2 certifies none, as a share of the limit."""
+_SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
 _BELOW = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 
 

@@ -39,12 +39,9 @@ from cosim.hinf.conic import Constraint, solve
 from cosim.hinf.svec import Array, product, svec
 from cosim.models import DelaySystem
 
-_FLOOR = 1e-3
-"""The margin of P, Q and R beside that of Phi, relative."""
-
+_FLOOR = 1e-3  # the margin of P, Q and R beside that of Phi, relative
 _TOLERANCE = 1e-8
-_BOUND = 1e3
-"""Largest P, Q, R and 1/eps in the search for a margin, in the solver's own units."""
+_BOUND = 1e3  # largest P, Q, R and 1/eps in the search for a margin, in the solver's own units
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """The exact certificate: a proof, in rational arithmetic, of what the deployed K guarantees.
 
-A solver's "optimal" lies at the edge and proves nothing. Here the solver's variables are
-taken as the doubles that they are (dyadic rationals), the deployed K as its doubles, Y := K X
-exactly, and the corrected LMI of Theorem 2 is shown to hold (`proof`). The system's matrices
-and delays are their doubles, too: the claim says `"inputs": "doubles"`.
+A solver's optimum lies on the boundary and proves nothing. Here the doubles of the solver's
+variables, of K and of the system are taken as the dyadic rationals that they are, Y := K X
+exactly, and the corrected LMI of Theorem 2 is shown to hold (`proof`). The claim says
+`"inputs": "doubles"`.
 
-As JSON a certificate carries everything that the proof needs and can be checked by anyone:
+As JSON a certificate contains everything that the proof needs:
 
     {"claim": {...}, "system": {...}, "variables": {"X": [["p/q", ...]], ...}, "K": [[...]]}
 
@@ -50,24 +50,22 @@ _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     REFUTATION: check_refutation,
     FLOOR: check_gamma_floor,
 }
-"""What checks a certificate that is not one of a gain by Theorem 2, by its kind."""
+"""Checks of certificates by kind; a gain proved by Theorem 2 has no kind."""
 
 _KEYS = ("claim", "system", "variables", "K")
-_NOTES = ("figures", "made_for")
-"""Keys of a saved design that are no part of its certificate."""
-
+_NOTES = ("figures", "made_for")  # keys of a saved design that are no part of its certificate
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
 def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> CertificateCheck:
-    """Prove, or fail to prove, the LMI for u = K x(t-d_f) with the doubles of K.
+    """Prove the LMI for u = K x(t-d_f) with the doubles of K, or return why it is not proved.
 
     The matrices of `variables` are symmetrised first, exactly.
 
     Parameters
     ----------
     system : the system, its doubles taken exactly.
-    K : (m, n) the gain that flies.
+    K : (m, n) the gain that is deployed.
     variables : a solution of the LMI, as floats.
 
     Raises
@@ -84,7 +82,7 @@ def certificate_to_json(
     variables: Variables,
     guarantees: Guarantees | None = None,
 ) -> dict[str, Any]:
-    """What `check_certificate` checks, for `json.dumps`; says nothing about validity.
+    """Return the certificate as JSON values for `check_certificate`, without checking it.
 
     Raises
     ------
@@ -107,14 +105,13 @@ def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "refutation" or "gamma
-    floor" one of `refutation_certificate`, without a kind one of Theorem 2. Top-level keys
-    beside these and the five of the module's docstring are notes: nothing is claimed about
-    them.
+    floor" one of `refutation_certificate`, without a kind one of Theorem 2. Other top-level
+    keys than those of the module's docstring are notes, which are not checked.
 
     Raises
     ------
-    InputError : for what is no certificate: a missing key, a wrong shape, a number that is none. A
-        well-formed certificate whose claim is not proved is returned with `valid` False.
+    InputError : not a certificate: a missing key, a wrong shape, a text that is no number.
+        (Where the claim is not proved, no error: `valid` is False.)
     """
     if not isinstance(data, dict):
         raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
@@ -155,7 +152,7 @@ def check_certificate(data: Any) -> CertificateCheck:
 
 
 def read_certificate(path: str | Path) -> Any:
-    """The data of a certificate file, for `check_certificate`.
+    """Read the data of a certificate file, for `check_certificate`.
 
     Raises
     ------
@@ -169,7 +166,7 @@ def read_certificate(path: str | Path) -> Any:
 
 
 def certificate_from_bytes(content: bytes, where: str) -> Any:
-    """The data of a certificate from what a file holds; `where` stands in the messages.
+    """Read the data of a certificate from bytes; messages name `where`.
 
     Raises
     ------
@@ -212,7 +209,7 @@ def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
 
 
 def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables, Any]:
-    """The variables and Y, as their texts say."""
+    """Read the variables and Y."""
     known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
     others = {key: value for key, value in data.items() if key != "Y"}
     v = variables_from_json(others, system, "variables", gain=system.has_performance)

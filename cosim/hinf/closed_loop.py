@@ -1,10 +1,10 @@
-"""The nominal closed loop of Eq. (7) with u = K x, the object of every exact yardstick.
+"""The nominal closed loop of Eq. (7) with u = K x.
 
     x'(t) = sum_i A_i x(t-d_i) + C w(t)
     z(t)  = sum_i D_i x(t-d_i) + D1 w(t)
 
-No uncertainty: where Eq. (7) has dA = E F H, F is zero here. D has one matrix per delay,
-since feedback over a link makes D2 K act on the late state.
+No uncertainty: F = 0 in the dA = E F H of Eq. (7). D has one matrix per delay, since feedback
+over a link makes D2 K act on the delayed state.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Stack = NDArray[np.complex128]
 
 
 def checked_matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
-    """Read-only float copy of `value`, checked against the shape (None: any)."""
+    """Return a read-only float copy of `value`, checked against the shape (None: any)."""
     shape = f"({'any' if rows is None else rows}, {'any' if columns is None else columns})"
     expected = f"a matrix of finite numbers, shape {shape}"
     try:
@@ -53,8 +53,7 @@ class ClosedLoop:
     """x' = sum_i A_i x(t-d_i) + C w, z = sum_i D_i x(t-d_i) + D1 w.
 
     Delays are sorted, equal ones are merged (their matrices added), and the first is always
-    d_0 = 0. Without C, or without D, only stability can be asked: then C and D1 are None and D
-    is empty.
+    d_0 = 0. Without C or without D only stability can be analysed: C and D1 are None, D is empty.
 
     Parameters
     ----------
@@ -164,11 +163,11 @@ class ClosedLoop:
         return np.array([np.linalg.norm(A, 2) for A in self.A])
 
     def state_matrix(self, s: Any, *, derivative: int = 0) -> Stack:
-        """sum_i (-d_i)^k A_i e^{-s d_i}, k the order of the derivative in s; s.shape + (n, n)."""
+        """Return sum_i (-d_i)^k A_i e^{-s d_i}, the k-th derivative in s; s.shape + (n, n)."""
         return self._sum(self.A, s, derivative)
 
     def output_matrix(self, s: Any) -> Stack:
-        """sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
+        """Return sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
         return self._sum(self.D, s, 0)
 
     def transfer(self, omega: ArrayLike) -> Stack:
@@ -193,9 +192,9 @@ class ClosedLoop:
 
 
 def balanced(A: Sequence[Matrix]) -> list[Matrix]:
-    """T^-1 A_i T for one diagonal T of powers of two: the same roots, without rounding.
+    """Return T^-1 A_i T for one diagonal T of powers of two: the same roots, without rounding.
 
-    States in units that lie far apart make norms large and everything bounded by them vague.
+    States in very different units make norms large, and the bounds made of them coarse.
     """
     sizes = np.abs(np.array(A)).sum(axis=0)
     scale = np.diag(scipy.linalg.matrix_balance(sizes, permute=False)[1])
@@ -203,7 +202,7 @@ def balanced(A: Sequence[Matrix]) -> list[Matrix]:
 
 
 def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
-    """Nominal loop of `system` with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts.
+    """Close the loop with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts; F = 0.
 
     A_i + phi_i B K acts on x(t-d_i), D (on i = 0) + phi_i D2 K makes z.
 
@@ -223,7 +222,7 @@ def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
 
 
 class Terms(NamedTuple):
-    """The loop term by term: what acts through each delay, equal delays apart."""
+    """The matrices of the loop, one per delay; equal delays are not merged."""
 
     A: list[Matrix]
     D: list[Matrix]
@@ -231,7 +230,7 @@ class Terms(NamedTuple):
 
 
 def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
-    """A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, the delay d_0 = 0 first.
+    """Return A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, d_0 = 0 first.
 
     Raises
     ------

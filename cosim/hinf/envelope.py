@@ -1,4 +1,4 @@
-"""From an operating envelope to E and H, with a proof over the whole box.
+"""Uncertainty matrices E and H that cover the vehicle over an operating envelope, proved.
 
 The vehicle's f(x) is A x plus what depends on the state, and that part is exactly
 
@@ -20,9 +20,9 @@ Hence dA(x) = E F H with F = diag(F1, F2), |F1| <= 1, |F2| <= 1, so F'F <= I, fo
     H = [ sqrt(k) I2 on (u, v)    ]      k = 2 sin(psi_bar/2)
         [ (1/c) sqrt(q) T on nu   ]
 
-Free, and sound whatever they are: S and T (diagonal, positive), the split c, and how the
-coefficient of a product such as v r is shared between its two columns of Q. They matter for
-gamma, since the LMI has one multiplier for both blocks and all entries.
+S and T (diagonal, positive), the split c, and the shares of the coefficient of a product such
+as v r in its two columns of Q are free: the bound holds for any of them. They affect gamma,
+since the LMI has one multiplier for both blocks and all entries.
 """
 
 from __future__ import annotations
@@ -77,12 +77,11 @@ class Envelope:
 class Scaling:
     """Free factors of the factorisation: S (rows), T (columns), and the split c.
 
-    With the multiplier of the LMI itself free per entry (eps E E' and eps (H'H)^-1 as
-    variables, bound to each other by the vertices) the least gamma fixes all of them. The
-    defaults are that result, rounded, for |u|, |v| <= 0.3, |w| <= 0.2, |r| <= 0.06,
-    |psi| <= 0.35 and a loop delay of 1.25 s. Gamma with them, against the multiplier free:
-    0.1 % above for that box (0.4 % at delays of 0.05 and 0.5 s), 2 % for half of it, 27 % for
-    |u|, |v| <= 0.5, |w| <= 0.3, |r| <= 0.1, where gamma is steep.
+    The defaults are those of least gamma, rounded, with a multiplier of the LMI per entry (eps
+    E E' and eps (H'H)^-1 as variables, coupled by the vertices), for |u|, |v| <= 0.3, |w| <=
+    0.2, |r| <= 0.06, |psi| <= 0.35 and a loop delay of 1.25 s. With them gamma is 0.1 % above
+    that of free multipliers for that box (0.4 % at delays of 0.05 and 0.5 s), 2 % for half of
+    it, 27 % for |u|, |v| <= 0.5, |w| <= 0.3, |r| <= 0.1.
     """
 
     rows: tuple[float, float, float, float] = (1.0, 0.67, 0.48, 0.8)
@@ -99,15 +98,15 @@ _FIRST_SHARE: Mapping[tuple[int, str], Fraction] = MappingProxyType(
         (2, "vr"): Fraction(0),
     }
 )
-"""Share of a product's coefficient that goes to the column of its first factor; others: half.
+"""Share of a product's coefficient in the column of its first factor; others: half.
 
-Found with the scaling: v r in the surge row, say, is small through r, so it stands as
-(1.153 r) v."""
+Found with the scaling: v r in the surge row, for example, is small because of r, so it is
+written as (1.153 r) v."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """E (8, 6) and H (6, 8), and the two bounds they are made of, both proved."""
+    """E (8, 6) and H (6, 8), and the two proved bounds they are made of."""
 
     E: NDArray[np.float64]
     H: NDArray[np.float64]
@@ -118,7 +117,7 @@ class Uncertainty:
 def auv_uncertainty(
     envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling | None = None
 ) -> Uncertainty:
-    """E and H of the vehicle for an envelope, rounded outward.
+    """Return E and H of the vehicle for an envelope, rounded outward.
 
     `parameters` maps the names of `cosim.models.auv.TABLE_1` to numbers.
     """
@@ -139,7 +138,7 @@ def auv_uncertainty(
 def quadratic_part(
     nu: Sequence[Fraction | float], coefficients: Sequence[Mapping[str, Fraction]]
 ) -> list[list[Fraction]]:
-    """Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f.
+    """Return Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f.
 
     Products are shared between columns as in `_FIRST_SHARE`.
     """
@@ -158,12 +157,12 @@ def quadratic_part(
 def _quadratic_bound(
     envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling
 ) -> float:
-    """q with |S^-1 Q(nu) T^-1| <= q on the whole box: 16 vertices, each proved."""
+    """Return q with |S^-1 Q(nu) T^-1| <= q on the whole box, proved at the 16 vertices."""
     coefficients = velocity_coefficients(parameters)
     S = [Fraction(value) for value in scaling.rows]
     T = [Fraction(value) for value in scaling.columns]
     vertices = []
-    # Q(-nu) = -Q(nu): half of the vertices stand for all
+    # Q(-nu) = -Q(nu): half of the vertices are enough
     for signs in itertools.product((1, -1), repeat=3):
         nu = [
             Fraction(bound) * sign
@@ -179,7 +178,7 @@ def _quadratic_bound(
 
 
 def _norm(N: list[list[Fraction]]) -> float:
-    """|N|, computed: N N' squared again and again turns into its first eigenvector's projection.
+    """Compute |N|: repeated squares of N N' tend to the projection on its first eigenvector.
 
     In plain arithmetic and one order, so that E and H are the same doubles on every machine.
     """
@@ -201,5 +200,5 @@ def _rational(N: list[list[Fraction]]) -> flint.fmpq_mat:
 
 
 def _up(value: float) -> float:
-    """A double above `value` by a few units in the last place: rounding goes outward."""
+    """Return a double above `value` by a few units in the last place: rounding goes outward."""
     return value * (1 + 4 * math.ulp(1.0))

@@ -1,8 +1,8 @@
-"""A design and what it is to meet beside gamma: the door that users come in by.
+"""Design and greatest delay as users call them, for every condition and with constraints.
 
-1. The gain of least gamma, without the demands (`cosim.hinf.synthesis`). Where they are proved
-   of it is, it stays.
-2. Else the gain of least gamma that meets them (`cosim.hinf.constrained_search`).
+1. The gain of least gamma without the design constraints (`cosim.hinf.synthesis`) is kept if
+   the constraints can be proved for it.
+2. Otherwise the gain of least gamma that meets them (`cosim.hinf.constrained_search`).
 """
 
 from __future__ import annotations
@@ -52,35 +52,34 @@ def design(
     offset: Sequence[float] | None = None,
     energy: float | None = None,
 ) -> Design:
-    """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
+    """Design a state feedback and prove its gamma, or prove the gamma of a given gain.
 
     Parameters
     ----------
     system : Eq. (7) with delays (n states, m inputs).
     k1, k2 : one number per delay, k2 not zero (Theorem 2). Without both, they are searched;
-        one alone makes the other, k1 = -k2.
-    gamma : a bound to be met instead of the least one; the design's own may be lower.
-    gain : (m, n) a gain to be analysed instead of designed.
+        if one is given, the other is its negative.
+    gamma : a bound to meet instead of the least one; the design's own may be lower.
+    gain : (m, n) a gain to analyse instead of designing one.
     search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
-    order : None for Theorem 2; N for the sharper condition (`cosim.hinf.bessel_legendre_designs`),
-    which
-        starts from the gain of Theorem 2 and proves nothing beside gamma.
-    decay : alpha [1/s]; with w = 0 every solution is to fall at least as e^{-alpha t}.
+    order : None for Theorem 2; N for the Bessel-Legendre condition of order N, which starts
+        from the gain of Theorem 2 and allows no design constraints.
+    decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
-    peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u,
-        from `offset` and `energy`, at least one of which is to be given:
-    offset : (n,) the initial state, |x_i| <= offset_i, held before t = 0.
+    peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
+        needs `offset`, `energy` or both.
+    offset : (n,) the initial state, |x_i| <= offset_i, constant before t = 0.
     energy : int w'w <= energy^2.
 
     Returns
     -------
     Design
-        Its gamma and its `guarantees` are proved, with everything uncertain in the system.
+        Its gamma and its `guarantees` are proved, for the whole uncertainty of the system.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
-    NotAchievableError : no certified solution at k1, k2, with gamma and what is demanded.
+    NotAchievableError : no certified solution with this gamma and these design constraints.
 
     Examples
     --------
@@ -106,9 +105,9 @@ def design(
     if order is not None:
         if design_constraints.any:
             raise InputError(
-                "what is demanded beside gamma is proved with Theorem 2",
+                "design constraints are proved with Theorem 2 only",
                 where="order",
-                expected=f"no order, beside {describe_constraints(design_constraints)}",
+                expected=f"no order, with {describe_constraints(design_constraints)}",
                 got=str(order),
             )
         return bessel_legendre_design(
@@ -118,7 +117,7 @@ def design(
     try:
         plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
     except NotAchievableError:
-        # a gain without bound may be the best there is, where no limit is set to it
+        # without a constraint the best gain may be unbounded
         if not design_constraints.any or gain is not None:
             raise
     if plain is None:
@@ -136,7 +135,7 @@ def design(
         return with_guarantees(plain, guarantees)
     if gain is not None:
         raise NotAchievableError(
-            "what is demanded of this gain could not be proved",
+            "the design constraints could not be proved for this gain",
             where=system.name or None,
             expected=describe_constraints(design_constraints),
             got=reason,
@@ -158,17 +157,18 @@ def greatest_delay(
     search: bool | None = None,
     order: int | None = None,
 ) -> GreatestDelay:
-    """The greatest delay `delay_index` at which gamma (None: stability) is certified.
+    """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
 
     Parameters
     ----------
-    system : the delays other than `delay_index` are held.
-    gamma : bound of the gain from w to z; None for a system without w and z.
+    system : the delays other than `delay_index` are kept.
+    gamma : bound of the gain from w to z; None, for stability, without w and z.
     k1, k2 : one number per delay; where searched, the first start. Without both, a search.
     delay_index : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
-    order : None for Theorem 2, with what refutes it beyond; N for the sharper condition.
+    order : None for Theorem 2, with a refutation just beyond; N for the Bessel-Legendre
+        condition of order N.
 
     Raises
     ------
@@ -187,16 +187,16 @@ def greatest_delay(
 
 
 def without_uncertainty(system: DelaySystem) -> DelaySystem:
-    """The nominal system: E and every H removed."""
+    """Return the nominal system: E and every H removed."""
     delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
     return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
 
 
 def nominal_gamma(found: Design) -> float | None:
-    """The least certified gamma of the same K at the same k1, k2 or order, nothing uncertain.
+    """Return the least certified gamma of the same K, k1, k2 or order, without uncertainty.
 
-    What lies between it and `found.gamma` is paid for E, H; what lies between the exact norm
-    and it is the conservatism of the condition. Costs about as much as half a design.
+    Its distance to `found.gamma` is the cost of E, H, its distance to the exact norm the
+    conservatism of the condition. Takes about as long as half a design.
 
     Returns
     -------

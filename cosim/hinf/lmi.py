@@ -42,8 +42,7 @@ from cosim.hinf.scaling import scaling_of
 from cosim.hinf.synthesis import Design, check_achievable, checked_scalars, design, rounded_gain
 from cosim.models import DelaySystem, Matrix
 
-_SINGULAR = 1e14
-"""A condition of X beyond which Y X^-1 is noise."""
+_SINGULAR = 1e14  # A condition of X beyond which Y X^-1 is noise
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from cosim.hinf.scaling import Scaling, scaling_of
 from cosim.hinf.svec import Array, places, svec
 from cosim.models import DelaySystem, Matrix
 
-_LARGEST_X = 1e3
-"""What a margin needs to be bounded: X <= this."""
+_LARGEST_X = 1e3  # what a margin needs to be bounded: X <= this
 _SHARE = 1e-3
 """The proof needs Q > 0, and nothing else keeps it off its boundary: Q >= this times t."""
 ROUGH_TOLERANCE = 1e-7

@@ -25,8 +25,7 @@ from cosim.core import InputError
 from cosim.hinf.svec import Array
 from cosim.models import DelaySystem
 
-_EXPONENT = 200
-"""Powers of two stay within this: their products must not overflow."""
+_EXPONENT = 200  # powers of two stay within this: their products must not overflow
 _LARGEST = 1e30
 
 

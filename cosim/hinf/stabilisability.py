@@ -18,10 +18,8 @@ from cosim.hinf.roots import characteristic_roots
 from cosim.hinf.scaling import scaling_of
 from cosim.models import DelaySystem
 
-_RANK = 1e-8
-"""A singular value below this share of the largest is zero."""
-_AXIS = 1e-8
-"""Roots this near to the axis, in the system's own units, are on it."""
+_RANK = 1e-8  # A singular value below this share of the largest is zero
+_AXIS = 1e-8  # roots this near to the axis, in the system's own units, are on it
 
 
 def unstabilisable_root(system: DelaySystem) -> complex | None:

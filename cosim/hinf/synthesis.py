@@ -51,9 +51,7 @@ from cosim.models import DelaySystem
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
-_NEAR = 1.2
-"""Up to this multiple of the least gamma, the scale of its solution serves."""
-
+_NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution serves
 _ABOVE_LEAST = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 
 
