@@ -277,7 +277,7 @@ class Structure:
         *,
         flipped: bool = False,
     ) -> None:
-        """Add factor L V R (or its transpose) to a block; one on the diagonal: its symmetric part."""
+        """Add factor L V R (or its transpose) to a block; to a diagonal one its symmetric part."""
         # rows: entries of L V R, columns: entries of V, both by rows
         entries = np.asarray(np.kron(L, R.T), dtype=np.float64)
         target = self._positions(row, column, (L.shape[0], R.shape[1]), flipped=flipped)

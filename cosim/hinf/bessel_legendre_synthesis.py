@@ -115,12 +115,9 @@ def _descended(
     system: DelaySystem, order: int, starts: Sequence[Gain], goal: float | None
 ) -> list[Gain]:
     """Return gains of decreasing gamma from the best start, best first; stop below `goal`."""
-    delays = [delay.d for delay in system.delays]
 
     def least(K: Gain, reference: float) -> float:
-        lmi = AnalysisLmi(system, K, order, performance=True)
-        found = lmi.least_gamma(delays, reference)
-        return np.inf if found is None else found
+        return _least_gamma(system, order, K, reference) or np.inf
 
     size = float(np.linalg.norm(system.D1, 2)) or 1.0
     ranked = sorted(((least(K, size), K) for K in starts), key=lambda pair: pair[0])
@@ -143,9 +140,8 @@ def _descended(
 def _met(system: DelaySystem, order: int, gains: list[Gain], gamma: float) -> list[Gain]:
     """Return the gain of greatest margin at `gamma`, and the one it was computed from."""
     for K in gains[:1]:
-        delays = [delay.d for delay in system.delays]
         with solver_words() as words:
-            least = AnalysisLmi(system, K, order, performance=True).least_gamma(delays, gamma)
+            least = _least_gamma(system, order, K, gamma)
         if least is None or not least < gamma:
             raise NotAchievableError(
                 f"gamma = {gamma:g} was not reached at order {order}",
@@ -157,6 +153,12 @@ def _met(system: DelaySystem, order: int, gains: list[Gain], gamma: float) -> li
         found = Loop(system, order, gamma).improved_gain(K)
         return [K] if found is None else [found[1], K]
     return []
+
+
+def _least_gamma(system: DelaySystem, order: int, K: Gain, reference: float) -> float | None:
+    """Return the least gamma of the analysis of K, near `reference`; None if none is found."""
+    lmi = AnalysisLmi(system, K, order, performance=True)
+    return lmi.least_gamma([delay.d for delay in system.delays], reference)
 
 
 def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | None:

@@ -136,18 +136,16 @@ def check_certificate(data: Any) -> CertificateCheck:
     v, Y = _variables_from_json(system, data["variables"])
     more = guarantees_from_json(data, system)
     claim = claim_of(system, v.gamma) | more.claim()
-    if data["claim"] != claim:
-        return CertificateCheck(
-            valid=False,
-            reason="the claim is not the one that system and variables make",
-            claim=claim,
-        )
     name = asymmetric(v)
-    if name is not None:
-        return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
-    if exact_matrix(gain) * v.X != Y:
-        return CertificateCheck(valid=False, reason="Y is not K X", claim=claim)
-    reason = proved(system, gain, v).reason or more.failure(system, gain)
+    reason: str | None
+    if data["claim"] != claim:
+        reason = "the claim is not the one that system and variables make"
+    elif name is not None:
+        reason = f"{name} is not symmetric"
+    elif exact_matrix(gain) * v.X != Y:
+        reason = "Y is not K X"
+    else:
+        reason = proved(system, gain, v).reason or more.failure(system, gain)
     return CertificateCheck(valid=reason is None, reason=reason, claim=claim)
 
 

@@ -91,7 +91,7 @@ class ConstrainedSearch:
         self._level: Level | None = None
         self._free: dict[str, Any] = {}
 
-    def best(self, plain: Design | None = None) -> Design:
+    def best(self, plain: Design | None) -> Design:
         """Design with the constraints in full, then relax them towards `plain` while provable."""
         found, reason = None, ""
         tried = starts(self._start)[:_STARTS]

@@ -160,7 +160,7 @@ def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakCo
     energy = from_text(data["energy"], f"{where}.energy")
     offset = numbers("offset", n)
     if sum(value != 0 for value in offset) > MAX_OFFSETS:
-        raise _too_many(sum(value != 0 for value in offset), f"{where}.offset")
+        raise too_many_offsets(sum(value != 0 for value in offset), f"{where}.offset")
     if energy != 0 and not system.C.size:
         raise InputError(
             "does not fit the system", where=f"{where}.energy", expected="0, without a disturbance"
@@ -218,7 +218,7 @@ def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     """
     sides = [i for i, value in enumerate(offset) if value != 0]
     if len(sides) > MAX_OFFSETS:
-        raise _too_many(len(sides), "offset")
+        raise too_many_offsets(len(sides), "offset")
     corners = []
     for signs in itertools.product((1, -1), repeat=max(len(sides) - 1, 0)):
         corner = list(offset)
@@ -228,11 +228,12 @@ def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     return corners if sides else []
 
 
-def _too_many(sides: int, where: str) -> InputError:
+def too_many_offsets(sides: int, where: str) -> InputError:
+    """Return the error for an offset with more than `MAX_OFFSETS` sides that are not zero."""
     return InputError(
         "too many states start away from zero",
         where=where,
-        expected=f"at most {MAX_OFFSETS} of them",
+        expected=f"at most {MAX_OFFSETS} numbers above zero",
         got=str(sides),
     )
 

@@ -40,7 +40,7 @@ def search_greatest_delay(
     if start is None or start.d[delay_index] == limit:
         return start
     N = len(p.d)
-    lengths = np.array([d if d > 0 else 1.0 for d in p.d])
+    lengths = np.array([d if d > 0 else 1.0 for d in start.d])
     signs = np.sign(start.k2)
     best = [start]
     seen: dict[bytes, tuple[float, Array]] = {}
@@ -71,10 +71,7 @@ def search_greatest_delay(
 
     u = np.concatenate(
         [
-            np.log(
-                np.abs(start.k2)
-                * np.where(np.arange(N) == delay_index, start.d[delay_index], lengths)
-            ),
+            np.log(np.abs(start.k2) * lengths),
             np.array(start.k1) / np.array(start.k2),
             [math.log(start.d[delay_index])],
         ]

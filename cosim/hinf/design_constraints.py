@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import InputError
-from cosim.hinf.control_limits import MAX_OFFSETS
+from cosim.hinf.control_limits import MAX_OFFSETS, too_many_offsets
 from cosim.hinf.decay import growth_of
 from cosim.hinf.system_json import number
 from cosim.models import DelaySystem
@@ -108,13 +108,9 @@ def _start(
         )
     for i, value in enumerate(box):
         _not_negative(value, f"{prefix}offset[{i}]")
-    if sum(value > 0 for value in box) > MAX_OFFSETS:
-        raise InputError(
-            "too many states start away from zero",
-            where=f"{prefix}offset",
-            expected=f"at most {MAX_OFFSETS} numbers above zero",
-            got=str(sum(value > 0 for value in box)),
-        )
+    sides = sum(value > 0 for value in box)
+    if sides > MAX_OFFSETS:
+        raise too_many_offsets(sides, f"{prefix}offset")
     strength = 0.0 if energy is None else float(energy)
     _not_negative(strength, f"{prefix}energy")
     if strength and not system.C.size:

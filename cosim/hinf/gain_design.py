@@ -120,30 +120,22 @@ def design(
         # without a constraint the best gain may be unbounded
         if not design_constraints.any or gain is not None:
             raise
-    if plain is None:
-        return ConstrainedSearch(
-            synthesis.checked_scalars(system, one, two),
-            system,
-            design_constraints,
-            gamma,
-            search=look,
-        ).best()
-    if not design_constraints.any:
-        return plain
-    guarantees, reason = prove_constraints(plain, design_constraints)
-    if guarantees is not None:
-        return with_guarantees(plain, guarantees)
-    if gain is not None:
-        raise NotAchievableError(
-            "the design constraints could not be proved for this gain",
-            where=system.name or None,
-            expected=describe_constraints(design_constraints),
-            got=reason,
-        )
-    search_for = ConstrainedSearch(
-        scalars_of(plain), system, design_constraints, gamma, search=look
-    )
-    return search_for.best(plain)
+    start = synthesis.checked_scalars(system, one, two)
+    if plain is not None:
+        if not design_constraints.any:
+            return plain
+        guarantees, reason = prove_constraints(plain, design_constraints)
+        if guarantees is not None:
+            return with_guarantees(plain, guarantees)
+        if gain is not None:
+            raise NotAchievableError(
+                "the design constraints could not be proved for this gain",
+                where=system.name or None,
+                expected=describe_constraints(design_constraints),
+                got=reason,
+            )
+        start = scalars_of(plain)
+    return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(plain)
 
 
 def greatest_delay(

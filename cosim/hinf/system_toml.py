@@ -112,12 +112,14 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     """
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design"), required=("system",))
-    system = _system(data["system"], f"{where}: system", name)
+    table, place = data["system"], f"{where}: system"
+    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights")
+    known_keys(table, place, keys, required=("A",))
+    system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
-    if "weights" in data["system"]:
-        at = f"{where}: system.weights"
-        weights, unweighted = _numbers(data["system"]["weights"], at), system
-        system = weighted(unweighted, weights, where=at)
+    if "weights" in table:
+        weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
+        system = weighted(unweighted, weights, where=f"{place}.weights")
     place = f"{where}: design"
     design = data.get("design", {})
     known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
@@ -165,11 +167,6 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         # what the reader itself cannot take: an integer of thousands of digits, deep nesting
         raise InputError("malformed TOML", where=where, got=str(error)) from error
-
-
-def _system(data: Any, where: str, name: str) -> DelaySystem:
-    known_keys(data, where, (*MATRICES, *_ONE_DELAY, "delays", "name", "weights"), required=("A",))
-    return assembled(data, _delays(data, where), where, name)
 
 
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:

@@ -114,7 +114,7 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     assert error["exit_code"] == 5
     assert not [words for words in NEVER if words in json.dumps(error)]
     constrained = cosim(*late, "--gain-limit", "2", "--json", cwd=tmp_path).error
-    assert constrained["what"] == "no gain was found that meets what is demanded"
+    assert constrained["what"] == "no gain was found that meets the design constraints"
     assert "at 4 pairs k1, k2" in constrained["got"]
     refused = cosim(
         *late, "--gamma", "20", "--save-refutation", "r.json", "--json", cwd=tmp_path
