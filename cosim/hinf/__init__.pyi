@@ -58,12 +58,6 @@ from .lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
 )
-from .named_systems import (
-    BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
-    Delay as Delay,
-    DelaySystem as DelaySystem,
-    system_by_name as system_by_name,
-)
 from .nominal_figures import (
     NominalFigures as NominalFigures,
     nominal_figures_of as nominal_figures_of,
@@ -87,8 +81,12 @@ from .system_json import (
     system_from_json as system_from_json,
 )
 from .system_toml import (
+    BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
+    Delay as Delay,
+    DelaySystem as DelaySystem,
     NamedSystem as NamedSystem,
     parse_toml as parse_toml,
+    system_by_name as system_by_name,
 )
 from .threads import one_thread as one_thread
 from .weights import weighted as weighted

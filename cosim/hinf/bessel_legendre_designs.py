@@ -50,8 +50,8 @@ def bessel_legendre_design(
     """
     if gamma is not None:
         check_achievable(gamma, system)
+    check_order(order, system)
     if gain is not None:
-        check_order(order, system)
         found = analyse(system, gain, gamma, order=order)
         if not found.certified:
             raise NotAchievableError(
@@ -62,7 +62,6 @@ def bessel_legendre_design(
                 hint=hint_after(str(found.reason), "a larger gamma, another order"),
             )
         return _as_design(found)
-    check_order(order, system)
     starts: list[Gain] = []
     with suppress(NotAchievableError):  # the LMI of order N has other starts as well
         starts.append(design(system, k1, k2, search=search).K)

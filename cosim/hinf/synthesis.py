@@ -223,11 +223,12 @@ def design_from_proof(
 
 def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
     """Return better k1, k2; those of `p` where none are found."""
-    if not problem.has_gamma:
-        found = widest_margin(problem, p, None, gain)
-    else:
-        found = least_gamma(problem, p, gain)
-    return p if found is None else found[0]
+    search = (
+        least_gamma(problem, p, gain)
+        if problem.has_gamma
+        else widest_margin(problem, p, None, gain)
+    )
+    return search[0] if search else p
 
 
 def _central(

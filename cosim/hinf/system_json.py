@@ -1,9 +1,9 @@
-"""A `DelaySystem` as JSON: the letters of Eq. (7), doubles that come back bit for bit.
+"""A `DelaySystem` as JSON: the symbols of Eq. (7), every double kept bit for bit.
 
     {"name": "paper", "A": [[...]], "B": ..., "delays": [{"d": 0.3, "A": ..., "H": ...,
      "feedback": false, "any_age": false}]}
 
-A matrix without entries is left out; the sizes of the others say which shape it has.
+A matrix without entries is left out; its shape follows from the others.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 
 
 def system_to_json(system: DelaySystem) -> dict[str, Any]:
-    """`system` as what `json.dumps` takes; `system_from_json` gives the same doubles back."""
+    """Return `system` as JSON values; `system_from_json` gives the same doubles back."""
     matrices = {key: getattr(system, key).tolist() for key in MATRICES if getattr(system, key).size}
     delays = [
         {"d": x.d, "A": x.A.tolist()}
@@ -32,7 +32,7 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
 
 
 def system_from_json(data: Any, where: str = "system") -> DelaySystem:
-    """The system that `system_to_json` wrote.
+    """Read the system that `system_to_json` wrote.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
 
 
 def delay_from(data: Any, where: str, n: int) -> Delay:
-    """One delayed term from its table; an absent A is the zero matrix (n, n)."""
+    """Read one delayed term from its table; an absent A is the zero matrix (n, n)."""
     known_keys(data, where, ("d", "A", "H", "feedback", "any_age"), required=("d",))
     flags = {}
     for key in ("feedback", "any_age"):
@@ -95,7 +95,7 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
 def known_keys(
     data: Any, where: str, known: tuple[str, ...], *, required: tuple[str, ...] = ()
 ) -> None:
-    """Refuse what is no table, an unknown key (with the nearest known) and a missing one."""
+    """Refuse anything but a table, an unknown key (naming the nearest known), a missing key."""
     if not isinstance(data, dict):
         raise InputError("not a table of keys", where=where, expected="keys", got=_kind(data))
     for key in data:
@@ -112,11 +112,11 @@ def known_keys(
 
 
 def number(value: Any, where: str) -> float:
-    """A finite double; an integer only if a double holds it exactly.
+    """Read a finite double; an integer only if a double can represent it exactly.
 
     Raises
     ------
-    InputError : for anything else: text, a truth value, an infinity, a NaN.
+    InputError : anything else: text, a truth value, an infinity, a NaN.
     """
     wrong = InputError(
         "not a finite number", where=where, expected="a finite number", got=format_value(value)
@@ -133,7 +133,7 @@ def number(value: Any, where: str) -> float:
 
 
 def matrix_from_rows(value: Any, where: str) -> Matrix:
-    """Rows of equally many finite numbers as an array with two axes."""
+    """Read rows of equally many finite numbers as an array with two axes."""
     if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
         raise InputError(
             "not a matrix",
@@ -156,15 +156,13 @@ def matrix_from_rows(value: Any, where: str) -> Matrix:
     return np.array(entries, dtype=np.float64).reshape(len(value), lengths[0] if lengths else 0)
 
 
-_CLOSE = 1e-9
-"""E and H of an envelope, relative: an older version computed them to the last digits of a BLAS."""
+_CLOSE = 1e-9  # of E and H, relative: an older version computed them by BLAS
 
 
 def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
-    """Where two systems differ, as `A[1,2]: 0.5 and 0.6`; None where they do not.
+    """Return where two systems differ, as `A[1,2]: 0.5 and 0.6`; None where they do not.
 
-    Their names do not count; E and H need to agree to a relative 1e-9 only, everything else
-    exactly.
+    Names are ignored; E and H must agree to a relative 1e-9, everything else exactly.
     """
     kinds = [[(d.d, d.feedback, d.any_age) for d in system.delays] for system in (one, other)]
     if kinds[0] != kinds[1]:

@@ -1,6 +1,6 @@
-"""Systems as TOML files, in the letters of Eq. (7).
+"""Systems by name (`paper`, `auv`), or as TOML files with the symbols of Eq. (7).
 
-One delay, with the letters of the paper::
+One delay, with the symbols of the paper::
 
     [system]
     A = [[-5.0, 0.0], [6.0, -10.0]]     # likewise B, C, D, D1, D2, E, H
@@ -15,8 +15,8 @@ Any number of delays: in place of A1, H1, d one table each::
     feedback = true     # u = K x(t-d)
     any_age = true      # every time-varying delay up to d
 
-Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional,
-what a design starts from, k1 and k2 one number per delay, and what it is to meet
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional
+settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.design_constraints`)::
 
     [design]
@@ -41,6 +41,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.design_constraints import (
     KEYS as DESIGN_CONSTRAINT_KEYS,
     DesignConstraints,
@@ -56,8 +57,13 @@ from cosim.hinf.system_json import (
     number,
 )
 from cosim.hinf.weights import weighted
-from cosim.models import Delay, DelaySystem
+from cosim.models import (
+    Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
+    DelaySystem as DelaySystem,  # noqa: PLC0414 - the same
+    paper_example,
+)
 
+BUILT_IN_SYSTEMS = ("paper", "auv")
 _ONE_DELAY = ("d", "A1", "H1")
 
 
@@ -81,12 +87,28 @@ class NamedSystem:
     design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
 
 
-def load_system(path: str | Path) -> NamedSystem:
-    """Read a system file; the system is named after the file unless it says otherwise.
+def system_by_name(name: str) -> NamedSystem:
+    """Return a built-in system, or the one in a `.toml` file.
 
     Raises
     ------
-    InputError : if the file cannot be read, is malformed (with line and content), or does not
+    InputError : no such system, or a file that does not hold one.
+    """
+    if name == "paper":
+        return NamedSystem(paper_example.system(), (paper_example.K1,), (paper_example.K2,))
+    if name == "auv":
+        return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
+    if not name.endswith(".toml"):
+        raise InputError.unknown("system", name, (*BUILT_IN_SYSTEMS, "FILE.toml"))
+    return load_system(name)
+
+
+def load_system(path: str | Path) -> NamedSystem:
+    """Read a system file; the system is named after the file unless it has a name.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is malformed (with line and content), or does not
         describe a system (with the key, what was expected and what was got).
     """
     path = Path(path)
@@ -98,13 +120,7 @@ def load_system(path: str | Path) -> NamedSystem:
 
 
 def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
-    """A system from TOML text.
-
-    Parameters
-    ----------
-    text : the file's content.
-    where : stands in the messages.
-    name : of the system, unless its table has one.
+    """Read a system from TOML text; messages name `where`, and `name` is used if it has none.
 
     Raises
     ------
@@ -147,11 +163,11 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """TOML as a dictionary.
+    """Parse TOML.
 
     Raises
     ------
-    InputError : if it is malformed; the message has the line, and what stands there.
+    InputError : it is malformed; the message has the line and its content.
     """
     try:
         return tomllib.loads(text)
@@ -165,7 +181,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
             "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
         ) from error
     except (ValueError, RecursionError) as error:
-        # what the reader itself cannot take: an integer of thousands of digits, deep nesting
+        # beyond the limits of the parser: an integer of thousands of digits, deep nesting
         raise InputError("malformed TOML", where=where, got=str(error)) from error
 
 
@@ -210,7 +226,7 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
 
 
 def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:
-    """One number per delay; a single number where there is one delay."""
+    """Read one number per delay; a single number where there is one delay."""
     values = value if isinstance(value, list) else [value]
     if len(values) != count:
         raise InputError(

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from solver_points import solved
 
-from cosim.cli import main as cli
+from cosim.cli import main
 from cosim.hinf import certificate_hash
 from cosim.hinf.certificate import certificate_to_json
 from cosim.models import paper_example
@@ -27,7 +27,7 @@ def cosim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["cosim", *arguments])
         with pytest.raises(SystemExit) as left:
-            cli.main()
+            main()
         out, err = capsys.readouterr()
         return int(left.value.code or 0), out, err
 

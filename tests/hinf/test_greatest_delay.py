@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from solver_points import benchmark
 
-from cosim.cli import main as cli
+from cosim.cli import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay, with_delays
 from cosim.hinf.greatest_delays import greatest_delay as delay_of_theorem_2
@@ -96,7 +96,7 @@ def test_search_brings_section_5_to_its_bound() -> None:
 def test_bad_requests_are_refused() -> None:
     """No such delay, no gamma, no limit, delays that do not fit."""
     system = paper_example.system()
-    for wrong in ({"delay_index": 1}, {"which": -1}, {"limit": 0.0}, {"limit": np.inf}):
+    for wrong in ({"delay_index": 1}, {"delay_index": -1}, {"limit": 0.0}, {"limit": np.inf}):
         with pytest.raises(InputError):
             greatest_delay(system, 6.0, (0.6,), (0.2,), **wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="gamma"):
@@ -111,7 +111,7 @@ def _design(
 ) -> tuple[int, Any]:
     monkeypatch.setattr("sys.argv", ["cosim", "design", *arguments, "--json"])
     with pytest.raises(SystemExit) as left:
-        cli.main()
+        main()
     return int(left.value.code or 0), json.loads(capsys.readouterr().out)
 
 

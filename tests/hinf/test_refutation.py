@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from solver_points import benchmark, random_system
 
-from cosim.cli import main as cli
+from cosim.cli import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.fmu.export.controller import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
@@ -313,7 +313,7 @@ def test_the_verbs_keep_and_check_the_proofs(
     def cosim(*arguments: str) -> tuple[int, Any]:
         monkeypatch.setattr("sys.argv", ["cosim", *arguments, "--json"])
         with pytest.raises(SystemExit) as left:
-            cli.main()
+            main()
         return int(left.value.code or 0), json.loads(capsys.readouterr().out)
 
     common = ("design", "paper", "--max-delay", "--save-refutation", str(path))
