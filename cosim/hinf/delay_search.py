@@ -69,13 +69,8 @@ def search_greatest_delay(
                 raise SearchDoneError
         return seen[key]
 
-    u = np.concatenate(
-        [
-            np.log(np.abs(start.k2) * lengths),
-            np.array(start.k1) / np.array(start.k2),
-            [math.log(start.d[delay_index])],
-        ]
-    )
+    log_k2, k1_by_k2 = np.log(np.abs(start.k2) * lengths), np.array(start.k1) / np.array(start.k2)
+    u = np.concatenate([log_k2, k1_by_k2, [math.log(start.d[delay_index])]])
     forward = np.eye(2 * N + 1)[-1]
     low, high = (np.array([math.log(x)] * N) for x in MULTIPLES)
     ratios = np.full(N, RATIO_LIMIT)

@@ -26,8 +26,11 @@ def design_to_json(design: Design) -> dict[str, Any]:
     figures = {name: getattr(design, name) for name in (*_FIGURES, "exact_norm_upper")}
     margin = design.delay_margin
     figures["delay_margin"] = None if margin is None else list(margin)
-    if design.worst_case is not None:  # left out otherwise, as in files from before
-        figures["worst_case"] = asdict(design.worst_case)
+    if design.worst_case is not None:  # else left out: a design that is read is written as it was
+        figures["worst_case"] = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(design.worst_case).items()
+        }
     return {**design.certificate, "figures": figures}
 
 

@@ -99,19 +99,16 @@ def no_least_gamma(system: DelaySystem, words: Mapping[str, int]) -> NotAchievab
         return NotAchievableError(
             failure, where=system.name or None, expected="a least gamma", hint=OTHER_ROUTES
         )
-    return NotAchievableError(
-        "there is no gain from w to z to minimise: one of its matrices is zero"
-        if idle
-        else "there is no least gamma: the greater the gain K, the smaller the gain from w to z",
-        where=system.name or None,
-        expected="an output z that depends on w"
-        if idle
-        else "an output z that weighs the control as well, by D2",
-        got="a gamma that tends to zero",
-        hint="leave C and D out for stability alone"
-        if idle
-        else "a gamma that is small enough, or a weight on u in D2",
-    )
+    if idle:
+        what = "there is no gain from w to z to minimise: one of its matrices is zero"
+        expected = "an output z that depends on w"
+        hint = "leave C and D out for stability alone"
+    else:
+        what = "there is no least gamma: the greater the gain K, the smaller the gain from w to z"
+        expected = "an output z that weighs the control as well, by D2"
+        hint = "a gamma that is small enough, or a weight on u in D2"
+    where, got = system.name or None, "a gamma that tends to zero"
+    return NotAchievableError(what, where=where, expected=expected, got=got, hint=hint)
 
 
 def not_certified(

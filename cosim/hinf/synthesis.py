@@ -223,12 +223,11 @@ def design_from_proof(
 
 def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
     """Return better k1, k2; those of `p` where none are found."""
-    search = (
-        least_gamma(problem, p, gain)
-        if problem.has_gamma
-        else widest_margin(problem, p, None, gain)
-    )
-    return search[0] if search else p
+    if problem.has_gamma:
+        found = least_gamma(problem, p, gain)
+    else:
+        found = widest_margin(problem, p, None, gain)
+    return p if found is None else found[0]
 
 
 def _central(

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from solver_points import solved
 
-from cosim.cli import main
+from cosim.cli.application import main
 from cosim.hinf import certificate_hash
 from cosim.hinf.certificate import certificate_to_json
 from cosim.models import paper_example

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from solver_points import benchmark
 
-from cosim.cli import main
+from cosim.cli.application import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import check_certificate, design, greatest_delay, with_delays
 from cosim.hinf.greatest_delays import greatest_delay as delay_of_theorem_2

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from solver_points import benchmark, random_system
 
-from cosim.cli import main
+from cosim.cli.application import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.fmu.export.controller import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
@@ -207,6 +207,9 @@ def test_every_entry_counts() -> None:  # noqa: C901 - one change after the othe
             data["at"][key] = data["claim"][key] = [str(Fraction(data["at"][key][0]) / 2)]
 
         assert fails(move)
+    nought = copy.deepcopy(proof)  # where the LMI is no longer that of the theorem
+    nought["at"]["k2"] = nought["claim"]["k2"] = ["0"]
+    assert check_certificate(nought).reason == "a k2 is 0"
 
     def tenfold(data: dict[str, Any]) -> None:
         data["at"]["gamma"] = data["claim"]["gamma"] = "60"
