@@ -92,7 +92,7 @@ def test_an_analysis_is_not_certified_because_the_solver_failed(order: int, stat
             assert f"{FAILED} (status {status}" in one.reason
 
 
-def test_what_is_proved_beside_gamma_says_it_too(status: str) -> None:
+def test_constrained_design_reports_a_solver_failure(status: str) -> None:
     """Decay and the peak of the control, of a gain that is given."""
     system, K = paper_example.system(), np.array(PRINTED)
     p = checked_scalars(system, *AT)
