@@ -121,7 +121,7 @@ def _start(
         )
     if not strength and not any(box):
         raise InputError(
-            "a limit on the peak of the control needs an offset or an energy",
+            "a peak of the control cannot arise from nothing: no offset and no energy",
             where=f"{prefix}peak_control",
             expected="an offset of the initial state, an energy of the disturbance, or both",
             hint="give offset, one number per state, or energy",

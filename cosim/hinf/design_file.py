@@ -50,7 +50,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         if "kind" in data:
             raise InputError("not a design", where=where, got="an analysis, without figures")
         raise InputError(
-            "the figures of this design are missing or not known",
+            "this design has not the figures of a design",
             where=where,
             expected=f"figures: {', '.join(_FIGURES)}, optionally {', '.join(_LATER_FIGURES)}",
             got=format_value(sorted(figures) if isinstance(figures, dict) else figures),

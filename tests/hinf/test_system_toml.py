@@ -241,7 +241,7 @@ def test_weights_and_design_constraints_are_read() -> None:
         ("peak_control = [1, 2]\noffset = [1, 0]", ["design.peak_control", "one per input"]),
         ("peak_control = 1\noffset = 1", ["design.offset", "a list"]),
         ("peak_control = 1\noffset = [1]", ["design.offset", "one per state"]),
-        ("peak_control = 1", ["design.peak_control", "an offset or an energy"]),
+        ("peak_control = 1", ["design.peak_control", "from nothing"]),
         ("energy = 1", ["design.energy", "peak_control"]),
         ("gain_limit = 0", ["design.gain_limit", "positive"]),
     ],
