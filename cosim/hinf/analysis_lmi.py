@@ -60,9 +60,9 @@ class AnalysisVariables:
     """A solution as floats: P; Q, R one per positive delay (Q None where any age is allowed).
 
     P is square with n + n sum_j N_j rows, N_j the order, 0 where any age is allowed. `eps` is
-    None where nothing is uncertain, `gamma` None where only stability is asked. `lower`: the least
-    of each positive delay [s] that is covered, None for any age; as a whole None where nothing
-    but the delays themselves is asked for.
+    None without uncertainty, `gamma` None for stability alone. `lower`: the least value [s] of
+    each positive delay that is covered, None for any age; None as a whole where only the delays
+    themselves are covered.
     """
 
     order: int

@@ -45,7 +45,7 @@ class ExactVariables:
     """The LMI's variables as rationals: `fmpq_mat` and `fmpq`.
 
     X (n, n); Q, R one (n, n) per delay (Qbar, Rbar of the table); k1, k2 one number per
-    delay; eps None where nothing is uncertain, gamma None where only stability is asked.
+    delay; eps None where nothing is uncertain, gamma None for stability alone.
     """
 
     X: Any

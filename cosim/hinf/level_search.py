@@ -56,7 +56,7 @@ def best_level(
 
     def value(level: Level) -> float:
         level.apply_to(problem)
-        answer = _asked(problem, p)
+        answer = _optimum(problem, p)
         if not isinstance(answer, Answer):
             return math.inf
         return answer.value if problem.has_gamma else -answer.value
@@ -88,7 +88,7 @@ def level_of(
 def _around_natural(
     problem: ConstrainedProblem, p: Scalars, design_constraints: DesignConstraints
 ) -> list[Level]:
-    free = _asked(problem, p)
+    free = _optimum(problem, p)
     if not isinstance(free, Answer):
         return []
     try:
@@ -101,6 +101,6 @@ def _around_natural(
     return [Level(natural + step, theta) for theta in thetas for step in _COARSE]
 
 
-def _asked(problem: ConstrainedProblem, p: Scalars) -> Answer | Solution:
+def _optimum(problem: ConstrainedProblem, p: Scalars) -> Answer | Solution:
     """Return the least gamma, or the greatest margin where there is no gain to bound."""
     return problem.least_gamma(p) if problem.has_gamma else problem.margin(p, None)

@@ -237,7 +237,7 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
         discretisation.
     """
     if count < 1:
-        raise InputError("no roots asked for", where="count", expected=">= 1", got=str(count))
+        raise InputError("not a number of roots", where="count", expected=">= 1", got=str(count))
     loop = ClosedLoop(balanced(loop.A), loop.delays)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
     if tau * _bound(loop, 0.0) < _NO_DELAY:

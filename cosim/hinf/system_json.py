@@ -76,7 +76,7 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
 
     Raises
     ------
-    InputError : a name or a matrix that is none, or parts that do not fit together.
+    InputError : not a name, not a matrix, or parts that do not fit together.
     """
     title = data.get("name", name)
     if not isinstance(title, str):
