@@ -1,4 +1,4 @@
-"""H-infinity design over delays: the LMI, the exact proof, the exact yardsticks."""
+"""H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop."""
 
 import lazy_loader as _lazy
 

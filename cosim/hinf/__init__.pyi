@@ -9,13 +9,10 @@ from .auv import (
     AuvDesignSettings as AuvDesignSettings,
     auv_system as auv_system,
 )
-from .canonical import (
-    certificate_bytes as certificate_bytes,
-    certificate_hash as certificate_hash,
-)
 from .certificate import (
-    CertificateCheck as CertificateCheck,
+    certificate_bytes as certificate_bytes,
     certificate_from_bytes as certificate_from_bytes,
+    certificate_hash as certificate_hash,
     check_certificate as check_certificate,
     read_certificate as read_certificate,
 )
@@ -45,8 +42,12 @@ from .from_control import (
     frequency_response as frequency_response,
     to_control as to_control,
 )
-from .gain_design import design as design
-from .greatest_delay_by_order import greatest_delay as greatest_delay
+from .gain_design import (
+    design as design,
+    greatest_delay as greatest_delay,
+    nominal_gamma as nominal_gamma,
+    without_uncertainty as without_uncertainty,
+)
 from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,
@@ -57,20 +58,9 @@ from .lmi import (
     CvxpyLmi as CvxpyLmi,
     as_cvxpy as as_cvxpy,
 )
-from .named_systems import (
-    BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
-    Delay as Delay,
-    DelaySystem as DelaySystem,
-    NamedSystem as NamedSystem,
-    system_by_name as system_by_name,
-)
 from .nominal_figures import (
     NominalFigures as NominalFigures,
     nominal_figures_of as nominal_figures_of,
-)
-from .nominal_system import (
-    nominal_gamma as nominal_gamma,
-    without_uncertainty as without_uncertainty,
 )
 from .norm import (
     NormResult as NormResult,
@@ -78,6 +68,7 @@ from .norm import (
     hinf_norm as hinf_norm,
 )
 from .norm_proof import norm_proved as norm_proved
+from .proof import CertificateCheck as CertificateCheck
 from .rational import first_bad_pivot as first_bad_pivot
 from .roots import (
     characteristic_roots as characteristic_roots,
@@ -89,7 +80,14 @@ from .system_json import (
     matrix_from_rows as matrix_from_rows,
     system_from_json as system_from_json,
 )
-from .system_toml import parse_toml as parse_toml
+from .system_toml import (
+    BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
+    Delay as Delay,
+    DelaySystem as DelaySystem,
+    NamedSystem as NamedSystem,
+    parse_toml as parse_toml,
+    system_by_name as system_by_name,
+)
 from .threads import one_thread as one_thread
 from .weights import weighted as weighted
 from .worst_case_disturbance import (

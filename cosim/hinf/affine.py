@@ -1,4 +1,4 @@
-"""Small matrix inequalities, affine in unknowns that stand at places of a longer vector y."""
+"""Small matrix inequalities M(y) >= 0, affine in some entries of a longer vector y."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from cosim.hinf.svec import Array, svec
 
 
 class Affine:
-    """M(y) = M0 + sum_i y_i M_i >= 0, built block by block; symmetric.
-
-    Parameters
-    ----------
-    size : rows of M.
-    """
+    """The inequality M(y) = M0 + sum_i y_i M_i >= 0, M symmetric with `size` rows."""
 
     def __init__(self, size: int) -> None:
         self._constant = np.zeros((size, size))
@@ -45,7 +40,7 @@ class Affine:
         return self
 
     def constraint(self, width: int) -> Constraint:
-        """M(y) >= 0 for the solver; y has `width` entries."""
+        """Return M(y) >= 0 for the solver; y has `width` entries."""
         columns = sparse.lil_array(
             (self._constant.shape[0] * (len(self._constant) + 1) // 2, width)
         )

@@ -1,11 +1,11 @@
-"""What a given gain guarantees, or the system as it is: least gamma, or stability, certified.
+"""Certify the least gamma, or the stability, of a given gain or of the system without control.
 
 As in `cosim.hinf.synthesis`: the solver's least gamma, then a little above it a point of great
 margin, then the exact proof (`analysis_proof`); where that fails, a little higher. Order 0 is
 Theorem 1, higher orders are the Bessel-Legendre conditions (`analysis_lmi`).
 
-Not being certified is a result here, not an error: the conditions are sufficient, and what
-they do not prove may still be true. The exact yardsticks stand beside it.
+"Not certified" is a result, not an error: the conditions are sufficient only. The figures of
+the nominal loop are given beside it.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """A loop and what is known of it.
+    """The result of an analysis: what is certified of a loop, and its nominal figures.
 
     Attributes
     ----------
-    system : what is analysed, at the delays that are analysed.
-    K : (m, n) the gain, as its doubles; None for the system as it is.
+    system : the system, at the delays that are analysed.
+    K : (m, n) the gain, as its doubles; None for u = 0.
     order : of the Bessel-Legendre inequality; 0 is Theorem 1.
     certified : whether anything is proved.
     reason : why nothing is; None if something is.
@@ -75,16 +75,16 @@ def analyse(
     *,
     order: int = 0,
 ) -> Analysis:
-    """The least certified gamma of u = K x, or stability where there is no w or no z.
+    """Certify the least gamma of u = K x, or stability where there is no w or no z.
 
     Parameters
     ----------
     system : Eq. (7) with any number of delays (n states, m inputs).
-    gain : (m, n) K; None for the system as it is, u = 0.
+    gain : (m, n) K; None for u = 0.
     gamma : a bound to prove instead of the least one.
-    order : 0 for Theorem 1, which holds for every constant delay up to the system's; N > 0
-        for the sharper condition, which holds for exactly these delays, or where that is proved
-        at the same gamma, for every one up to them (`Analysis.covers_smaller_delays`).
+    order : 0 for Theorem 1, which covers every constant delay up to the system's; N > 0 for the
+        Bessel-Legendre condition of order N, which covers exactly these delays, or every one up
+        to them if that can be proved at the same gamma (`Analysis.covers_smaller_delays`).
 
     Raises
     ------
@@ -157,22 +157,22 @@ class Prover:
         self._lmi = AnalysisLmi(system, K, order, performance=gamma is not None)
 
     def proof(self, system: DelaySystem) -> dict[str, Any] | None:
-        """The certificate of `system`, which differs in its delays only; None if there is none."""
+        """Return the certificate of `system`, other delays of the same loop; None without one."""
         delays = [delay.d for delay in system.delays]
         found, self.reason = _proof(system, self._K, self._lmi, delays, self._gamma)
         return found
 
     def widened(self, system: DelaySystem) -> dict[str, Any] | None:
-        """As `proof`, for every constant delay up to the system's; None at order 0, too."""
+        """Return a certificate for every delay up to the system's, as `widened`; None without."""
         return widened(system, self._K, self._lmi, self._gamma)
 
 
 def widened(
     system: DelaySystem, K: NDArray[np.float64], lmi: AnalysisLmi, gamma: float | None
 ) -> dict[str, Any] | None:
-    """A certificate for every constant delay up to the system's; None where there is none.
+    """Return a certificate for every constant delay up to the system's; None without one.
 
-    None, too, where the certificate of exactly these delays covers them: at order 0.
+    Also None at order 0, where the certificate of these delays covers smaller ones.
     """
     box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
     if lmi.order == 0 or not 0 < box <= MAX_BOX:
@@ -201,7 +201,7 @@ def _proof(
 
 
 def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
-    """K as (m, n) doubles, zero for None.
+    """Return K as (m, n) doubles, zero for None.
 
     Raises
     ------
@@ -233,11 +233,11 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def check_order_of_analysis(order: int) -> None:
-    """Refuse an order that there is none of.
+    """Refuse an order out of range.
 
     Raises
     ------
-    InputError : naming those that there are.
+    InputError : naming the range.
     """
     if not 0 <= order <= MAX_ORDER:
         raise InputError(
@@ -249,7 +249,7 @@ def check_order_of_analysis(order: int) -> None:
 
 
 def check_gamma(gamma: float, system: DelaySystem) -> None:
-    """Refuse a gamma that is no bound, and any gamma of a system without w and z.
+    """Refuse a gamma that is not positive, and any gamma of a system without w and z.
 
     Raises
     ------

@@ -31,8 +31,13 @@ from cosim.hinf.rational import (
     matrix_to_text,
     to_text,
 )
-from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import (
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    system_from_json,
+    system_to_json,
+)
 
 if TYPE_CHECKING:
     from cosim.hinf.analysis_lmi import AnalysisVariables
@@ -45,7 +50,7 @@ _VARIABLES = (*_REQUIRED, "lower")
 
 
 def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
-    """`v` as the rationals that its doubles are, matrices symmetrised exactly."""
+    """Convert the doubles of `v` to rationals, and symmetrise the matrices exactly."""
 
     def symmetric(value: Matrix) -> Any:
         rational = exact_matrix(value)
@@ -63,7 +68,7 @@ def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
 
 
 def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dict[str, Any]:
-    """What `check_analysis` checks, for `json.dumps`; says nothing about validity."""
+    """Return the certificate as JSON values for `check_analysis`, without checking it."""
     lower = None if v.lower is None else [None if d is None else to_text(d) for d in v.lower]
     return {
         "kind": KIND,
@@ -87,8 +92,7 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate; one whose claim is not proved comes back not valid.
+    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)

@@ -60,9 +60,9 @@ class AnalysisVariables:
     """A solution as floats: P; Q, R one per positive delay (Q None where any age is allowed).
 
     P is square with n + n sum_j N_j rows, N_j the order, 0 where any age is allowed. `eps` is
-    None where nothing is uncertain, `gamma` None where only stability is asked. `lower`: the least
-    of each positive delay [s] that is covered, None for any age; as a whole None where nothing
-    but the delays themselves is asked for.
+    None without uncertainty, `gamma` None for stability alone. `lower`: the least value [s] of
+    each positive delay that is covered, None for any age; None as a whole where only the delays
+    themselves are covered.
     """
 
     order: int
@@ -75,12 +75,12 @@ class AnalysisVariables:
 
 
 def couplings(k: int) -> list[int]:
-    """Factors of the means W_0 .. W_(k-1) in v_k: (2i+1) (1 - (-1)^(k+i))."""
+    """Return the factors of the means W_0 .. W_(k-1) in v_k: (2i+1) (1 - (-1)^(k+i))."""
     return [(2 * i + 1) * (1 - (-1) ** (k + i)) for i in range(k)]
 
 
 def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
-    """(n,) factors that balance the states of a loop with these A_i, and its unit of time [s]."""
+    """Return (n,) factors that balance the states of a loop, and its unit of time [s]."""
     speed = np.asarray(sum(np.abs(M) for M in loop))
     _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
     back = 1.0 / np.asarray(scales, dtype=np.float64)
@@ -98,7 +98,7 @@ class AnalysisLmi:
     system : Eq. (7).
     K : (m, n) the gain, zero for the system as it is.
     order : N, of every delay that is constant.
-    performance : ask for the gain from w to z, not for stability alone.
+    performance : bound the gain from w to z, instead of stability alone.
     """
 
     def __init__(self, system: DelaySystem, K: Array, order: int, *, performance: bool) -> None:
@@ -118,7 +118,7 @@ class AnalysisLmi:
         self._D1 = system.D1
 
     def least_gamma(self, delays: Sequence[float], reference: float) -> float | None:
-        """The solver's least gamma, None if it finds no point; `reference` is its rough size."""
+        """Return the solver's least gamma near `reference`; None if it finds no point."""
         constraints = self._constraints(delays, reference, fixed=False)
         cost = np.zeros(constraints[0].columns.shape[1])
         cost[-1] = 1.0
@@ -130,7 +130,7 @@ class AnalysisLmi:
     def central(
         self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
     ) -> AnalysisVariables | None:
-        """A point of great margin at `gamma`, None if the solver finds none.
+        """Return a point of great margin at `gamma`; None if the solver finds none.
 
         `down_to_zero` : for every constant delay up to `delays`, not exactly these.
         """
@@ -140,7 +140,7 @@ class AnalysisLmi:
     def margin(
         self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
     ) -> tuple[float, AnalysisVariables] | None:
-        """The greatest margin at `gamma`, and its point; negative: the LMI is not met there.
+        """Return the greatest margin at `gamma`, and its point; negative: the LMI is not met.
 
         The margin is counted against the diagonal of -Phi itself, in a second round.
         """

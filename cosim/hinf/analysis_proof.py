@@ -42,13 +42,13 @@ if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
 
 EXACTLY = "constant, exactly d"
-"""What a claim says of a delay below which it says nothing."""
+"""The text of a claim about exactly one delay."""
 
 MAX_BOX = 4
 """Most delays of a claim that covers smaller ones: it has two corners for each, multiplied."""
 
 MAX_ORDER = 12
-"""Highest order taken on; the gain over order 3 is in the fifth digit."""
+"""Highest order; beyond order 3 gamma changes in the fifth digit."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ class _Loop:
 
 
 def orders_of(system: DelaySystem, order: int) -> list[int]:
-    """The order of every positive delay: 0 where any age is allowed."""
+    """Return the order of every positive delay: 0 where any age is allowed."""
     return [0 if delay.any_age else order for delay in system.delays if delay.d > 0]
 
 
 def analysis_claim(system: DelaySystem, v: ExactAnalysis) -> dict[str, Any]:
-    """What a valid certificate says; as `claim_of`, with the order and what it covers."""
+    """Return the claim of a certificate: as `claim_of`, with the order and the delays covered."""
     claim = claim_of(system, v.gamma)
     late = 0
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
@@ -102,12 +102,12 @@ def analysis_claim(system: DelaySystem, v: ExactAnalysis) -> dict[str, Any]:
 
 
 def covers_smaller(claim: dict[str, Any]) -> bool:
-    """Whether a claim is about every delay up to those of the system, zero included."""
+    """Whether a claim covers every delay from zero up to the system's."""
     return all(delay["age"] != EXACTLY and "from" not in delay["age"] for delay in claim["delays"])
 
 
 def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> CertificateCheck:
-    """Prove, or fail to prove, what `analysis_claim` says, for u = K x(t-d_f).
+    """Prove the claim of `analysis_claim` for u = K x(t-d_f), or return why it is not proved.
 
     Parameters
     ----------
@@ -117,8 +117,7 @@ def analysis_proved(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> Cert
 
     Raises
     ------
-    InputError
-        For more than `MAX_ROWS` rows: a check must come to an end.
+    InputError : more than `MAX_ROWS` rows.
     """
     reason = _failure(system, gain, v)
     claim = analysis_claim(system, v)
@@ -221,7 +220,7 @@ def _add(whole: Any, row: int, column: int, block: Any) -> None:
 def minus_phi(  # noqa: C901 - one table, read from top to bottom
     loop: _Loop, v: ExactAnalysis
 ) -> tuple[list[list[Any]], list[str]]:
-    """-Phi: its lower triangle, and the name of the block of every row.
+    """Return the lower triangle of -Phi, and the block name of every row.
 
     Linear maps of the vector (x, x1.., W.., w, p) are dictionaries from a block's name to the
     matrix that acts on it; Phi is a sum of products of such maps.

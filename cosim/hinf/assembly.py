@@ -1,26 +1,25 @@
-"""The LMI of Theorem 2 assembled once per system, for any delays, k1 and k2.
+"""The LMI of Theorem 2, assembled once per system for any delays, k1 and k2.
 
-Same inequality as `cosim.hinf.lmi`, smaller and in a scaling that suits a solver:
+The inequality is that of `cosim.hinf.lmi`, smaller and scaled for the solver:
 
 * rows mj are taken out by their Schur complement: (x,mj), (xj,mj), (mj,mj) become
   dj [k1j; k2j] Rbar_j [k1j, k2j] on (x, xj), which is linear in Rbar_j as well; Rbar_j > 0
   follows from row rj;
 * rows xj are multiplied by sqrt|k2j|, so that -2 X / k2j becomes -2 sign(k2j) X.
 
-* Rbar_j counts in multiples of max(1, dj), and rows rj are divided by the root of that;
-* rows rj of all delays but one, b, are replaced by
-  (rj - sqrt(dj/db) rb) / sqrt(1 + dj/db): what they had in common with x, xi and w cancels,
-  and what is left couples them with rb alone. A sparse matrix is what the solver is fast at.
+* Rbar_j is counted in multiples of max(1, dj), and rows rj are divided by the root of that;
+* rows rj of all delays but one, b, are replaced by (rj - sqrt(dj/db) rb) / sqrt(1 + dj/db):
+  their entries with x, xi and w cancel, only those with rb remain. The solver is fast on a
+  sparse matrix.
 
-All leave the inequality equivalent. Omega is then affine in the unknowns, and term by term a
-fixed matrix times a product of powers of k1, k2, d:
+The inequality stays equivalent. Omega is affine in the unknowns; each term is a fixed matrix
+times a product of powers of k1, k2, d:
 
     Omega = sum_c factor_c(k1, k2, d) (T_c0 + sum_i y_i T_ci)
 
-All T_c are built once; for another k1, k2, d their entries are summed with other weights.
+All T_c are built once; another k1, k2, d only changes the weights of their sum.
 Unknowns y: upper triangles of X, of Qbar_j where it is free, of Rbar_j / max(1, dj) where
-dj > 0; Y by
-rows; eps; gamma.
+dj > 0; Y by rows; eps; gamma.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +34,14 @@ from scipy import sparse
 
 from cosim.hinf.conic import Constraint
 from cosim.hinf.svec import Array
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 _ROOT2 = math.sqrt(2.0)
 
 
 @dataclass(frozen=True)
 class Scalars:
-    """k1, k2 and d, one number per delay; k2 not zero, d not negative."""
+    """k1, k2 and the delays d: one number per delay; k2 not zero, d not negative."""
 
     k1: tuple[float, ...]
     k2: tuple[float, ...]
@@ -56,33 +52,33 @@ _Factor = Callable[[Scalars], float]
 
 
 def unit_of_R(d: float) -> float:
-    """Rbar_j in multiples of this: it grows with a long delay."""
+    """Return the unit in which Rbar_j is counted: it grows with a long delay."""
     return max(1.0, d)
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """Where a matrix of unknowns stands in y: entry (i, j) is y[place[i, j]]."""
+    """A matrix of unknowns: its entry (i, j) is y[place[i, j]]."""
 
     place: NDArray[np.int64]
 
     def of(self, y: Array) -> Array:
-        """The matrix at y."""
+        """Return the matrix at y."""
         return np.asarray(y[self.place], dtype=np.float64)
 
 
 class Structure:
-    """The LMI of one system, to be had for any `Scalars` with the same delays at zero.
+    """The LMI of one system for any `Scalars`; delays that are zero must stay zero.
 
     Attributes
     ----------
     size : number of unknowns.
     rows : rows of Omega.
     offset : first row of each block.
-    base : the delay (from 1) whose rows r the other rows r are counted against.
+    base : index (from 1) of the delay b of the module's text.
     X, Y, eps, gamma : places of the unknowns; eps, gamma None where there are none.
-    Q, R : one per delay; None where Q must be zero (any age), where R plays no part (d = 0).
-    spare : places of unknowns that play no part here, as many as asked for.
+    Q, R : one per delay; Q None for any age, R None for a delay of zero.
+    spare : places of unknowns that do not occur here, for other constraints.
     """
 
     def __init__(self, system: DelaySystem, spare: int = 0) -> None:
@@ -108,7 +104,7 @@ class Structure:
         self._compile()
 
     def at(self, scalars: Scalars) -> Constraint:
-        """-Omega >= 0 at these scalars."""
+        """Return -Omega >= 0 at these scalars."""
         weights = np.array([factor(scalars) for factor in self._factors])
         data = -(weights @ self._data)
         height = self.rows * (self.rows + 1) // 2
@@ -121,7 +117,7 @@ class Structure:
         return Constraint(self.rows, constant, columns)
 
     def with_gain(self, gain: Matrix) -> sparse.csc_array:
-        """y = S y' for Y = K X: y' is y, its entries at Y without effect."""
+        """Return S with y = S y' for Y = K X; the entries of y' at Y have no effect."""
         keep = np.ones(self.size)
         keep[self.Y.place.ravel()] = 0.0
         rows, columns, values = [np.arange(self.size)], [np.arange(self.size)], [keep]
@@ -160,7 +156,7 @@ class Structure:
             self.rows += size
 
     def _write(self) -> None:  # noqa: C901 - one table, read from top to bottom
-        """The table, in the order and letters of the reference."""
+        """Write the table of `cosim.hinf.lmi` entry by entry, with its symbols, in its order."""
         system, N = self.system, len(self.system.delays)
         n = system.A.shape[0]
         one, later = np.eye(n), range(1, N + 1)
@@ -169,14 +165,14 @@ class Structure:
         acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
 
         def a(i: int) -> _Factor:
-            """sqrt|k2_i| / k2_i times sign, the multiplier of row xi; 1 for x."""
+            """Return the multiplier of row xi, |k2_i|^-1/2; 1 for x."""
             return (lambda _: 1.0) if i == 0 else (lambda p: abs(p.k2[i - 1]) ** -0.5)
 
         def root(j: int) -> _Factor:
             return lambda p: math.sqrt(p.d[j - 1] / unit_of_R(p.d[j - 1]))
 
         def G(row: str, column: str, i: int, factor: _Factor, *, flipped: bool = False) -> None:
-            """factor times G_i = A_i X + phi_i B Y, or its transpose."""
+            """Put factor times G_i = A_i X + phi_i B Y, or its transpose."""
             self._put(row, column, factor, A[i], self.X, one, flipped=flipped)
             if acts[i]:
                 self._put(row, column, factor, system.B, self.Y, one, flipped=flipped)
@@ -218,7 +214,7 @@ class Structure:
                 self._put("h", "h", lambda _: -1.0, unit[:, None], self.eps, unit[None, :])
 
     def _write_delay(self, j: int, one: Matrix) -> None:
-        """What Lemma 2 brings for delay j, but for G."""
+        """Put the terms that Lemma 2 adds for delay j, except those with G."""
         Q, R, X = self.Q[j - 1], self.R[j - 1], self.X
         x = f"x{j}"
 
@@ -243,11 +239,11 @@ class Structure:
             self._put(x, x, lambda p: d(p) * abs(k2(p)), one, R, one)
 
     def _write_rates(self, base: int, R: dict[int, Unknown]) -> None:
-        """What is left among rows r, by delay, once those of `base` are taken off the others."""
+        """Put the blocks among the rows r, those of `base` subtracted from the others."""
         one = np.eye(self.system.A.shape[0])
 
         def share(j: int) -> _Factor:
-            """The square root of dj / (db + dj), in the units of both rows."""
+            """Return the square root of dj / (db + dj), in the units of both rows."""
 
             def value(p: Scalars) -> float:
                 own, longest = p.d[j - 1], p.d[base - 1]
@@ -281,10 +277,7 @@ class Structure:
         *,
         flipped: bool = False,
     ) -> None:
-        """Add factor L V R (or its transpose) to a block; its mirror image is the same entry.
-
-        A block on the diagonal counts with its symmetric part.
-        """
+        """Add factor L V R (or its transpose) to a block; to a diagonal one its symmetric part."""
         # rows: entries of L V R, columns: entries of V, both by rows
         entries = np.asarray(np.kron(L, R.T), dtype=np.float64)
         target = self._positions(row, column, (L.shape[0], R.shape[1]), flipped=flipped)
@@ -309,7 +302,7 @@ class Structure:
     def _positions(
         self, row: str, column: str, shape: tuple[int, int], *, flipped: bool
     ) -> tuple[NDArray[np.int64], Array]:
-        """Place in svec (upper triangle by columns) and weight of each entry of a block."""
+        """Return place in svec (upper triangle by columns) and weight of each entry of a block."""
         i, j = np.indices(shape)
         if flipped:
             i, j = j, i
@@ -320,7 +313,7 @@ class Structure:
         return high * (high + 1) // 2 + low, weight
 
     def _compile(self) -> None:
-        """One pattern for all factors: columns of T_c side by side, one row per factor."""
+        """Store all T_c with one sparsity pattern: columns side by side, one row per factor."""
         rows = np.concatenate([entry[0] for entry in self._entries])
         columns = np.concatenate([entry[1] for entry in self._entries])
         values = np.concatenate([entry[2] for entry in self._entries])

@@ -1,15 +1,15 @@
-"""The vehicle as a system in the letters of Eq. (7), feedback over a link included.
+"""The vehicle as a system of the form of Eq. (7), with feedback over a link.
 
-Eq. (6) names no A1, C, E, H for the vehicle; these are this project's choice:
+Eq. (6) gives no A1, C, E, H for the vehicle; these are this project's choice:
 
 * state x = (eta, nu) about rest on station, A = [[0, I], [0, 0]], u an acceleration, B = [0; I];
 * A1 = [[0, 0], [0, -diag(a)]]: an onboard rate-damping loop closed through navigation data
-  up to `state_delay` seconds old, however the age varies: gamma is the same as for a constant
-  delay, since the best Q of that delay tends to 0 anyway, where no proof can have it;
+  up to `state_delay` seconds old, of any age: gamma is that of a constant delay, because the
+  best Q of that delay tends to 0;
 * C = [0; I]: accelerations by waves and current;
 * z = (position_weight * eta, u): position error against effort;
 * E, H from an operating envelope (`cosim.hinf.envelope`);
-* the control acts through `loop_delay`, u = K x(t - tau), for any age tau up to it.
+* the control acts through `loop_delay`: u = K x(t - tau), of any age tau up to it.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ DEFAULT_ENVELOPE = Envelope(u=0.3, v=0.3, w=0.2, r=0.06, psi=0.35)
 """Slow manoeuvring about a station: a path at 0.1 m/s with a sea on top."""
 
 DEFAULT_K1, DEFAULT_K2 = (-0.3, -1.0), (0.3, 1.0)
-"""k1 and k2 for the state delay and the loop delay; gamma is flat about them."""
+"""k1 and k2 for the state delay and the loop delay; gamma is nearly constant around them."""
 
 
 @dataclass(frozen=True)
 class AuvDesignSettings:
-    """What a gain for the vehicle is designed for.
+    """Settings for the design of a gain for the vehicle.
 
     Attributes
     ----------
-    state_delay, loop_delay : largest age of the damping loop's data, and of the measurements
-        that the control acts on [s]; a loop delay of 0 means immediate feedback.
+    state_delay, loop_delay : largest age [s] of the data of the damping loop, and of the
+        measurements used by the control; a loop delay of 0 means immediate feedback.
     damping : a of the four velocities [1/s].
     position_weight : weight of eta in z [1/s^2].
     envelope : operating envelope.
-    any_age : for every age up to the loop delay, however it varies (a packet link), instead
-        of the constant delay.
-    parameters : names of Table 1 to numbers.
+    any_age : design for every varying age up to the loop delay (a packet link), not for a
+        constant delay.
+    parameters : by name, as in Table 1.
     """
 
     state_delay: float = 0.5
@@ -82,7 +82,7 @@ class AuvDesignSettings:
 
 
 def auv_system(settings: AuvDesignSettings | None = None) -> DelaySystem:
-    """Eq. (7) of the vehicle: n = 8, m = 4, q = 4, p = 8, one delay or two."""
+    """Return the vehicle as Eq. (7): n = 8, m = 4, q = 4, p = 8, one delay or two."""
     settings = settings or AuvDesignSettings()
     zero, one = np.zeros((4, 4)), np.eye(4)
     uncertainty = auv_uncertainty(settings.envelope, settings.parameters)

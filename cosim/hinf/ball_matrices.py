@@ -1,20 +1,18 @@
-"""Complex matrices of balls (`flint.acb_mat`): the closed loop exactly, and bounds of norms."""
+"""Complex matrices of balls (`flint.acb_mat`): the exact closed loop, and bounds of norms."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 import numpy as np
 
 from cosim.hinf.rational import exact_matrix
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 def exact_terms(system: DelaySystem, K: Any) -> dict[float, tuple[Any, Any]]:
-    """Delay -> (A_i, D_i) of u = K x as `flint.fmpq_mat`, d = 0 first, equal delays merged.
+    """Return (A_i, D_i) of u = K x by delay, `flint.fmpq_mat`: d = 0 first, equal delays merged.
 
     K is (m, n) doubles; A_i + B K and D2 K are formed in rationals.
     """
@@ -34,17 +32,17 @@ def exact_terms(system: DelaySystem, K: Any) -> dict[float, tuple[Any, Any]]:
 
 
 def balls(matrix: Any) -> Any:
-    """A `flint.fmpq_mat` as `flint.acb_mat`, enclosed to the working precision."""
+    """Convert a `flint.fmpq_mat` to a `flint.acb_mat` at the working precision."""
     return flint.acb_mat(flint.arb_mat(matrix))
 
 
 def floats(matrix: Any) -> Any:
-    """The centres of a `flint.acb_mat` as an array."""
+    """Return the centres of a `flint.acb_mat` as an array."""
     return np.array([[complex(x) for x in row] for row in matrix.tolist()])
 
 
 def size(matrix: Any) -> Any:
-    """The Frobenius norm, rounded up: it bounds the largest singular value."""
+    """Return the Frobenius norm, rounded up: a bound of the largest singular value."""
     return (matrix * matrix.conjugate().transpose()).trace().real.upper().sqrt()
 
 
@@ -52,7 +50,7 @@ def below(matrix: Any, square: Any) -> bool:
     """Whether it is proved that the largest singular value is less than sqrt(square).
 
     Elimination of square I - X*X without pivoting, as in `rational.first_bad_pivot`: a
-    Hermitian matrix whose pivots are all positive is positive definite.
+    Hermitian matrix with positive pivots is positive definite.
     """
     star = matrix.conjugate().transpose()
     # either product has the largest singular value

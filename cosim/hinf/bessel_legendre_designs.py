@@ -1,29 +1,25 @@
-"""Designs and greatest delays of order N: from the gain of Theorem 2 on, and proved exactly."""
+"""Designs and greatest delays of order N, started from the gain of Theorem 2, proved exactly."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
 from cosim.hinf.analysis import Analysis, analyse
 from cosim.hinf.bessel_legendre_loop import Gain, Loop, continue_gain
 from cosim.hinf.bessel_legendre_synthesis import bessel_legendre_gain, check_order
-from cosim.hinf.greatest_delays import DELAY_LIMIT, GreatestDelay, greatest_delay
+from cosim.hinf.greatest_delays import DELAY_LIMIT, GreatestDelay, greatest_delay, with_delay
 from cosim.hinf.nominal_figures import NominalFigures
 from cosim.hinf.not_achievable import hint_after
 from cosim.hinf.synthesis import Design, check_achievable, design
 from cosim.hinf.threads import one_thread
 from cosim.hinf.worst_case_disturbance import worst_case_at
+from cosim.models import DelaySystem
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
-
-_SHORT = 2.0**-10
-"""First delay tried where Theorem 2 has none, of the limit."""
+_SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
 _BELOW = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 
 
@@ -38,14 +34,14 @@ def bessel_legendre_design(
     gain: ArrayLike | None = None,
     search: bool = False,
 ) -> Design:
-    """As `cosim.hinf.synthesis.design`, with the Bessel-Legendre inequality of order N.
+    """Design a gain as `synthesis.design` does, proved with the inequality of order N.
 
     Parameters
     ----------
-    k1, k2 : of the gain of Theorem 2, from which the design starts; no part of its proof.
-    order : N. 0 covers every constant delay up to the system's, as Theorem 2 does; above, the
-        proof does where that holds at the same gamma, and is else about exactly these delays
-        (`Design.covers_smaller_delays`). A delay of any age has order 0 in all cases.
+    k1, k2 : of the gain of Theorem 2 that the design starts from; not used by the proof.
+    order : N. Order 0 covers every constant delay up to the system's, as Theorem 2 does. A
+        higher order does so where that can be proved at the same gamma, otherwise it covers
+        exactly these delays (`Design.covers_smaller_delays`). A delay of any age has order 0.
 
     Raises
     ------
@@ -54,8 +50,8 @@ def bessel_legendre_design(
     """
     if gamma is not None:
         check_achievable(gamma, system)
+    check_order(order, system)
     if gain is not None:
-        check_order(order, system)
         found = analyse(system, gain, gamma, order=order)
         if not found.certified:
             raise NotAchievableError(
@@ -66,9 +62,8 @@ def bessel_legendre_design(
                 hint=hint_after(str(found.reason), "a larger gamma, another order"),
             )
         return _as_design(found)
-    check_order(order, system)
     starts: list[Gain] = []
-    with suppress(NotAchievableError):  # the sharper LMI has starts of its own
+    with suppress(NotAchievableError):  # the LMI of order N has other starts as well
         starts.append(design(system, k1, k2, search=search).K)
     return _as_design(bessel_legendre_gain(system, order, starts, gamma))
 
@@ -85,11 +80,11 @@ def bessel_legendre_delay(
     limit: float = DELAY_LIMIT,
     search: bool = False,
 ) -> GreatestDelay:
-    """As `cosim.hinf.greatest_delays.greatest_delay`, with the inequality of order N.
+    """Find the greatest delay as `greatest_delays.greatest_delay` does, with order N.
 
-    From the gain that bears the greatest delay of Theorem 2 on, gains are carried to longer
-    delays; nothing is refuted beyond. At N > 0 the proof is about exactly that delay, or
-    every one up to it (`Design.covers_smaller_delays`).
+    Continuation from the gain at the greatest delay of Theorem 2; nothing is refuted beyond
+    the end. At N > 0 the proof covers exactly that delay, or every one up to it
+    (`Design.covers_smaller_delays`).
 
     Raises
     ------
@@ -98,9 +93,8 @@ def bessel_legendre_delay(
     """
 
     def at(d: float) -> Loop:
-        return loop.at([d if j == delay_index else x.d for j, x in enumerate(system.delays)])
+        return Loop(with_delay(system, delay_index, d), order, gamma)
 
-    loop = Loop(system, order, gamma)
     try:
         plain = greatest_delay(
             system, gamma, k1, k2, delay_index=delay_index, limit=limit, search=search
@@ -120,7 +114,7 @@ def bessel_legendre_delay(
     for d, gain in tried:
         try:
             found = analyse(at(d).system, gain, gamma, order=order)
-        except NotAchievableError as error:  # a loop too fast for the yardsticks
+        except NotAchievableError as error:  # a loop too fast for its roots to be counted
             reason = error.what
             continue
         if found.certified:
@@ -129,7 +123,7 @@ def bessel_legendre_delay(
     raise NotAchievableError(
         f"no delay could be certified at order {order}",
         where=system.name or None,
-        expected=f"an exact proof near d = {end:.6g}, where the solver sees the end",
+        expected=f"an exact proof near d = {end:.6g}, the greatest delay by the solver",
         got=reason,
         hint="another order, a larger gamma",
     )

@@ -1,36 +1,35 @@
 """The LMI that designs a gain with the Bessel-Legendre inequality of order N.
 
-The functional and the inequality are those of `analysis_lmi`. There the unknown K would stand
-beside P and R. So x' stays a variable of its own, tied to f = sum_i A_i x(t-di) + B K x(t-df)
+The functional and the inequality are those of `analysis_lmi`, where an unknown K would be
+multiplied by P and R. So x' is kept as a variable, tied to f = sum_i A_i x(t-di) + B K x(t-df)
 + C w + E p by a multiplier (Finsler's lemma, the descriptor method of Fridman):
 
     2 (x'U + x''U_0 + sum_jk W_jk'U_jk) (f - x')  is added to Phi.
 
-K then stands beside the U alone. With U_0 = U S_0 and U_jk = U S_jk for **given** S, and
-x = X xh for every one of x, x', xj, W_jk, where X'U = I,
+K is then multiplied by the U alone. With U_0 = U S_0 and U_jk = U S_jk for **given** S, and
+x = X xh for each of x, x', xj, W_jk, where X'U = I,
 
     2 (xh + S_0' xh' + sum S_jk' Wh_jk)' (sum_i A_i X xh_i + B Y xh_f + C w + E p - X xh'),
 
-Y = K X, while P, Qj, Rj become Ph = X'P X (every block), Qh, Rh: as free as they were. With
+Y = K X, while P, Qj, Rj become Ph = X'P X (every block), Qh, Rh without restriction. With
 p = eh ph, eh = 1/eps, and z and q by Schur complements the whole is linear in X (n, n; not
-symmetric), Y, Ph, Qh, Rh, eh and gamma, in [x, x', x1.., W.., w, p, z, h]. Nothing differs
-where the feedback acts over a delay: B Y stands beside that xh_i instead.
+symmetric), Y, Ph, Qh, Rh, eh and gamma, in [x, x', x1.., W.., w, p, z, h]. For feedback over a
+delay B Y is multiplied by that xh_i instead.
 
-**What is lost** is what given S restrict: the conditions are convex for S fixed, not for S
-free. Scalar S_0 = b I, S_jk = 0 is the usual choice. Nothing is lost at a gain that the
-analysis already proves: its Phi < 0 follows with U = P_00, U_0 = sum dj^2 Rj, U_jk = dj P_k0
+**What is lost.** The conditions are convex for fixed S only, and a fixed S restricts them.
+Scalar S_0 = b I, S_jk = 0 is the usual choice. At a gain that the analysis already proves
+nothing is lost: its Phi < 0 follows with U = P_00, U_0 = sum dj^2 Rj, U_jk = dj P_k0
 (the coupling of x' in Phi, and its own block), so that with
 
     S_0' = sum dj^2 Rj P_00^-1,   S_jk' = dj P_0k P_00^-1
 
-this LMI has a solution at that gamma with that K, and its least gamma is not higher. From a
-gain of Theorem 2 on, analysis and synthesis in turn therefore only improve.
+this LMI has a solution at that gamma with that K, and its least gamma is not higher. Analysis
+and synthesis in turn therefore only improve a gain of Theorem 2.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,16 +37,11 @@ from cosim.hinf.analysis_lmi import AnalysisVariables, own_units
 from cosim.hinf.bessel_legendre_rows import BesselLegendreRows, symmetrised
 from cosim.hinf.conic import Constraint, solve
 from cosim.hinf.svec import Array, product, svec
+from cosim.models import DelaySystem
 
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
-
-_FLOOR = 1e-3
-"""The margin of P, Q and R beside that of Phi, relative."""
-
+_FLOOR = 1e-3  # the margin of P, Q and R beside that of Phi, relative
 _TOLERANCE = 1e-8
-_BOUND = 1e3
-"""Largest P, Q, R and 1/eps in the search for a margin, in the solver's own units."""
+_BOUND = 1e3  # largest P, Q, R and 1/eps in the search for a margin, in the solver's own units
 
 
 @dataclass(frozen=True)
@@ -59,7 +53,7 @@ class Multipliers:
 
 
 def multipliers_of(v: AnalysisVariables, system: DelaySystem) -> Multipliers:
-    """The multipliers with which synthesis loses nothing at the gain that `v` proves."""
+    """Return the multipliers with which synthesis loses nothing at the gain that `v` proves."""
     n = len(system.A)
     X = np.linalg.inv(v.P[:n, :n])
     late = [delay for delay in system.delays if delay.d > 0]
@@ -74,7 +68,7 @@ def multipliers_of(v: AnalysisVariables, system: DelaySystem) -> Multipliers:
 
 
 def scalar_multipliers(b: float, system: DelaySystem, order: int) -> Multipliers:
-    """S_0 = b I [s], the others zero."""
+    """Return the multipliers S_0 = b I [s], the others zero."""
     n = len(system.A)
     late = [delay for delay in system.delays if delay.d > 0]
     zeros = [(np.zeros((n, n)),) * (0 if delay.any_age else order) for delay in late]
@@ -88,8 +82,8 @@ class BesselLegendreLmi:
     ----------
     system : Eq. (7), with a positive delay.
     order : N, of every delay that is constant.
-    K : (m, n) a gain of about the size of the one that is sought: it sets the units.
-    reference : a gamma of about the size of the one that is sought; None for stability alone.
+    K : (m, n) a gain of about the expected size: it sets the units.
+    reference : a gamma of about the expected size; None for stability alone.
     """
 
     def __init__(self, system: DelaySystem, order: int, K: Array, reference: float | None) -> None:
@@ -112,7 +106,7 @@ class BesselLegendreLmi:
         self._rows = BesselLegendreRows(system, order, self._T, performance)
 
     def least_gamma(self, multipliers: Multipliers) -> tuple[float, Array] | None:
-        """The solver's least gamma with a gain that reaches it; None if it finds none."""
+        """Return the solver's least gamma and its gain; None if it finds none."""
         constraints = self._constraints(multipliers, None)
         cost = np.zeros(constraints[0].columns.shape[1])
         cost[-1] = 1.0
@@ -124,10 +118,10 @@ class BesselLegendreLmi:
         return None if gain is None else (float(self._reference * v[-1]), gain)
 
     def central(self, multipliers: Multipliers, gamma: float | None) -> tuple[float, Array] | None:
-        """(t, a gain) of greatest margin t at `gamma`; t < 0: the LMI is not met.
+        """Return the greatest margin t at `gamma` and its gain; t < 0: the LMI is not met.
 
-        None if the solver finds no point. The margin is counted against the diagonal of -Phi
-        itself, in a second round.
+        None if the solver finds no point. A second round counts the margin against the
+        diagonal of -Phi.
         """
         phi, *positive = self._constraints(multipliers, gamma)
         free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
@@ -151,7 +145,7 @@ class BesselLegendreLmi:
         return found
 
     def _gain(self, v: Array) -> Array | None:
-        """K = Y X^-1 in the system's own units; None where X is singular."""
+        """Return K = Y X^-1 in the system's own units; None where X is singular."""
         n, m = self._B.shape
         X, Y = v[: n * n].reshape(n, n), v[n * n : n * (n + m)].reshape(m, n)
         if not np.linalg.cond(X) < 1e12:
@@ -199,7 +193,7 @@ class BesselLegendreLmi:
         return constraints
 
     def _tied(self, M: Array) -> dict[str, Array]:
-        """What stands beside the entries of X and of Y: M'(f - x'), z and q."""
+        """Return the coefficients of the entries of X and of Y: M'(f - x'), z and q."""
         n, m = self._B.shape
         at, on = self._rows.at, self._rows.on
         acted = on[self._acts.index(True)]
@@ -224,5 +218,5 @@ class BesselLegendreLmi:
         return {"X": np.column_stack(X_columns), "Y": np.column_stack(Y_columns)}
 
     def _turned(self, S: Array) -> Array:
-        """S' in the solver's units; it acts on transformed states, which are costates."""
+        """Return S' in the solver's units; it acts on transformed states, which are costates."""
         return S * self._back / self._back[:, None]

@@ -1,4 +1,4 @@
-"""One step of a sharper design, in floating point: a gain, its multipliers, the next gain."""
+"""One step of a design of order N, in floating point: a gain, its multipliers, the next gain."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from cosim.hinf.analysis_lmi import AnalysisLmi
 from cosim.hinf.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
 from cosim.hinf.greatest_delays import with_delays
+from cosim.hinf.synthesis import GAIN_DIGITS
 from cosim.models import DelaySystem
 
 Gain = NDArray[np.float64]
-
-GAIN_DIGITS = 6
-"""Significant digits of a designed gain, relative to its largest entry."""
 
 SCALES = (0.02, 0.1, 0.5, 2.0)
 """Scalar multipliers to start from, in units of the longest delay."""
@@ -24,23 +22,23 @@ _SMALLEST_STEP = 1e-3
 
 
 class Loop:
-    """One system at one order: how its gains are designed and analysed, in floating point."""
+    """Design and analysis of gains for one system at one order, in floating point."""
 
     def __init__(self, system: DelaySystem, order: int, gamma: float | None) -> None:
         self.system, self.order, self.gamma = system, order, gamma
         self._delays = [delay.d for delay in system.delays]
 
     def at(self, delays: Sequence[float]) -> Loop:
-        """The same with other delays."""
+        """Return the same for other delays [s]."""
         return Loop(with_delays(self.system, delays), self.order, self.gamma)
 
     def is_feasible(self, K: Gain) -> bool:
-        """Whether the solver finds that the analysis of K is met."""
+        """Whether the solver finds the analysis LMI of K feasible."""
         found = self._analysis(K).margin(self._delays, self.gamma)
         return found is not None and found[0] > 0
 
     def improved_gain(self, K: Gain, at: Loop | None = None) -> tuple[float, Gain] | None:
-        """(margin, gain) designed with the multipliers of K here, for the delays of `at`."""
+        """Return (margin, gain) for the delays of `at`, designed with the multipliers of K here."""
         found = self._analysis(K).margin(self._delays, self.gamma)
         if found is None:
             return None
@@ -48,7 +46,7 @@ class Loop:
         return rounded(lmi.central(multipliers_of(found[1], self.system), self.gamma))
 
     def initial_gains(self) -> list[Gain]:
-        """Gains of the scalar multipliers that have one."""
+        """Return the gains found with scalar multipliers."""
         gains = []
         for scale in SCALES:
             multipliers = scalar_multipliers(scale * max(self._delays), self.system, self.order)
@@ -67,9 +65,9 @@ class Loop:
 def continue_gain(
     loop_at: Callable[[float], Loop], K: Gain, start: float, end: float
 ) -> list[tuple[float, Gain]]:
-    """A gain carried from one number to a greater one: where it got, and with which gain.
+    """Follow a gain from the parameter value `start` towards `end`: (value, gain) per step.
 
-    `loop_at` says what the number stands for (a delay, a share of all); K is met at `start`.
+    `loop_at` gives the loop at a value (a delay, a share of all delays); K is feasible at `start`.
     """
     passed, factor = [(start, K)], 2.0
     while passed[-1][0] < end and factor > 1 + _SMALLEST_STEP:
@@ -87,7 +85,7 @@ def continue_gain(
 
 
 def rounded(found: tuple[float, Gain] | None) -> tuple[float, Gain] | None:
-    """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise."""
+    """Round K to `GAIN_DIGITS` significant digits of its largest entry; the rest is noise."""
     if found is None or not found[1].any():
         return found
     K = found[1]

@@ -1,42 +1,37 @@
-"""The rows of the LMI of `sharper_lmi`, and its functional on them.
+"""The rows of the LMI of `bessel_legendre_lmi`, and its functional on them.
 
-BesselLegendreRows: [x, x', x1.., W.., w, p, z, h], every one but the last four transformed, xh =
-X^-1 x.
+Rows: [x, x', x1.., W.., w, p, z, h]; all but the last four are transformed, xh = X^-1 x.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.hinf.analysis_lmi import couplings
 from cosim.hinf.svec import Array, product, svec
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 def symmetrised(left: Array, right: Array) -> Array:
-    """The svec of left'right + right'left."""
+    """Return the svec of left'right + right'left."""
     half = left.T @ right
     return svec(half + half.T)
 
 
 class BesselLegendreRows:
-    """Where everything stands.
+    """Selection matrices of the rows.
 
     Parameters
     ----------
     system : Eq. (7).
     order : N, of every delay that is constant.
     T : the unit of time [s].
-    performance : how many w and z take part.
+    performance : number of w and of z; (0, 0) for stability alone.
 
     Attributes
     ----------
-    at : from the name of a block of rows to the matrix that selects it.
-    on : the selections of x and of every delayed x; that of a delay of zero is x.
+    at : selection matrix of each block of rows, by name.
+    on : those of x and of every delayed x; that of a delay of zero is x.
     times : (i, d / T) per positive delay.
     """
 
@@ -61,16 +56,13 @@ class BesselLegendreRows:
 
     @property
     def rows_of_P(self) -> int:
-        """n for x, and n for every W."""
+        """Number of rows of P: n for x, and n for every W."""
         return self._n * (1 + sum(self._orders.values()))
 
     def functional(
         self, any_age: list[bool]
     ) -> tuple[dict[str, Array], list[tuple[str, int, float]]]:
-        """Columns of P, Q, R in V', x' a row of its own; and what Q adds to P > 0.
-
-        The latter per row block of P: (Q, its row, its weight).
-        """
+        """Return the columns of P, Q, R in V', and (Q, row block of P, weight) added to P > 0."""
         at, columns = self.at, {}
         y, rate = [at["x"]], [at["r"]]
         bessel: list[tuple[str, int, float]] = []

@@ -1,15 +1,13 @@
-"""A gain designed with the Bessel-Legendre inequality of order N, and proved by its analysis.
+"""Design a gain with the Bessel-Legendre inequality of order N, and prove it by its analysis.
 
-The LMI of `sharper_lmi` is convex once its multipliers are given. They are found in turn: the
-analysis of a gain gives multipliers with which a design loses nothing, that design gives the
-next gain. gamma falls from round to round; it starts at the best of the gain of Theorem 2 (at
-k1, k2) and of a few scalar multipliers, so that it ends below both.
+The LMI of `bessel_legendre_lmi` is convex for given multipliers. The analysis of a gain gives
+multipliers with which a design loses nothing, and that design gives the next gain: gamma falls
+from round to round. It starts at the better of the gain of Theorem 2 (at k1, k2) and those of a
+few scalar multipliers. Where no start is feasible, a gain for short delays is continued to
+longer ones.
 
-Where no start is feasible, a gain for short delays is carried on: a little longer delays, the
-multipliers of its analysis, a new gain, until the delays are the system's.
-
-All this is floating point. What a design claims is what the exact analysis of order N proves
-of the rounded gain (`analysis_proof`): a certificate of that kind.
+All this is floating point. The claim of a design is what the exact analysis of order N proves
+for the rounded gain (`analysis_proof`).
 """
 
 from __future__ import annotations
@@ -30,29 +28,26 @@ from cosim.hinf.solver_status import not_found, solver_words
 from cosim.models import DelaySystem
 
 _ROUNDS = 25
-_WELL_ABOVE = 1.1
-"""A gain to start from is that of the widest margin at this multiple of the least gamma."""
-_ENOUGH = 1e-3
-"""A round that lowers gamma by less than this share is the last."""
-_SHORT = 1 / 64
-"""Where a gain that is carried on starts, as a share of the delays."""
+_WELL_ABOVE = 1.1  # starting gains have the greatest margin at this multiple of the least gamma
+_ENOUGH = 1e-3  # relative decrease of gamma in a round below which the rounds end
+_SHORT = 1 / 64  # start of a continuation, as a share of the delays
 
 
 def bessel_legendre_gain(
     system: DelaySystem, order: int, starts: Sequence[Gain], gamma: float | None
 ) -> Analysis:
-    """The analysis of the best gain that is found and proved.
+    """Design gains, and return the analysis of the best one that is proved.
 
     Parameters
     ----------
     system : Eq. (7) with a positive delay.
     order : N, 0 to `MAX_ORDER`.
-    starts : (m, n) gains to start from, beside those that are found here.
-    gamma : a bound to be met instead of the least one; None also for a system without w, z.
+    starts : (m, n) gains to start from, beside those found here.
+    gamma : a bound to meet instead of the least one; None also for a system without w, z.
 
     Raises
     ------
-    InputError : the order is none.
+    InputError : the order is out of range.
     NotAchievableError : no gain could be certified, or none below `gamma` was found.
     """
     check_order(order, system)
@@ -70,7 +65,7 @@ def bessel_legendre_gain(
         better = [found[1] for K in gains[:1] if (found := stable.improved_gain(K)) is not None]
         gains = [*better, *gains]
     for K in gains:
-        # no yardstick measures a loop that is faster by orders of magnitude than its delay
+        # the roots of a loop faster than its delay by orders of magnitude cannot be counted
         with suppress(NotAchievableError):
             proved = analyse(system, K, gamma, order=order)
             if proved.certified:
@@ -89,7 +84,7 @@ def bessel_legendre_gain(
 
 
 def _scalar_gains(system: DelaySystem, order: int) -> list[Gain]:
-    """The gains of least gamma with scalar multipliers."""
+    """Return the gains of least gamma with scalar multipliers."""
     gains = []
     longest = max(delay.d for delay in system.delays)
     K: Gain = np.zeros(system.B.T.shape)
@@ -106,7 +101,7 @@ def _scalar_gains(system: DelaySystem, order: int) -> list[Gain]:
 
 
 def _continued(loop: Loop) -> list[Gain]:
-    """A gain for the delays of `loop`, from one for shorter delays; none if it gets stuck."""
+    """Return a gain for the delays of `loop`, by continuation from short delays; [] if it ends."""
     lengths = np.array([delay.d for delay in loop.system.delays])
     short = loop.at((_SHORT * lengths).tolist())
     for K in short.initial_gains():
@@ -119,13 +114,10 @@ def _continued(loop: Loop) -> list[Gain]:
 def _descended(
     system: DelaySystem, order: int, starts: Sequence[Gain], goal: float | None
 ) -> list[Gain]:
-    """Gains of less and less gamma from the best start on, best first; `goal` is enough."""
-    delays = [delay.d for delay in system.delays]
+    """Return gains of decreasing gamma from the best start, best first; stop below `goal`."""
 
     def least(K: Gain, reference: float) -> float:
-        lmi = AnalysisLmi(system, K, order, performance=True)
-        found = lmi.least_gamma(delays, reference)
-        return np.inf if found is None else found
+        return _least_gamma(system, order, K, reference) or np.inf
 
     size = float(np.linalg.norm(system.D1, 2)) or 1.0
     ranked = sorted(((least(K, size), K) for K in starts), key=lambda pair: pair[0])
@@ -146,26 +138,31 @@ def _descended(
 
 
 def _met(system: DelaySystem, order: int, gains: list[Gain], gamma: float) -> list[Gain]:
-    """The gain of widest margin at `gamma`, and the one that it is made from."""
+    """Return the gain of greatest margin at `gamma`, and the one it was computed from."""
     for K in gains[:1]:
-        delays = [delay.d for delay in system.delays]
         with solver_words() as words:
-            least = AnalysisLmi(system, K, order, performance=True).least_gamma(delays, gamma)
+            least = _least_gamma(system, order, K, gamma)
         if least is None or not least < gamma:
             raise NotAchievableError(
                 f"gamma = {gamma:g} was not reached at order {order}",
                 where=system.name or None,
                 expected=f"a gain whose analysis has less than {gamma:g}",
                 got=not_found(words) if least is None else f"{least:.6g}, the least that was found",
-                hint="other k1, k2 to start from, or their search; a higher order",
+                hint="other k1, k2 to start from, or a search for them; a higher order",
             )
         found = Loop(system, order, gamma).improved_gain(K)
         return [K] if found is None else [found[1], K]
     return []
 
 
+def _least_gamma(system: DelaySystem, order: int, K: Gain, reference: float) -> float | None:
+    """Return the least gamma of the analysis of K, near `reference`; None if none is found."""
+    lmi = AnalysisLmi(system, K, order, performance=True)
+    return lmi.least_gamma([delay.d for delay in system.delays], reference)
+
+
 def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | None:
-    """The multipliers of K, and a gain of less gamma with them, in the middle of what is left."""
+    """Return a gain of less gamma, by the multipliers of K, away from the edge; None: none."""
     delays = [delay.d for delay in system.delays]
     analysis = AnalysisLmi(system, K, order, performance=True)
     found = analysis.margin(delays, (1 + _ENOUGH) * gamma)
@@ -185,7 +182,7 @@ def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | Non
 
 
 def check_order(order: int, system: DelaySystem) -> None:
-    """Refuse an order that there is none of, and a system that it means nothing for.
+    """Refuse an order out of range, and a system without a positive delay or without B.
 
     Raises
     ------
@@ -195,12 +192,12 @@ def check_order(order: int, system: DelaySystem) -> None:
         raise InputError(
             "not an order",
             where="order",
-            expected=f"0 to {MAX_ORDER}; none for Theorem 2",
+            expected=f"0 to {MAX_ORDER}, or no order for Theorem 2",
             got=str(order),
         )
     if not any(delay.d > 0 for delay in system.delays):
         raise InputError(
-            "an order belongs to a delay, and this system has none",
+            "an order applies to a delay, and this system has no positive one",
             where="order",
             expected="a positive delay",
             hint="leave the order out: without a delay Theorem 2 loses nothing",

@@ -1,11 +1,11 @@
 """The exact certificate: a proof, in rational arithmetic, of what the deployed K guarantees.
 
-A solver's "optimal" lies at the edge and proves nothing. Here the solver's variables are
-taken as the doubles that they are (dyadic rationals), the deployed K as its doubles, Y := K X
-exactly, and the corrected LMI of Theorem 2 is shown to hold (`proof`). The system's matrices
-and delays are their doubles, too: the claim says `"inputs": "doubles"`.
+A solver's optimum lies on the boundary and proves nothing. Here the doubles of the solver's
+variables, of K and of the system are taken as the dyadic rationals that they are, Y := K X
+exactly, and the corrected LMI of Theorem 2 is shown to hold (`proof`). The claim says
+`"inputs": "doubles"`.
 
-As JSON a certificate carries everything that the proof needs and can be checked by anyone:
+As JSON a certificate contains everything that the proof needs:
 
     {"claim": {...}, "system": {...}, "variables": {"X": [["p/q", ...]], ...}, "K": [[...]]}
 
@@ -14,12 +14,14 @@ and, where more is proved than gamma, `guarantees` (`cosim.hinf.guarantees`).
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.analysis_certificate import KIND, check_analysis
@@ -33,51 +35,42 @@ from cosim.hinf.refutation_certificate import (
     check_gamma_floor,
     check_refutation,
 )
-from cosim.hinf.system_json import known_keys, matrix_from_rows, system_from_json, system_to_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import (
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    system_from_json,
+    system_to_json,
+)
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem, Matrix
-
-__all__ = [
-    "CertificateCheck",
-    "Variables",
-    "certificate_from_bytes",
-    "certificate_to_json",
-    "certify",
-    "check_certificate",
-    "read_certificate",
-]
+from cosim.models import DelaySystem, Matrix
 
 _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     KIND: check_analysis,
     REFUTATION: check_refutation,
     FLOOR: check_gamma_floor,
 }
-"""What checks a certificate that is not one of a gain by Theorem 2, by its kind."""
+"""Checks of certificates by kind; a gain proved by Theorem 2 has no kind."""
 
 _KEYS = ("claim", "system", "variables", "K")
+_NOTES = ("figures", "made_for")  # keys of a saved design that are no part of its certificate
 _VARIABLES = ("X", "Y", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
 def certify(system: DelaySystem, K: ArrayLike, variables: Variables) -> CertificateCheck:
-    """Prove, or fail to prove, the LMI for u = K x(t-d_f) with the doubles of K.
+    """Prove the LMI for u = K x(t-d_f) with the doubles of K, or return why it is not proved.
 
     The matrices of `variables` are symmetrised first, exactly.
 
     Parameters
     ----------
     system : the system, its doubles taken exactly.
-    K : (m, n) the gain that flies.
+    K : (m, n) the gain that is deployed.
     variables : a solution of the LMI, as floats.
 
     Raises
     ------
-    InputError
-        If shapes do not fit or a number is not finite; never because an inequality fails.
+    InputError : if shapes do not fit or a number is not finite; never because an inequality fails.
     """
     gain = _gain(K, system)
     return proved(system, gain, exact_variables(system, variables))
@@ -89,12 +82,11 @@ def certificate_to_json(
     variables: Variables,
     guarantees: Guarantees | None = None,
 ) -> dict[str, Any]:
-    """What `check_certificate` checks, for `json.dumps`; says nothing about validity.
+    """Return the certificate as JSON values for `check_certificate`, without checking it.
 
     Raises
     ------
-    InputError
-        If shapes do not fit or a number is not finite.
+    InputError : if shapes do not fit or a number is not finite.
     """
     gain = _gain(K, system)
     v = exact_variables(system, variables)
@@ -113,15 +105,13 @@ def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "refutation" or "gamma
-    floor" one of `refutation_certificate`, without a kind one of Theorem 2. Top-level keys
-    beside these and the five of the module's docstring are notes: nothing is claimed about
-    them.
+    floor" one of `refutation_certificate`, without a kind one of Theorem 2. Other top-level
+    keys than those of the module's docstring are notes, which are not checked.
 
     Raises
     ------
-    InputError
-        For what is no certificate: a missing key, a wrong shape, a number that is none. A
-        well-formed certificate whose claim is not proved is returned with `valid` False.
+    InputError : not a certificate: a missing key, a wrong shape, a text that is no number.
+        (Where the claim is not proved, no error: `valid` is False.)
     """
     if not isinstance(data, dict):
         raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
@@ -146,28 +136,25 @@ def check_certificate(data: Any) -> CertificateCheck:
     v, Y = _variables_from_json(system, data["variables"])
     more = guarantees_from_json(data, system)
     claim = claim_of(system, v.gamma) | more.claim()
-    if data["claim"] != claim:
-        return CertificateCheck(
-            valid=False,
-            reason="the claim is not the one that system and variables make",
-            claim=claim,
-        )
     name = asymmetric(v)
-    if name is not None:
-        return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
-    if exact_matrix(gain) * v.X != Y:
-        return CertificateCheck(valid=False, reason="Y is not K X", claim=claim)
-    reason = proved(system, gain, v).reason or more.failure(system, gain)
+    reason: str | None
+    if data["claim"] != claim:
+        reason = "the claim is not the one that system and variables make"
+    elif name is not None:
+        reason = f"{name} is not symmetric"
+    elif exact_matrix(gain) * v.X != Y:
+        reason = "Y is not K X"
+    else:
+        reason = proved(system, gain, v).reason or more.failure(system, gain)
     return CertificateCheck(valid=reason is None, reason=reason, claim=claim)
 
 
 def read_certificate(path: str | Path) -> Any:
-    """The data of a certificate file, for `check_certificate`.
+    """Read the data of a certificate file, for `check_certificate`.
 
     Raises
     ------
-    InputError
-        If the file cannot be read or is no JSON, with the line.
+    InputError : if the file cannot be read or is no JSON, with the line.
     """
     try:
         content = Path(path).read_bytes()
@@ -177,12 +164,11 @@ def read_certificate(path: str | Path) -> Any:
 
 
 def certificate_from_bytes(content: bytes, where: str) -> Any:
-    """The data of a certificate from what a file holds; `where` stands in the messages.
+    """Read the data of a certificate from bytes; messages name `where`.
 
     Raises
     ------
-    InputError
-        If it is no JSON, with the line.
+    InputError : if it is no JSON, with the line.
     """
     try:
         return json.loads(content.decode("utf-8"))
@@ -191,6 +177,23 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
         raise InputError("not JSON", where=place, got=error.msg) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
+
+
+def certificate_bytes(data: dict[str, Any]) -> bytes:
+    """Return a certificate, or that of a saved design, as JSON in one form: sorted, no spaces.
+
+    Raises
+    ------
+    ValueError : a NaN or an infinity, which JSON does not have.
+    """
+    kept = {key: value for key, value in data.items() if key not in _NOTES}
+    text = json.dumps(kept, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return text.encode() + b"\n"
+
+
+def certificate_hash(data: dict[str, Any]) -> str:
+    """Return the SHA-256 of `certificate_bytes`, 64 hexadecimal digits."""
+    return hashlib.sha256(certificate_bytes(data)).hexdigest()
 
 
 def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
@@ -204,7 +207,7 @@ def _gain(K: ArrayLike, system: DelaySystem) -> Matrix:
 
 
 def _variables_from_json(system: DelaySystem, data: Any) -> tuple[ExactVariables, Any]:
-    """The variables and Y, as their texts say."""
+    """Read the variables and Y."""
     known_keys(data, "variables", _VARIABLES, required=_VARIABLES)
     others = {key: value for key, value in data.items() if key != "Y"}
     v = variables_from_json(others, system, "variables", gain=system.has_performance)

@@ -1,24 +1,22 @@
 """Remark 3 for a given loop: the greatest delay at which stability, or a gamma, is certified.
 
-Every delay that counts carries an exact proof; a delay that is "not certified beyond" is one
-at which no proof was found, which does not say that the loop fails there.
+Every certified delay has an exact proof. "Not certified beyond" means that no proof was found
+there, not that the loop is unstable there.
 
-Order 0 (Theorem 1) proves every constant delay up to the one it is proved for, so its greatest
-delay is found by bisection. A higher order speaks of exactly one delay, at first: the search starts
-from the greatest delay of order 0 and climbs in steps of `_STEP`, so that it ends at the end
-of the feasible interval it started in, as far as such steps can see. There one proof for every
-delay up to it is tried for.
+A proof of order 0 (Theorem 1) covers every constant delay up to its own, so the greatest delay
+is found by bisection. A proof of higher order first covers exactly one delay: the search goes
+up from the greatest delay of order 0 in steps of `_STEP`, to the end of that feasible interval
+(a gap shorter than a step is not seen), and then tries one proof for every delay up to it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
 from cosim.hinf.analysis import (
     Analysis,
     Prover,
@@ -26,32 +24,27 @@ from cosim.hinf.analysis import (
     check_order_of_analysis,
     gain_of,
 )
-from cosim.hinf.greatest_delays import DELAY_LIMIT
+from cosim.hinf.greatest_delays import DELAY_LIMIT, check_delay, with_delay
 from cosim.hinf.nominal_figures import nominal_figures_of
 from cosim.models import DelaySystem
 
 _STEP = 1.1
-_FIRST = 2.0**-10
-"""First delay tried above zero, of the limit."""
-
-_PRECISION = 1e-6
-"""Of the bisection, relative."""
+_FIRST = 2.0**-10  # first delay tried above zero, as a share of the limit
+_PRECISION = 1e-6  # of the bisection, relative
 
 
 @dataclass(frozen=True, eq=False)
 class CertifiedDelay:
-    """The end of what is certified for one delay, the others held.
+    """The greatest certified value of one delay, the others kept.
 
     Attributes
     ----------
     delay_index : index of the delay in `system.delays`.
-    d : the greatest certified delay [s]; None if none is.
-    not_certified_at : a delay just above d at which no proof was found; None at the limit, and
-        without a d.
-    limit_reached : the search stopped at its limit, with everything certified.
-    analysis : at d, with its proof; of the system as given if nothing is certified. Its
-        `covers_smaller_delays` says whether every smaller delay is covered. Its `order` is that of
-        the proof.
+    d : the greatest certified delay [s]; None if no delay is certified.
+    not_certified_at : a delay [s] just above d without a proof; None at the limit or without d.
+    limit_reached : whether d is the limit of the search.
+    analysis : at d, with its proof, its order, and whether it covers every smaller delay
+        (`covers_smaller_delays`); of the system as given if no delay is certified.
     """
 
     delay_index: int
@@ -70,13 +63,13 @@ def certified_delay(
     order: int = 0,
     limit: float = DELAY_LIMIT,
 ) -> CertifiedDelay:
-    """The greatest delay `delay_index` for which u = K x is certified, the other delays held.
+    """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
 
     Parameters
     ----------
     system : Eq. (7).
-    gain : (m, n) K; None for the system as it is.
-    gamma : the gain from w to z to hold; None for stability alone.
+    gain : (m, n) K; None for u = 0.
+    gamma : bound of the gain from w to z; None for stability alone.
     delay_index : index of the delay.
     order : of the Bessel-Legendre inequality, 0 for Theorem 1.
     limit : where the search stops [s].
@@ -86,7 +79,10 @@ def certified_delay(
     InputError : numbers that do not fit the system.
     """
     K = gain_of(system, gain)
-    _check(system, gamma, delay_index, order, limit)
+    check_delay(system, delay_index, limit)
+    check_order_of_analysis(order)
+    if gamma is not None:
+        check_gamma(gamma, system)
     search = _Search(system, K, gamma, delay_index)
     if order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
@@ -137,13 +133,11 @@ class _Search:
         self.certificate: dict[str, Any] | None = None
 
     def at(self, d: float) -> DelaySystem:
-        """The system with delay `delay_index` replaced."""
-        delays = list(self._system.delays)
-        delays[self._which] = replace(delays[self._which], d=d)
-        return replace(self._system, delays=tuple(delays))
+        """Return the system with the delay that is searched replaced by d [s]."""
+        return with_delay(self._system, self._which, d)
 
     def widen(self) -> None:
-        """A proof for every delay up to the greatest, where there is one."""
+        """Replace the proof by one for every delay up to the greatest, where there is one."""
         if self.d is not None:
             prover = Prover(self._system, self._K, self.order, self._gamma)
             self.certificate = prover.widened(self.at(self.d)) or self.certificate
@@ -151,7 +145,7 @@ class _Search:
     def climb(
         self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
     ) -> None:
-        """From `start` upwards until a proof fails or the limit is reached, then bisect."""
+        """Go up from `start` until a proof fails or the limit is reached, then bisect."""
         prover = Prover(self._system, self._K, order, self._gamma)
         self.failed = None
 
@@ -178,24 +172,8 @@ class _Search:
 
 
 def _between(low: float, high: float) -> float:
-    """The middle, to as few digits as the interval needs."""
+    """Return the middle, rounded to as few digits as the interval needs."""
     middle = (low + high) / 2
     digits = 1 - int(np.floor(np.log10(high - low)))
     rounded = round(middle, digits)
     return rounded if low < rounded < high else middle
-
-
-def _check(
-    system: DelaySystem, gamma: float | None, delay_index: int, order: int, limit: float
-) -> None:
-    N = len(system.delays)
-    if not 0 <= delay_index < N:
-        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
-        raise InputError(
-            "there is no such delay", where="delay_index", expected=expected, got=str(delay_index)
-        )
-    check_order_of_analysis(order)
-    if not (np.isfinite(limit) and limit > 0):
-        raise InputError("not a limit", where="limit", expected="seconds > 0", got=repr(limit))
-    if gamma is not None:
-        check_gamma(gamma, system)

@@ -1,36 +1,33 @@
-"""The nominal closed loop of Eq. (7) with u = K x, the object of every exact yardstick.
+"""The nominal closed loop of Eq. (7) with u = K x.
 
     x'(t) = sum_i A_i x(t-d_i) + C w(t)
     z(t)  = sum_i D_i x(t-d_i) + D1 w(t)
 
-No uncertainty: where Eq. (7) has dA = E F H, F is zero here. D has one matrix per delay,
-since feedback over a link makes D2 K act on the late state.
+No uncertainty: F = 0 in the dA = E F H of Eq. (7). D has one matrix per delay, since feedback
+over a link makes D2 K act on the delayed state.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 Matrix = NDArray[np.float64]
 Stack = NDArray[np.complex128]
 
 
-def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
-    """Read-only float copy of `value`, checked against the shape (None: any)."""
+def checked_matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
+    """Return a read-only float copy of `value`, checked against the shape (None: any)."""
     shape = f"({'any' if rows is None else rows}, {'any' if columns is None else columns})"
     expected = f"a matrix of finite numbers, shape {shape}"
     try:
@@ -56,8 +53,7 @@ class ClosedLoop:
     """x' = sum_i A_i x(t-d_i) + C w, z = sum_i D_i x(t-d_i) + D1 w.
 
     Delays are sorted, equal ones are merged (their matrices added), and the first is always
-    d_0 = 0. Without C, or without D, only stability can be asked: then C and D1 are None and D
-    is empty.
+    d_0 = 0. Without C or without D only stability can be analysed: C and D1 are None, D is empty.
 
     Parameters
     ----------
@@ -69,8 +65,7 @@ class ClosedLoop:
 
     Raises
     ------
-    InputError
-        Naming the matrix, what was expected and what was got.
+    InputError : naming the matrix, what was expected and what was got.
     """
 
     A: tuple[Matrix, ...]
@@ -99,7 +94,7 @@ class ClosedLoop:
                 raise InputError(
                     "not a delay", where=f"delays[{i}]", expected="seconds >= 0", got=str(d)
                 )
-        n = _matrix("A[0]", A[0], None, None).shape[0]
+        n = checked_matrix("A[0]", A[0], None, None).shape[0]
         if n == 0:
             raise InputError("no state", where="A[0]", expected="n >= 1", got="shape (0, 0)")
         merged = tuple(sorted({0.0, *(float(d) for d in delays)}))
@@ -107,8 +102,8 @@ class ClosedLoop:
         def merge(name: str, matrices: Sequence[ArrayLike], rows: int) -> tuple[Matrix, ...]:
             sums = {d: np.zeros((rows, n)) for d in merged}
             for i, (d, value) in enumerate(zip(delays, matrices, strict=True)):
-                sums[float(d)] = sums[float(d)] + _matrix(f"{name}[{i}]", value, rows, n)
-            return tuple(_matrix(name, total, rows, n) for total in sums.values())
+                sums[float(d)] = sums[float(d)] + checked_matrix(f"{name}[{i}]", value, rows, n)
+            return tuple(checked_matrix(name, total, rows, n) for total in sums.values())
 
         performance = C is not None and len(D) > 0
         if not performance and D1 is not None:
@@ -128,12 +123,12 @@ class ClosedLoop:
                     expected=f"one matrix D per delay, {len(delays)}",
                     got=str(len(D)),
                 )
-            disturbance = _matrix("C", np.asarray(C), n, None)
-            p = _matrix("D[0]", D[0], None, n).shape[0]
+            disturbance = checked_matrix("C", np.asarray(C), n, None)
+            p = checked_matrix("D[0]", D[0], None, n).shape[0]
             direct = np.zeros((p, disturbance.shape[1])) if D1 is None else D1
             object.__setattr__(self, "C", disturbance)
             object.__setattr__(self, "D", merge("D", D, p))
-            object.__setattr__(self, "D1", _matrix("D1", direct, p, disturbance.shape[1]))
+            object.__setattr__(self, "D1", checked_matrix("D1", direct, p, disturbance.shape[1]))
 
     @property
     def order(self) -> int:
@@ -142,8 +137,25 @@ class ClosedLoop:
 
     @property
     def has_performance(self) -> bool:
-        """Whether there are w and z, so that a gain exists to be asked for."""
+        """Whether there are w and z, and so a gain from one to the other."""
         return self.C is not None
+
+    @property
+    def direct(self) -> Matrix:
+        """D1 (p, q).
+
+        Raises
+        ------
+        InputError : the loop has no w or no z.
+        """
+        if self.D1 is None:
+            raise InputError(
+                "this loop has no gain from w to z",
+                where="closed loop",
+                expected="a disturbance w (C) and a performance output z (D)",
+                got="a loop without one of them: only its stability can be analysed",
+            )
+        return self.D1
 
     @cached_property
     def sizes(self) -> Matrix:
@@ -151,12 +163,26 @@ class ClosedLoop:
         return np.array([np.linalg.norm(A, 2) for A in self.A])
 
     def state_matrix(self, s: Any, *, derivative: int = 0) -> Stack:
-        """sum_i (-d_i)^k A_i e^{-s d_i}, k the order of the derivative in s; s.shape + (n, n)."""
+        """Return sum_i (-d_i)^k A_i e^{-s d_i}, the k-th derivative in s; s.shape + (n, n)."""
         return self._sum(self.A, s, derivative)
 
     def output_matrix(self, s: Any) -> Stack:
-        """sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
+        """Return sum_i D_i e^{-s d_i}; s.shape + (p, n). Only where there are w and z."""
         return self._sum(self.D, s, 0)
+
+    def transfer(self, omega: ArrayLike) -> Stack:
+        """Return G(s) = D(s) (s I - A(s))^-1 C + D1 at s = j omega; omega.shape + (p, q).
+
+        Raises
+        ------
+        InputError : the loop has no w or no z.
+        numpy.linalg.LinAlgError : j omega is a root of the loop.
+        """
+        D1, s = self.direct, 1j * np.asarray(omega, dtype=np.float64)
+        H = s[..., None, None] * np.eye(self.order) - self.state_matrix(s)
+        C = np.asarray(self.C, dtype=np.complex128)
+        inner = np.linalg.solve(H, np.broadcast_to(C, (*s.shape, *C.shape)))
+        return np.asarray(self.output_matrix(s) @ inner + D1, dtype=np.complex128)
 
     def _sum(self, matrices: tuple[Matrix, ...], s: Any, derivative: int) -> Stack:
         delays = np.array(self.delays)
@@ -166,9 +192,9 @@ class ClosedLoop:
 
 
 def balanced(A: Sequence[Matrix]) -> list[Matrix]:
-    """T^-1 A_i T for one diagonal T of powers of two: the same roots, without rounding.
+    """Return T^-1 A_i T for one diagonal T of powers of two: the same roots, without rounding.
 
-    States in units that lie far apart make norms large and everything bounded by them vague.
+    States in very different units make norms large, and the bounds made of them coarse.
     """
     sizes = np.abs(np.array(A)).sum(axis=0)
     scale = np.diag(scipy.linalg.matrix_balance(sizes, permute=False)[1])
@@ -176,7 +202,7 @@ def balanced(A: Sequence[Matrix]) -> list[Matrix]:
 
 
 def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
-    """Nominal loop of `system` with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts.
+    """Close the loop with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts; F = 0.
 
     A_i + phi_i B K acts on x(t-d_i), D (on i = 0) + phi_i D2 K makes z.
 
@@ -187,8 +213,7 @@ def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
 
     Raises
     ------
-    InputError
-        K has the wrong shape or is not finite.
+    InputError : K has the wrong shape or is not finite.
     """
     A, D, delays = closed_terms(system, K)
     if not system.has_performance:
@@ -197,7 +222,7 @@ def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
 
 
 class Terms(NamedTuple):
-    """The loop term by term: what acts through each delay, equal delays apart."""
+    """The matrices of the loop, one per delay; equal delays are not merged."""
 
     A: list[Matrix]
     D: list[Matrix]
@@ -205,15 +230,14 @@ class Terms(NamedTuple):
 
 
 def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
-    """A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, the delay d_0 = 0 first.
+    """Return A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, d_0 = 0 first.
 
     Raises
     ------
-    InputError
-        As `close`.
+    InputError : as `close`.
     """
     n, m = system.B.shape
-    gain = _matrix("K", K, m, n)
+    gain = checked_matrix("K", K, m, n)
     on_state, on_output = system.B @ gain, system.D2 @ gain
     acts = (system.immediate_feedback, *(delay.feedback for delay in system.delays))
     open_A = (system.A, *(delay.A for delay in system.delays))

@@ -1,11 +1,11 @@
-"""The way to the solver: linear matrix inequalities as plain arrays, straight to Clarabel.
+"""Linear matrix inequalities as plain arrays, solved by Clarabel.
 
     minimise q'y   subject to   M_k(y) = M_k0 + sum_i y_i M_ki >= 0,   k = 1, 2, ...
 
 with the dual   maximise -sum_k <M_k0, Z_k>   subject to   sum_k <M_ki, Z_k> = q_i,  Z_k >= 0.
 
-No modelling layer stands in between, so nothing is rebuilt. The solver's word is no proof: what
-counts is what the exact certificate makes of the solution.
+Without a modelling layer nothing is rebuilt between solves. A solution is no proof: the exact
+certificate decides.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cosim.hinf.solver_status import Status, count, status_of
 from cosim.hinf.svec import Array, smat, svec
 
 TOLERANCE = 1e-9
-"""Of gap and residuals, unless less is asked for."""
+"""Of gap and residuals, by default."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Constraint:
     columns: Array | sparse.csc_array
 
     def at(self, y: Array) -> Array:
-        """M(y) as a full matrix."""
+        """Return M(y) as a full matrix."""
         return smat(self.constant + self.columns @ y, self.size)
 
     def less(self, column: Array) -> Constraint:
-        """M(y) - t W >= 0 with one more unknown t; `column` is svec(W)."""
+        """Return M(y) - t W >= 0 with one more unknown t; `column` is svec(W)."""
         if isinstance(self.columns, np.ndarray):
             return Constraint(self.size, self.constant, np.column_stack([self.columns, -column]))
         more = sparse.csc_array(-column[:, None])
@@ -52,20 +52,20 @@ class Constraint:
         )
 
     def below(self, bound: float) -> Constraint:
-        """Bound I - M(y) >= 0."""
+        """Return bound I - M(y) >= 0."""
         return Constraint(self.size, bound * svec(np.eye(self.size)) - self.constant, -self.columns)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver ends with.
+    """The result of a solve.
 
-    status : `solved`; `inaccurate`, a point that may still be worth a proof; `infeasible`, only
-        with multipliers that show it; `unbounded`; `failed`, which says nothing of the problem.
+    status : `solved`; `inaccurate`: a point for which a proof may still be tried; `infeasible`:
+        with multipliers that show it; `unbounded`; `failed`: nothing is known.
     y : the unknowns; the last iterate unless solved.
     value : q'y.
     Z : one multiplier per constraint; where `infeasible`, -sum <M0, Z> = 1, <M_i, Z> about 0.
-    solver_message : the solver's own word.
+    solver_message : the status in the solver's words.
     """
 
     status: Status
@@ -76,7 +76,7 @@ class Solution:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a point that is worth a proof; the proof decides, not the status."""
+        """Whether there is a point for which a proof can be tried; the proof decides."""
         return self.status in {"solved", "inaccurate"}
 
 
@@ -91,7 +91,7 @@ def solve(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    settings.max_threads = 1  # the last digits must not depend on how many there are
+    settings.max_threads = 1  # the last digits must not depend on the number of threads
     rows = [sparse.csc_array(-c.columns) for c in constraints]
     right = [c.constant for c in constraints]
     cones: list[Any] = [clarabel.PSDTriangleConeT(c.size) for c in constraints]

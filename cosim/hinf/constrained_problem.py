@@ -1,18 +1,16 @@
-"""Theorem 2 with more to be met by the same gain: decay, |K|, the peak of u.
+"""The LMI of Theorem 2 with design constraints on the same gain: decay, |K|, the peak of u.
 
-Everything shares X and Y, and so K = Y X^-1; that keeps it convex, and costs something:
+All share X and Y, and so K = Y X^-1. That keeps the problem convex, at some loss:
 
-* decay: the LMI of every corner of the shifted system, with Qbar, R and eps of its own;
+* decay: the LMI at every corner of the shifted system, with Qbar, R and eps of its own;
 * |K| <= k: [[k^2 s I, Y], [Y', X]] >= 0 and X >= s I, since K K' = Y X^-1 X^-1 Y' <= Y X^-1 Y'/s;
 * peak: V stays below a level L (`peak_lmi.level_cones`, mu = gamma), and
-  [[limit_i^2 / L, Y_i], [Y_i', X]] >= 0. L is a number that is searched.
+  [[limit_i^2 / L, Y_i], [Y_i', X]] >= 0. L is searched.
 
-What is proved of the gain in the end is proved with variables that need not be shared.
+The final proofs of the gain use variables that need not be shared.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -25,21 +23,19 @@ from cosim.hinf.design_constraints import DesignConstraints
 from cosim.hinf.peak_lmi import level_constraints, scaled_design_constraints
 from cosim.hinf.problem import Problem
 from cosim.hinf.scaling import scaling_of
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 
 class ConstrainedProblem(Problem):
-    """The LMI with demands; a gain that is given is not held to them.
+    """The LMI with design constraints; they do not apply to a gain that is given.
+
+    With a limit on the peak, call `set_level` before solving.
 
     Parameters
     ----------
     system : Eq. (7).
-    design_constraints : what the gain is to meet.
-    at : k1, k2 at which the corners of the decay are to be met.
-
-    `set_level` is to be called before anything is asked where a peak is demanded.
+    design_constraints : what the gain must meet.
+    at : k1, k2 for the corners of the decay.
     """
 
     def __init__(
@@ -67,7 +63,7 @@ class ConstrainedProblem(Problem):
             self._fixed += self._gain_constraints(design_constraints.gain_limit)
 
     def set_level(self, level: float, theta: float = 1.0) -> None:
-        """V stays at or below `level`, and u_i within its limit there; in inner units."""
+        """Keep V at or below `level`, and u_i within its limit there; in inner units."""
         s, d = self.structure, self._design_constraints
         self._levels = level_constraints(s, d, level, theta, self._t)
         for i, limit in enumerate(d.peak_control or ()):
@@ -84,7 +80,7 @@ class ConstrainedProblem(Problem):
         return [c.less(np.zeros(len(c.constant))) for c in whole] if margin else whole
 
     def _gain_constraints(self, limit: float) -> list[Constraint]:
-        """In inner units s counts in T: K~ = K S / U, X~ = T X / S^2."""
+        """Return |K| <= limit; in inner units s counts in T: K~ = K S / U, X~ = T X / S^2."""
         s, units = self.structure, self.scaling
         m, n = s.Y.place.shape
         sigma = int(s.spare[-1])

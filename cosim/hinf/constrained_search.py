@@ -1,9 +1,8 @@
-"""The gain of least gamma that meets demands, where the gain of least gamma alone does not.
+"""Search for the gain of least gamma that meets design constraints.
 
-The LMI with everything in it (`cosim.hinf.constrained_problem`) shares X, and so it meets more
-than is
-asked. The demands are therefore relaxed on the way back to the design without them, as far as
-they can still be proved: each step is a design with its own proofs.
+The LMI with all constraints (`cosim.hinf.constrained_problem`) shares X and is conservative.
+The constraints are therefore relaxed step by step towards the design without them, as long as
+the original ones can be proved: each step is a design with its own proofs.
 """
 
 from __future__ import annotations
@@ -32,20 +31,16 @@ from cosim.hinf.solver_status import FAILED, not_found, solver_words
 from cosim.hinf.synthesis import Design, checked_scalars
 from cosim.models import DelaySystem
 
-_SLACK = 1e-3
-"""Share by which the solver is to stay inside what is demanded: K is rounded after it."""
-_STARTS = 4
-"""How many k1, k2 are tried for the demands in full."""
-_NEARLY = 0.85
-"""Strength tried first where nothing says which."""
-_STEPS = 2
-"""Designs on the way back from there."""
+_SLACK = 1e-3  # share by which the solver stays inside a limit: K is rounded afterwards
+_STARTS = 4  # pairs k1, k2 tried with the constraints in full
+_NEARLY = 0.85  # first strength, without a better guess
+_STEPS = 2  # designs with relaxed constraints
 
 
 def prove_constraints(
     found: Design, design_constraints: DesignConstraints
 ) -> tuple[Guarantees | None, str]:
-    """Proofs of everything demanded, for the gain as it is; or None and why."""
+    """Prove the design constraints for the gain as it is; or return None and why."""
     system, K = found.system, found.K
     scalars = starts(scalars_of(found))
     made: dict[str, Any] = {}
@@ -68,19 +63,19 @@ def prove_constraints(
 
 
 def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
-    """The design with more in its claim, and the proofs in its certificate."""
+    """Return the design with the guarantees in its claim, their proofs in its certificate."""
     claim = found.certificate["claim"] | guarantees.claim()
     certificate = found.certificate | {"claim": claim} | guarantees.to_json()
     return replace(found, guarantees=guarantees, certificate=certificate)
 
 
 def scalars_of(found: Design) -> Scalars:
-    """k1, k2 and the delays of a design."""
+    """Return k1, k2 and the delays of a design."""
     return checked_scalars(found.system, found.k1, found.k2)
 
 
 class ConstrainedSearch:
-    """The search for a gain that meets the demands, from a design that does not."""
+    """The search for a gain that meets the constraints, from a design that does not."""
 
     def __init__(
         self,
@@ -96,8 +91,8 @@ class ConstrainedSearch:
         self._level: Level | None = None
         self._free: dict[str, Any] = {}
 
-    def best(self, plain: Design | None = None) -> Design:
-        """The demands in full, then as little of them as can be proved, towards `plain`."""
+    def best(self, plain: Design | None) -> Design:
+        """Design with the constraints in full, then relax them towards `plain` while provable."""
         found, reason = None, ""
         tried = starts(self._start)[:_STARTS]
         for p in tried:
@@ -107,7 +102,7 @@ class ConstrainedSearch:
                 break
         if found is None:
             raise NotAchievableError(
-                "no gain was found that meets what is demanded",
+                "no gain was found that meets the design constraints",
                 where=self._system.name or None,
                 expected=describe_constraints(self._design_constraints)
                 + ("" if self._gamma is None else f", and gamma = {self._gamma:g}"),
@@ -115,7 +110,7 @@ class ConstrainedSearch:
                 + (", and from each by a search" if self._search else "")
                 + f", none is proved; at the last, k1 = {list(tried[-1].k1)}, "
                 f"k2 = {list(tried[-1].k2)}: {reason}",
-                hint="less of it, other k1, k2 or their search, a larger gamma"
+                hint="weaker constraints, other k1, k2 or a search for them, a larger gamma"
                 + ("; the solver failed: other units" if FAILED in reason else ""),
             )
         if self._gamma is not None or found.gamma is None or plain is None:
@@ -134,7 +129,7 @@ class ConstrainedSearch:
         return found
 
     def _at(self, strength: float, p: Scalars) -> tuple[Design | None, str]:
-        """A design for this share of the demands, if all of them are proved of it."""
+        """Design with the constraints at this strength; None and why, unless all are proved."""
         with solver_words() as solve_count:
             problem = self._problem(self._eased(strength), p)
         if problem is None:
@@ -150,10 +145,12 @@ class ConstrainedSearch:
         return (None, reason) if guarantees is None else (with_guarantees(found, guarantees), "")
 
     def _of_itself(self, plain: Design) -> dict[str, Any]:
-        """Limits at which the LMI's own bounds say nothing new of the first design."""
+        """Return the limits above which the bounds of the LMI do not affect the first design."""
         d = self._design_constraints
         free: dict[str, Any] = {}
-        X = np.array([[float(Fraction(x)) for x in row] for row in _variable(plain, "X")])
+        X = np.array(
+            [[float(Fraction(x)) for x in row] for row in plain.certificate["variables"]["X"]]
+        )
         KXK = plain.K @ X @ plain.K.T
         if d.gain_limit is not None:
             least = float(np.linalg.eigvalsh(X)[0])
@@ -164,7 +161,7 @@ class ConstrainedSearch:
         return free
 
     def _eased(self, strength: float) -> DesignConstraints:
-        """The demands, drawn towards what the first design has: all of them at one."""
+        """Return the constraints, relaxed towards the first design; in full at strength 1."""
         d, inside = self._design_constraints, 1 - _SLACK
         changes: dict[str, Any] = {}
         if d.decay is not None:
@@ -181,7 +178,7 @@ class ConstrainedSearch:
         return replace(d, **changes)
 
     def _guess(self, found: Design) -> float:
-        """The strength at which what is proved would just be what is demanded."""
+        """Estimate the strength at which the proved bounds would just meet the limits."""
         d, more = self._design_constraints, found.guarantees
         pairs = []
         if d.gain_limit is not None and more.gain_limit is not None:
@@ -199,7 +196,7 @@ class ConstrainedSearch:
     def _widest(
         self, design_constraints: DesignConstraints, p: Scalars
     ) -> ConstrainedProblem | None:
-        """The LMI without the levels, its corners at the k1, k2 that serve best."""
+        """Return the LMI without the levels, its corners at the k1, k2 of least gamma."""
         if design_constraints.decay is None:
             return ConstrainedProblem(self._system, design_constraints, p)
         likely = corner_scalars(self._system, design_constraints.decay, p)
@@ -213,11 +210,11 @@ class ConstrainedSearch:
     def _problem(
         self, design_constraints: DesignConstraints, p: Scalars
     ) -> ConstrainedProblem | None:
-        """The LMI, with V held at the level of least gamma; None: it cannot be met at any."""
+        """Return the LMI with V kept at the level of least gamma; None: infeasible at all."""
         problem = self._widest(design_constraints, p)
         if problem is None or design_constraints.peak_control is None:
             return problem
-        # the level is looked for without the corners of a decay, which cost most
+        # the level is searched without the corners of a decay, which cost most
         bare = problem
         if design_constraints.decay is not None:
             bare = ConstrainedProblem(self._system, replace(design_constraints, decay=None), p)
@@ -230,16 +227,12 @@ class ConstrainedSearch:
 
 
 def _between(free: float, limit: float, strength: float) -> float:
-    """The limit at strength 1, towards what is free of any at 0."""
+    """Return the limit at strength 1, and where it has no effect at 0."""
     return float(limit * max(free / limit, 1.0) ** (1.0 - strength))
 
 
-def _variable(found: Design, name: str) -> Any:
-    return found.certificate["variables"][name]
-
-
 def describe_constraints(design_constraints: DesignConstraints) -> str:
-    """What is demanded, in a sentence."""
+    """Return the constraints as text for a message."""
     d = design_constraints
     parts = []
     if d.decay is not None:

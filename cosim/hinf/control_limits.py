@@ -1,10 +1,10 @@
-"""How hard the control works, proved: a bound on |K|, and bounds on every |u_i(t)|.
+"""Proved limits of the control: a bound on |K|, and bounds on every |u_i(t)|.
 
-**Gain.** |K| <= k, the largest singular value, is k^2 I - K K' >= 0 with the K that flies; no
-LMI is needed for the proof.
+**Gain.** |K| <= k, the largest singular value, is k^2 I - K K' >= 0 with the deployed K; the
+proof needs no LMI.
 
-**Peak.** With z left out, the LMI of `cosim.hinf.exact_lmi` at some mu (its gamma) says
-V' <= mu w'w for the functional V, whatever F(t) does. From an initial state x0 that was held
+**Peak.** Without z, the LMI of `cosim.hinf.exact_lmi` at some mu (its gamma) implies
+V' <= mu w'w for the functional V and every admissible F(t). From an initial state x0, constant
 before t = 0 (the terms of x' in V are zero then), and with a disturbance of finite energy,
 
     x(t)'P x(t) <= V(t) <= x0'(P + sum_j dj Qj) x0 + mu int w'w,    P = X^-1, Qj = P Qbar_j P
@@ -14,8 +14,7 @@ of that box, since it is convex; int w'w <= energy^2. For u = K x(t-d_f)
 
     u_i^2 <= K_i X K_i' times that level,
 
-all of it in rational numbers. X, Qbar, R, eps and mu are not those that prove gamma: what is
-asked here is another thing, and they are free to be its own.
+all of it in rational numbers. X, Qbar, R, eps and mu are independent of those that prove gamma.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 import numpy as np
@@ -34,18 +33,14 @@ from cosim.hinf.proof import failure
 from cosim.hinf.rational import (
     exact,
     exact_matrix,
-    first_bad_matrix,
     from_text,
-    identity,
+    norm_is_below,
     rounded_up,
     to_text,
 )
 from cosim.hinf.system_json import known_keys
 from cosim.hinf.variables_json import asymmetric, variables_from_json, variables_to_json
-from cosim.models import DelaySystem
-
-if TYPE_CHECKING:
-    from cosim.models import Matrix
+from cosim.models import DelaySystem, Matrix
 
 MAX_OFFSETS = 8
 """Most states that may start away from zero: 2^7 corners of a box, up to their sign."""
@@ -61,37 +56,34 @@ class GainLimit:
     bound: Any
 
     def claim(self) -> dict[str, Any]:
-        """What is proved if `failure` finds nothing."""
+        """Return the claim that is proved if `failure` returns None."""
         return {
             "property": "the largest singular value of K is at most bound",
             "bound": to_text(self.bound),
         }
 
     def to_json(self) -> dict[str, Any]:
-        """What `gain_limit_from_json` reads."""
+        """Return the JSON values that `gain_limit_from_json` reads."""
         return {"bound": to_text(self.bound)}
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
-        """Why it is not proved; None if it is."""
+        """Return why it is not proved; None if it is."""
         del system
         K = exact_matrix(gain)
         if self.bound < 0:
             return "the bound of |K| is negative"
-        rest = self.bound * self.bound * identity(K.nrows()) - K * K.transpose()
-        if first_bad_matrix([("rest", rest)]) is not None:
-            return "bound^2 I - K K' is not positive definite"
-        return None
+        return None if norm_is_below(K, self.bound) else "bound^2 I - K K' is not positive definite"
 
 
 def gain_limit_from_json(data: Any, system: DelaySystem, where: str) -> GainLimit:
-    """What `GainLimit.to_json` wrote; an `InputError` for what is none."""
+    """Read what `GainLimit.to_json` wrote; an `InputError` for anything else."""
     del system
     known_keys(data, where, ("bound",), required=("bound",))
     return GainLimit(from_text(data["bound"], f"{where}.bound"))
 
 
 def norm_above(gain: Matrix) -> float:
-    """A double just above |K|, for which `GainLimit` is proved."""
+    """Return a double just above |K|, for which `GainLimit` is proved."""
     value = float(np.linalg.norm(gain, 2)) if gain.size else 0.0
     value = rounded_up(value) if value > 0 else math.ulp(1.0)
     while GainLimit(exact(value)).failure(DelaySystem([[0.0]]), gain) is not None:
@@ -101,10 +93,10 @@ def norm_above(gain: Matrix) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PeakControl:
-    """|u_i(t)| <= bound_i for every t, and what proves it: exact numbers (`fmpq`).
+    """Bounds |u_i(t)| <= bound_i for every t, with their proof: exact numbers (`fmpq`).
 
     bounds : one per input.
-    offset : one per state; the initial state has |x_i| <= offset_i, held before t = 0.
+    offset : one per state; the initial state has |x_i| <= offset_i, constant before t = 0.
     energy : int w'w <= energy^2.
     variables : of the LMI without z; their gamma, mu above, is None where the energy is zero.
     """
@@ -115,7 +107,7 @@ class PeakControl:
     variables: ExactVariables
 
     def claim(self) -> dict[str, Any]:
-        """What is proved if `failure` finds nothing."""
+        """Return the claim that is proved if `failure` returns None."""
         return {
             "property": "|u_i(t)| <= bounds_i for every t, from any constant initial state with "
             "|x_i| <= offset_i, with any w of int w'w <= energy^2",
@@ -125,7 +117,7 @@ class PeakControl:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """What `peak_control_from_json` reads."""
+        """Return the JSON values that `peak_control_from_json` reads."""
         return {
             "bounds": [to_text(value) for value in self.bounds],
             "offset": [to_text(value) for value in self.offset],
@@ -134,7 +126,7 @@ class PeakControl:
         }
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
-        """Which condition is not proved; None if all are."""
+        """Return which condition is not proved; None if all are."""
         if self.energy < 0 or any(value < 0 for value in (*self.bounds, *self.offset)):
             return "a bound, an offset or the energy is negative"
         v = self.variables
@@ -154,7 +146,7 @@ class PeakControl:
 
 
 def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakControl:
-    """What `PeakControl.to_json` wrote; an `InputError` for what is none."""
+    """Read what `PeakControl.to_json` wrote; an `InputError` for anything else."""
     keys = ("bounds", "offset", "energy", "variables")
     known_keys(data, where, keys, required=keys)
     n, m = system.B.shape
@@ -168,7 +160,7 @@ def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakCo
     energy = from_text(data["energy"], f"{where}.energy")
     offset = numbers("offset", n)
     if sum(value != 0 for value in offset) > MAX_OFFSETS:
-        raise _too_many(sum(value != 0 for value in offset), f"{where}.offset")
+        raise too_many_offsets(sum(value != 0 for value in offset), f"{where}.offset")
     if energy != 0 and not system.C.size:
         raise InputError(
             "does not fit the system", where=f"{where}.energy", expected="0, without a disturbance"
@@ -179,7 +171,7 @@ def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakCo
 
 
 def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
-    """The system with z = 0; without w, too, where no energy comes in."""
+    """Return the system with z = 0; also without w where there is no energy."""
     s = system
     C = s.C if energy else s.C[:, :0]
     D, D1, D2 = (np.zeros((int(energy), M.shape[1])) for M in (s.A, C, s.B))
@@ -189,10 +181,7 @@ def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
 def squared_peaks(
     system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
 ) -> tuple[Any, ...] | None:
-    """What u_i^2 cannot exceed, one ball (`flint.arb`) per input, which the exact value lies in.
-
-    None if 4096 bits are not enough, as for an X that is as good as singular.
-    """
+    """Return bounds of every u_i^2, as balls (`flint.arb`); None for a nearly singular X."""
     K = exact_matrix(gain)
     late = v.X
     for delay, Q in zip(system.delays, v.Q, strict=True):
@@ -221,7 +210,7 @@ def squared_peaks(
 
 
 def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
-    """Corners of the box |x_i| <= offset_i, one of each pair of opposite ones; none if it is 0.
+    """Return one of each pair of opposite corners of |x_i| <= offset_i; [] if the box is 0.
 
     Raises
     ------
@@ -229,7 +218,7 @@ def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     """
     sides = [i for i, value in enumerate(offset) if value != 0]
     if len(sides) > MAX_OFFSETS:
-        raise _too_many(len(sides), "offset")
+        raise too_many_offsets(len(sides), "offset")
     corners = []
     for signs in itertools.product((1, -1), repeat=max(len(sides) - 1, 0)):
         corner = list(offset)
@@ -239,11 +228,12 @@ def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
     return corners if sides else []
 
 
-def _too_many(sides: int, where: str) -> InputError:
+def too_many_offsets(sides: int, where: str) -> InputError:
+    """Return the error for an offset with more than `MAX_OFFSETS` sides that are not zero."""
     return InputError(
         "too many states start away from zero",
         where=where,
-        expected=f"at most {MAX_OFFSETS} of them",
+        expected=f"at most {MAX_OFFSETS} numbers above zero",
         got=str(sides),
     )
 
@@ -251,7 +241,7 @@ def _too_many(sides: int, where: str) -> InputError:
 def proved_peaks(
     system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
 ) -> tuple[float, ...] | None:
-    """The least bounds that `PeakControl` is proved with, in seven digits upward, as doubles."""
+    """Return the least bounds that prove a `PeakControl`, rounded up to seven digits."""
     squares = squared_peaks(system, gain, v, offset, energy)
     if squares is None:
         return None

@@ -42,7 +42,7 @@ _KEYS = ("rate", "growth", "variables")
 
 @dataclass(frozen=True, eq=False)
 class Decay:
-    """A rate and what proves it: exact numbers (`fmpq`).
+    """A rate of decay with its proof: exact numbers (`fmpq`).
 
     rate : alpha [1/s], positive.
     growth : per delay, at least e^{alpha dj}; 1 where nothing acts through it.
@@ -54,14 +54,14 @@ class Decay:
     variables: ExactVariables
 
     def claim(self) -> dict[str, Any]:
-        """What is proved if `failure` finds nothing."""
+        """Return the claim that is proved if `failure` returns None."""
         return {
             "property": "every solution with w = 0 decays at least as exp(-rate t)",
             "rate": to_text(self.rate),
         }
 
     def to_json(self) -> dict[str, Any]:
-        """What `decay_from_json` reads."""
+        """Return the JSON values that `decay_from_json` reads."""
         return {
             "rate": to_text(self.rate),
             "growth": [to_text(value) for value in self.growth],
@@ -69,11 +69,11 @@ class Decay:
         }
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
-        """Which condition is not proved; None if all are.
+        """Return which condition is not proved; None if all are.
 
         Raises
         ------
-        InputError : more inequalities, or larger ones, than are taken on.
+        InputError : too many inequalities, or too large ones.
         """
         if not self.rate > 0:
             return "the rate is not positive"
@@ -92,11 +92,11 @@ class Decay:
 
 
 def decay_from_json(data: Any, system: DelaySystem, where: str) -> Decay:
-    """What `Decay.to_json` wrote.
+    """Read what `Decay.to_json` wrote.
 
     Raises
     ------
-    InputError : a missing key, a wrong shape, a number that is none.
+    InputError : a missing key, a wrong shape, a text that is no number.
     """
     known_keys(data, where, _KEYS, required=_KEYS)
     N = len(system.delays)
@@ -110,7 +110,7 @@ def decay_from_json(data: Any, system: DelaySystem, where: str) -> Decay:
 
 
 def acting_delays(system: DelaySystem) -> tuple[int, ...]:
-    """Indices of the positive delays through which anything acts.
+    """Return the indices of the positive delays whose A, H or feedback is not zero.
 
     Raises
     ------
@@ -132,19 +132,18 @@ def acting_delays(system: DelaySystem) -> tuple[int, ...]:
 
 
 def corners(growth: tuple[Any, ...], acting: tuple[int, ...]) -> Iterator[tuple[Any, ...]]:
-    """All s with s_j = 1 or growth_j where j acts, and 1 where it does not."""
+    """Return all s with s_j = 1 or growth_j for the acting delays, and 1 for the others."""
     one = flint.fmpq(1)
     ends = [(one, value) if j in acting else (one,) for j, value in enumerate(growth)]
     return itertools.product(*ends)
 
 
 def growth_of(system: DelaySystem, rate: float) -> tuple[float, ...]:
-    """Per delay a double at least e^{rate d}; 1 where nothing acts through it.
+    """Return per delay a double at least e^{rate d}; 1 where nothing acts through it.
 
     Raises
     ------
-    InputError : a rate that is no positive number, or so great against a delay that no proof
-        could follow.
+    InputError : a rate that is not positive, or too great for a delay to prove anything.
     """
     if not (math.isfinite(rate) and rate > 0):
         raise InputError(
@@ -174,6 +173,6 @@ def growth_of(system: DelaySystem, rate: float) -> tuple[float, ...]:
 
 
 def is_above_exponential(value: Any, power: Any) -> bool:
-    """Whether the rational `value` is proved to be at least e^power."""
+    """Prove that the rational `value` is at least e^power."""
     with flint.ctx.workprec(256):
         return bool(flint.arb(value) >= flint.arb(power).exp())

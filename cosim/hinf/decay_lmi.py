@@ -1,6 +1,6 @@
 """A rate of decay for the solver: the LMI of the shifted system at all corners at once.
 
-`cosim.hinf.decay` says what the corners are and proves what is found here.
+`cosim.hinf.decay` defines the corners and proves the result.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DIGITS = 3  # of margins that are compared: those behind them may differ betwee
 
 
 def shifted_systems(system: DelaySystem, rate: float) -> list[DelaySystem]:
-    """The shifted system at each corner, in doubles and without w and z; the outermost last."""
+    """Return the shifted system at each corner, as doubles, without w and z; outermost last."""
     growth = growth_of(system, rate)
     acting = acting_delays(system)
     ends = corners(tuple(exact(value) for value in growth), acting)
@@ -75,7 +75,7 @@ class CornersProblem(Problem):
 def corner_scalars(
     system: DelaySystem, rate: float, p: Scalars, gain: Matrix | None = None
 ) -> list[Scalars]:
-    """k1, k2 at which the outermost corner alone can be met: `p`, and the best fixed start."""
+    """Return k1, k2 feasible for the outermost corner alone: `p`, and the best fixed start."""
     outermost = Problem(shifted_systems(system, rate)[-1])
     found: list[tuple[float, int, Scalars]] = []
     for at in starts(p):
@@ -91,11 +91,11 @@ def corner_scalars(
 def proved_decay(
     system: DelaySystem, gain: Matrix, rate: float, p: Scalars
 ) -> tuple[Decay | None, str]:
-    """A proof that the loop decays at `rate`, or None and why.
+    """Prove that the loop decays at `rate`; return the proof, or None and why.
 
     Parameters
     ----------
-    system, gain : the loop, K as it flies.
+    system, gain : the loop, with the deployed K.
     rate : [1/s].
     p : k1, k2 to try first.
     """

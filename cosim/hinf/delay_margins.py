@@ -1,18 +1,18 @@
-"""Delay margin: how long one delay of a stable loop may grow, the others held.
+"""Delay margin: the value of one delay at which a stable loop loses stability, the others kept.
 
 A root j w of the loop at the delay tau of term k is a pair (w, theta), theta = w tau, with
 
     det F(w, theta) = 0,   F = j w I - sum_{i != k} A_i e^{-j w d_i} - A_k e^{-j theta},
 
-and theta only matters modulo 2 pi. Conversely every such pair with w > 0 makes a root of the
-loop at tau = (theta + 2 pi m) / w, for every integer m. So all crossings of all delays lie in
-the box 0 < w <= sum |A_i|, 0 <= theta <= 2 pi, whatever tau is; roots are continuous in tau and
-none comes in from infinity (|s| <= sum |A_i| right of the axis), so a loop that is stable at
-the present delay stays so up to the least tau of such a pair.
+and theta only matters modulo 2 pi. Conversely every such pair with w > 0 is a root of the loop
+at tau = (theta + 2 pi m) / w, for every integer m. So all crossings for all tau lie in the box
+0 < w <= sum |A_i|, 0 <= theta <= 2 pi; roots are continuous in tau and none comes in from
+infinity (|s| <= sum |A_i| right of the axis), so a loop that is stable at the present delay
+stays so up to the least tau of such a pair.
 
 1. Branch and bound: at the centre of a box, |F^-1 dF| < 1 for every change dF within it shows
-   that F is regular there. What is not excluded and may hold a tau below the best known is
-   halved, so that nothing is passed over, however narrow.
+   that F is regular there. Boxes that are not excluded and may contain a tau below the best
+   known are halved, so that no crossing is missed, however narrow.
 2. Newton from the centres of what remains, with the smallest singular triplet u, sigma, v of F:
    sigma + u* F_w v dw + u* F_theta v dtheta = 0, one complex equation for two real numbers.
 
@@ -25,31 +25,27 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import NotAchievableError
-from cosim.hinf.closed_loop import balanced, close, closed_terms
+from cosim.hinf.closed_loop import Matrix, balanced, close, closed_terms
 from cosim.hinf.roots import spectral_abscissa
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from cosim.hinf.closed_loop import Matrix
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 Reals = NDArray[np.float64]
 
 HORIZON = 1e4
-"""Longest delay looked for, in the slowest time constant of the present loop."""
+"""Longest delay searched, in the slowest time constant of the present loop."""
 
 _SINGULAR = 1e-14  # sigma of a root, of the size of F's terms
 _TOLERANCE = 1e-9  # how far below the answer everything is excluded, relative
 _COARSE = 1e-3  # the same at a touch, where excluding takes long
 _SAME = 1e-6  # delays at a touch, relative
-_ENOUGH = 40_000  # boxes after which the coarse tolerance does
+_ENOUGH = 40_000  # boxes after which the coarse tolerance applies
 _LARGEST_EFFORT = 400_000
 _POLISHED = 4  # boxes that Newton starts from: those of least delay, and those closest to a root
 _EVERY = 4  # halvings between two such starts
@@ -60,12 +56,11 @@ _FULL = 2.0 * math.pi
 def delay_margin(
     system: DelaySystem, K: ArrayLike, abscissa: float | None = None
 ) -> tuple[float | None, ...]:
-    """For each delay its value at the first loss of stability as it grows, the others held.
+    """Compute for each delay the value at which stability is first lost, the others kept.
 
-    All delays are constants here, whatever age the design allows, and the loop is the nominal
-    one. Computed: at the value returned a root lies on the axis (F is within 1e-14 of singular,
-    relative to its terms); up to 1e-9 below it, 1e-3 where roots only touch the axis, none
-    has room.
+    All delays are constants here, also those of any age, and the loop is the nominal one. At
+    the value returned a root lies on the axis (F is within 1e-14 of singular, relative to its
+    terms), and none does at shorter delays, to a relative 1e-9 (1e-3 at a touch of the axis).
 
     Parameters
     ----------
@@ -76,14 +71,14 @@ def delay_margin(
     Returns
     -------
     N delays [s], none below the present one. None: stable for every longer delay, up to
-    `HORIZON` times the slowest time constant (root, delay) of the present loop. Only None
-    where the present loop is not stable (abscissa >= 0): it has no stability to lose.
+    `HORIZON` times the slowest time constant (root, delay) of the present loop; or the present
+    loop is not stable (abscissa >= 0): then all are None.
 
     Raises
     ------
     InputError : K does not fit.
-    NotAchievableError : a loop so close to the axis over so wide a range that it cannot be
-        decided, or one whose roots cannot be found.
+    NotAchievableError : roots too close to the axis over too wide a range to decide, or roots
+        that cannot be found.
     """
     A, _, delays = closed_terms(system, K)
     if abscissa is None:
@@ -110,7 +105,7 @@ class _Boxes(NamedTuple):
         return _Boxes(*(part[index] for part in self))
 
     def halves(self, along_w: NDArray[np.bool_]) -> _Boxes:
-        """Both halves of each, along w where it is said, else along theta."""
+        """Return both halves of each box, divided along w where `along_w`, else along theta."""
         dw = np.where(along_w, 0.5 * self.dw, self.dw)
         dtheta = np.where(along_w, self.dtheta, 0.5 * self.dtheta)
         w, theta = self.dw - dw, self.dtheta - dtheta
@@ -123,7 +118,7 @@ class _Boxes(NamedTuple):
 
 
 class _Roots(NamedTuple):
-    """Pairs with a root on the axis, and the smallest singular value of F at each."""
+    """Pairs (w, theta) with a root on the axis, and the smallest singular value of F there."""
 
     w: Reals
     theta: Reals
@@ -139,7 +134,7 @@ class _Pencil:
         self.moved, self.rates, self.n = A[k], rates, A[k].shape[0]
 
     def at(self, w: Reals, theta: Reals) -> tuple[Any, Any, Any]:
-        """F, dF/dw and dF/dtheta, each w.shape + (n, n)."""
+        """Return F, dF/dw and dF/dtheta, each w.shape + (n, n)."""
         eye = np.eye(self.n)
         late = np.exp(-1j * w[:, None] * self.delays)
         turned = np.exp(-1j * theta)[:, None, None] * self.moved
@@ -148,13 +143,13 @@ class _Pencil:
         return F, by_w, 1j * turned
 
     def change_bounds(self, boxes: _Boxes) -> tuple[Reals, Reals]:
-        """Bounds of |F^-1 dF| over each box, due to w and due to theta."""
+        """Return bounds of |F^-1 dF| over each box, due to w and due to theta."""
         F, _, _ = self.at(boxes.w, boxes.theta)
         with np.errstate(all="ignore"):
             try:
                 inverse = np.linalg.inv(F)
             except np.linalg.LinAlgError:
-                # a centre that is a root is no box to exclude
+                # a box whose centre is a root must not be excluded
                 F = F + 1e-14 * self.rates * np.eye(self.n)
                 inverse = np.linalg.inv(F)
             by_w = np.linalg.norm(inverse, axis=(-2, -1))
@@ -165,7 +160,7 @@ class _Pencil:
         return boxes.dw * by_w, boxes.dtheta * by_theta
 
     def polished(self, boxes: _Boxes) -> _Roots:
-        """The roots that Newton reaches from the centres."""
+        """Return the roots that Newton reaches from the centres of the boxes."""
         w, theta = boxes.w, boxes.theta
         for _ in range(_NEWTON):
             F, by_w, by_theta = self.at(w, theta)
@@ -173,7 +168,7 @@ class _Pencil:
             u, v, sigma = u[:, :, -1].conj(), vh[:, -1, :].conj(), s[:, -1]
             a = np.einsum("wi,wij,wj->w", u, by_w, v)
             b = np.einsum("wi,wij,wj->w", u, by_theta, v)
-            # least squares through the trouble: at a touch a and b are parallel
+            # least squares: at a touch a and b are parallel
             real = np.stack([np.stack([a.real, b.real], -1), np.stack([a.imag, b.imag], -1)], -2)
             step = -sigma[:, None] * np.linalg.pinv(real, rcond=1e-12)[:, :, 0]
             w = w + np.clip(step[:, 0], -0.05 * self.rates, 0.05 * self.rates)
@@ -186,14 +181,14 @@ class _Pencil:
 
 
 def _delays_from(d: float, roots: _Roots) -> Reals:
-    """The least (theta + 2 pi m) / w >= d; one that is less by rounding counts as d."""
+    """Return the least (theta + 2 pi m) / w >= d; one that is less by rounding counts as d."""
     m = np.maximum(np.ceil((d * roots.w - roots.theta) / _FULL - 1e-9), 0.0)
     found: Reals = np.maximum((roots.theta + _FULL * m) / roots.w, d)
     return found
 
 
 def _least_delays(d: float, boxes: _Boxes) -> Reals:
-    """A lower bound of the delays >= d that the pairs in each box stand for."""
+    """Return a lower bound of the delays >= d of the pairs in each box."""
     low, high = np.maximum(boxes.w - boxes.dw, 0.0), boxes.w + boxes.dw
     last = boxes.theta + boxes.dtheta
     m = np.maximum(np.ceil((d * low - last) / _FULL - 1e-9), 0.0)
@@ -202,7 +197,7 @@ def _least_delays(d: float, boxes: _Boxes) -> Reals:
 
 
 def _first_loss(pencil: _Pencil, d: float, horizon: float) -> float | None:
-    """The least delay >= d with a root on the axis; None: none up to `horizon`."""
+    """Return the least delay >= d with a root on the axis; None: none up to `horizon`."""
     if not pencil.moved.any():
         return None
     half, pi = np.array([0.5 * pencil.rates]), np.array([math.pi])
@@ -233,6 +228,6 @@ def _first_loss(pencil: _Pencil, d: float, horizon: float) -> float | None:
             found += zip(_delays_from(d, roots).tolist(), roots.sigma.tolist(), strict=True)
             best = min([best, *(tau for tau, _ in found)])
         boxes = boxes.halves((by_w > by_theta)[left])
-    # at a touch Newton ends anywhere near: of what is equally low, the one closest to a root
+    # at a touch Newton is inexact: of equally low delays, the one closest to a root
     lowest = [(sigma, tau) for tau, sigma in found if tau <= best * (1.0 + _SAME)]
     return min(lowest)[1] if lowest and best < horizon else None

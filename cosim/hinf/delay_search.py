@@ -1,9 +1,8 @@
-"""The greatest delay over k1 and k2 at once: they are free, and so is how far it goes.
+"""Maximise the delay over k1, k2 and the delay at once.
 
-The least gamma of the LMI is smooth in k1, k2 and d, and its multipliers give all slopes at the
-cost of nothing. So the greatest delay is the end of one constrained ascent (SLSQP), not of a
-bisection with a search at every step. The budget is a number of solves: the same system gives
-the same k1, k2 on a fast machine and on a busy one.
+The least gamma of the LMI is smooth in k1, k2 and d, and its multipliers give the gradient for
+free. So one constrained ascent (SLSQP) replaces a bisection with a search at every step. The
+budget is a number of solves, so that the result does not depend on the speed of the machine.
 """
 
 from __future__ import annotations
@@ -22,12 +21,10 @@ from cosim.hinf.search import MULTIPLES, RATIO_LIMIT, SearchDoneError, scaled, s
 from cosim.hinf.svec import Array
 
 _SHARES = (1.0, 0.25, 0.0625, 2.0**-6, 2.0**-10, 1e-6)
-"""Of the limit: delays at which the ascent may begin."""
+"""Starting delays of the ascent, as shares of the limit."""
 _SOLVES = 60
-_INSIDE = 1e-5
-"""How far inside what is borne the ascent stays, so that where it ends is borne."""
-_WALL = -10.0
-"""Stands for log(gamma / least gamma) where there is none at all."""
+_INSIDE = 1e-5  # slack kept by the ascent, so that its end is feasible
+_WALL = -10.0  # in place of log(gamma / least gamma) where there is no least gamma
 
 
 def search_greatest_delay(
@@ -36,14 +33,14 @@ def search_greatest_delay(
     """Return k1, k2 with the greatest delay found, at most that of `p`; None if none is feasible.
 
     Maximises log d over log d, log k2 d and k1/k2 subject to least gamma <= gamma (margin >= 0
-    where there is no gamma), from the best start at the longest delay that any start bears.
+    where there is no gamma), from the best start at the longest delay where one is feasible.
     """
     limit = p.d[delay_index]
     start = _first_feasible(problem, p, gamma, delay_index)
     if start is None or start.d[delay_index] == limit:
         return start
     N = len(p.d)
-    lengths = np.array([d if d > 0 else 1.0 for d in p.d])
+    lengths = np.array([d if d > 0 else 1.0 for d in start.d])
     signs = np.sign(start.k2)
     best = [start]
     seen: dict[bytes, tuple[float, Array]] = {}
@@ -56,7 +53,7 @@ def search_greatest_delay(
         return Scalars(tuple(map(float, u[N : 2 * N] * k2)), tuple(map(float, k2)), d)
 
     def slack(u: Array) -> tuple[float, Array]:
-        """How far inside a point is (negative: outside), and the slopes of that."""
+        """Return the slack of a point (negative: infeasible), and its gradient."""
         key = u.tobytes()
         if key not in seen:
             at = scalars(u)
@@ -72,16 +69,8 @@ def search_greatest_delay(
                 raise SearchDoneError
         return seen[key]
 
-    u = np.concatenate(
-        [
-            np.log(
-                np.abs(start.k2)
-                * np.where(np.arange(N) == delay_index, start.d[delay_index], lengths)
-            ),
-            np.array(start.k1) / np.array(start.k2),
-            [math.log(start.d[delay_index])],
-        ]
-    )
+    log_k2, k1_by_k2 = np.log(np.abs(start.k2) * lengths), np.array(start.k1) / np.array(start.k2)
+    u = np.concatenate([log_k2, k1_by_k2, [math.log(start.d[delay_index])]])
     forward = np.eye(2 * N + 1)[-1]
     low, high = (np.array([math.log(x)] * N) for x in MULTIPLES)
     ratios = np.full(N, RATIO_LIMIT)
@@ -113,7 +102,7 @@ def search_greatest_delay(
 def _first_feasible(
     problem: Problem, p: Scalars, gamma: float | None, delay_index: int
 ) -> Scalars | None:
-    """The start of most room at the longest of a few delays that any start bears."""
+    """Return the start of most slack, at the longest of a few delays where one is feasible."""
     for share in _SHARES:
         d = share * p.d[delay_index]
         as_given = replace(p, d=(*p.d[:delay_index], d, *p.d[delay_index + 1 :]))
@@ -126,7 +115,7 @@ def _first_feasible(
 
 
 def _slack(problem: Problem, p: Scalars, gamma: float | None) -> tuple[float, Array] | None:
-    """log(gamma / least gamma), or the margin; its slopes by k1, k2, d; None where no answer."""
+    """Return log(gamma / least gamma), or the margin, and its gradient by k1, k2, d; or None."""
     if gamma is None:
         answer = problem.margin(p, None, tolerance=ROUGH_TOLERANCE)
         return (answer.value, answer.slopes) if isinstance(answer, Answer) else None
@@ -137,7 +126,7 @@ def _slack(problem: Problem, p: Scalars, gamma: float | None) -> tuple[float, Ar
 
 
 def _chain(p: Scalars, slopes: Array, delay_index: int) -> Array:
-    """Slopes by log(k2 d), k1/k2 and log d_which from those by k1, k2, d."""
+    """Convert the gradient by k1, k2, d to log(k2 d), k1/k2 and log d."""
     N = len(p.d)
     by_k1, by_k2, by_d = slopes[:N], slopes[N : 2 * N], slopes[2 * N :]
     k1, k2 = np.array(p.k1), np.array(p.k2)

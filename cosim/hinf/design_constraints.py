@@ -1,4 +1,4 @@
-"""What a design is asked to meet beside gamma: a rate of decay, a bound on |K|, peaks of u."""
+"""Design constraints beside gamma: a rate of decay, a bound on |K|, peaks of u."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import InputError
-from cosim.hinf.control_limits import MAX_OFFSETS
+from cosim.hinf.control_limits import MAX_OFFSETS, too_many_offsets
 from cosim.hinf.decay import growth_of
 from cosim.hinf.system_json import number
 from cosim.models import DelaySystem
@@ -18,13 +18,13 @@ KEYS = ("decay", "gain_limit", "peak_control", "offset", "energy")
 
 @dataclass(frozen=True)
 class DesignConstraints:
-    """What is asked; None where nothing is.
+    """What a gain must meet beside gamma; None where there is no constraint.
 
-    decay : rate [1/s] at which every solution is to fall at least.
-    gain_limit : the largest singular value of K is to stay at or below it.
-    peak_control : |u_i(t)| is to stay at or below it, one number per input, from every initial
-        state of the box and with every disturbance of the energy below.
-    offset : one number per state: |x_i| <= offset_i, held before t = 0.
+    decay : least rate [1/s] at which every solution decays.
+    gain_limit : bound on the largest singular value of K.
+    peak_control : bound on |u_i(t)|, one number per input, for every initial state of the box
+        and every disturbance of the energy below.
+    offset : the box, one number per state: |x_i| <= offset_i, constant before t = 0.
     energy : int w'w <= energy^2.
     """
 
@@ -36,7 +36,7 @@ class DesignConstraints:
 
     @property
     def any(self) -> bool:
-        """Whether anything is asked."""
+        """Whether there is any constraint."""
         return self != DesignConstraints()
 
 
@@ -50,11 +50,12 @@ def design_constraints_of(
     energy: float | None = None,
     where: str = "",
 ) -> DesignConstraints:
-    """Demands that fit the system; one number for `peak_control` counts for every input.
+    """Check constraints against a system; one number for `peak_control` applies to every input.
 
     Raises
     ------
-    InputError : numbers that are none or do not fit, a peak of u from nothing.
+    InputError : a number out of range, a length that does not fit, or a peak of u without an
+        offset and an energy.
     """
     prefix = f"{where}." if where else ""
     if decay is not None:
@@ -69,7 +70,7 @@ def design_constraints_of(
     for name, value in (("offset", offset), ("energy", energy)):
         if value is not None:
             raise InputError(
-                f"{name} says from where a peak of the control is counted",
+                f"{name} is only used with a limit on the peak of the control",
                 where=f"{prefix}{name}",
                 expected="peak_control as well",
             )
@@ -77,7 +78,7 @@ def design_constraints_of(
 
 
 def _peaks(system: DelaySystem, values: Sequence[float], where: str) -> tuple[float, ...]:
-    """One limit per input."""
+    """Return one limit per input."""
     m = system.B.shape[1]
     peaks = tuple(float(value) for value in (list(values) * m if len(values) == 1 else values))
     if len(peaks) != m or m == 0:
@@ -95,7 +96,7 @@ def _peaks(system: DelaySystem, values: Sequence[float], where: str) -> tuple[fl
 def _start(
     system: DelaySystem, offset: Sequence[float] | None, energy: float | None, prefix: str
 ) -> tuple[tuple[float, ...], float]:
-    """The box that the state starts in, and the energy that comes in."""
+    """Return the box of initial states, and the energy of the disturbance."""
     n = system.A.shape[0]
     box = tuple(float(value) for value in offset) if offset is not None else (0.0,) * n
     if len(box) != n:
@@ -107,13 +108,9 @@ def _start(
         )
     for i, value in enumerate(box):
         _not_negative(value, f"{prefix}offset[{i}]")
-    if sum(value > 0 for value in box) > MAX_OFFSETS:
-        raise InputError(
-            "too many states start away from zero",
-            where=f"{prefix}offset",
-            expected=f"at most {MAX_OFFSETS} numbers above zero",
-            got=str(sum(value > 0 for value in box)),
-        )
+    sides = sum(value > 0 for value in box)
+    if sides > MAX_OFFSETS:
+        raise too_many_offsets(sides, f"{prefix}offset")
     strength = 0.0 if energy is None else float(energy)
     _not_negative(strength, f"{prefix}energy")
     if strength and not system.C.size:
@@ -124,10 +121,10 @@ def _start(
         )
     if not strength and not any(box):
         raise InputError(
-            "the peak of the control is asked for from nothing",
+            "a peak of the control cannot arise from nothing: no offset and no energy",
             where=f"{prefix}peak_control",
-            expected="an offset to start from, an energy of the disturbance, or both",
-            hint="offset with one number per state, energy",
+            expected="an offset of the initial state, an energy of the disturbance, or both",
+            hint="give offset, one number per state, or energy",
         )
     return box, strength
 
@@ -135,7 +132,7 @@ def _start(
 def design_constraints_from_table(
     table: Mapping[str, Any], system: DelaySystem, where: str
 ) -> DesignConstraints:
-    """The demands in a TOML file's [design].
+    """Read the design constraints in [design] of a TOML file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A design as JSON: the certificate that proves it, and the figures beside it."""
+"""A design as JSON: its certificate, and the figures of the nominal loop."""
 
 from __future__ import annotations
 
@@ -12,19 +12,17 @@ from cosim.core import InputError
 from cosim.hinf.certificate import check_certificate
 from cosim.hinf.guarantees import KEY, Guarantees, guarantees_from_json
 from cosim.hinf.synthesis import Design
-from cosim.hinf.system_json import number, system_from_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import format_value, number, system_from_json
 from cosim.hinf.worst_case_disturbance import worst_case_from_json
 
+# computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
-"""Computed beside the proof: notes, not part of the claim."""
-
+# absent in older files: then None
 _LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
-"""More of them, which files written before them do not hold: then they are None."""
 
 
 def design_to_json(design: Design) -> dict[str, Any]:
-    """JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
+    """Return JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
     figures = {name: getattr(design, name) for name in (*_FIGURES, "exact_norm_upper")}
     margin = design.delay_margin
     figures["delay_margin"] = None if margin is None else list(margin)
@@ -37,7 +35,7 @@ def design_to_json(design: Design) -> dict[str, Any]:
 
 
 def design_from_json(data: Any, *, where: str) -> Design:
-    """A design from its JSON; its proof is checked again.
+    """Read a design from its JSON, and check its proof again.
 
     Raises
     ------
@@ -54,12 +52,10 @@ def design_from_json(data: Any, *, where: str) -> Design:
         raise InputError(
             "this design has not the figures of a design",
             where=where,
-            expected=f"figures: {', '.join(_FIGURES)}, and maybe {', '.join(_LATER_FIGURES)}",
-            got=format_value(sorted(figures))
-            if isinstance(figures, dict)
-            else format_value(figures),
+            expected=f"figures: {', '.join(_FIGURES)}, optionally {', '.join(_LATER_FIGURES)}",
+            got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
         )
-    # what is claimed is read off the proof, never off a note beside it
+    # the claimed values are read from the proof, never from a note beside it
     proved = data["variables"]
     system = system_from_json(data["system"])
     notes: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""From an operating envelope to E and H, with a proof over the whole box.
+"""Uncertainty matrices E and H that cover the vehicle over an operating envelope, proved.
 
 The vehicle's f(x) is A x plus what depends on the state, and that part is exactly
 
@@ -20,9 +20,9 @@ Hence dA(x) = E F H with F = diag(F1, F2), |F1| <= 1, |F2| <= 1, so F'F <= I, fo
     H = [ sqrt(k) I2 on (u, v)    ]      k = 2 sin(psi_bar/2)
         [ (1/c) sqrt(q) T on nu   ]
 
-Free, and sound whatever they are: S and T (diagonal, positive), the split c, and how the
-coefficient of a product such as v r is shared between its two columns of Q. They matter for
-gamma, since the LMI has one multiplier for both blocks and all entries.
+S and T (diagonal, positive), the split c, and the shares of the coefficient of a product such
+as v r in its two columns of Q are free: the bound holds for any of them. They affect gamma,
+since the LMI has one multiplier for both blocks and all entries.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
+from cosim.hinf.rational import exact, norm_is_below
 from cosim.models import total, velocity_coefficients
 
 _AXES = "uvwr"
@@ -76,12 +77,11 @@ class Envelope:
 class Scaling:
     """Free factors of the factorisation: S (rows), T (columns), and the split c.
 
-    With the multiplier of the LMI itself free per entry (eps E E' and eps (H'H)^-1 as
-    variables, bound to each other by the vertices) the least gamma fixes all of them. The
-    defaults are that result, rounded, for |u|, |v| <= 0.3, |w| <= 0.2, |r| <= 0.06,
-    |psi| <= 0.35 and a loop delay of 1.25 s. Gamma with them, against the multiplier free:
-    0.1 % above for that box (0.4 % at delays of 0.05 and 0.5 s), 2 % for half of it, 27 % for
-    |u|, |v| <= 0.5, |w| <= 0.3, |r| <= 0.1, where gamma is steep.
+    The defaults are those of least gamma, rounded, with a multiplier of the LMI per entry (eps
+    E E' and eps (H'H)^-1 as variables, coupled by the vertices), for |u|, |v| <= 0.3, |w| <=
+    0.2, |r| <= 0.06, |psi| <= 0.35 and a loop delay of 1.25 s. With them gamma is 0.1 % above
+    that of free multipliers for that box (0.4 % at delays of 0.05 and 0.5 s), 2 % for half of
+    it, 27 % for |u|, |v| <= 0.5, |w| <= 0.3, |r| <= 0.1.
     """
 
     rows: tuple[float, float, float, float] = (1.0, 0.67, 0.48, 0.8)
@@ -98,15 +98,15 @@ _FIRST_SHARE: Mapping[tuple[int, str], Fraction] = MappingProxyType(
         (2, "vr"): Fraction(0),
     }
 )
-"""Share of a product's coefficient that goes to the column of its first factor; others: half.
+"""Share of a product's coefficient in the column of its first factor; others: half.
 
-Found with the scaling: v r in the surge row, say, is small through r, so it stands as
-(1.153 r) v."""
+Found with the scaling: v r in the surge row, for example, is small because of r, so it is
+written as (1.153 r) v."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """E (8, 6) and H (6, 8), and the two bounds they are made of, both proved."""
+    """E (8, 6) and H (6, 8), and the two proved bounds they are made of."""
 
     E: NDArray[np.float64]
     H: NDArray[np.float64]
@@ -117,7 +117,7 @@ class Uncertainty:
 def auv_uncertainty(
     envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling | None = None
 ) -> Uncertainty:
-    """E and H of the vehicle for an envelope, rounded outward.
+    """Return E and H of the vehicle for an envelope, rounded outward.
 
     `parameters` maps the names of `cosim.models.auv.TABLE_1` to numbers.
     """
@@ -138,31 +138,31 @@ def auv_uncertainty(
 def quadratic_part(
     nu: Sequence[Fraction | float], coefficients: Sequence[Mapping[str, Fraction]]
 ) -> list[list[Fraction]]:
-    """Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f.
+    """Return Q(nu) (4, 4), exact, with Q(nu) nu the quadratic part of f.
 
     Products are shared between columns as in `_FIRST_SHARE`.
     """
     Q = [[Fraction(0)] * 4 for _ in range(4)]
-    exact = [Fraction(value) for value in nu]
+    speeds = [Fraction(value) for value in nu]
     for i, row in enumerate(coefficients):
         for product, c in row.items():
             a, b = (_AXES.index(letter) for letter in product)
             # a square has both shares in one column
             first = _FIRST_SHARE.get((i, product), Fraction(1, 2))
-            Q[i][a] += first * c * exact[b]
-            Q[i][b] += (1 - first) * c * exact[a]
+            Q[i][a] += first * c * speeds[b]
+            Q[i][b] += (1 - first) * c * speeds[a]
     return Q
 
 
 def _quadratic_bound(
     envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling
 ) -> float:
-    """q with |S^-1 Q(nu) T^-1| <= q on the whole box: 16 vertices, each proved."""
+    """Return q with |S^-1 Q(nu) T^-1| <= q on the whole box, proved at the 16 vertices."""
     coefficients = velocity_coefficients(parameters)
     S = [Fraction(value) for value in scaling.rows]
     T = [Fraction(value) for value in scaling.columns]
     vertices = []
-    # Q(-nu) = -Q(nu): half of the vertices stand for all
+    # Q(-nu) = -Q(nu): half of the vertices are enough
     for signs in itertools.product((1, -1), repeat=3):
         nu = [
             Fraction(bound) * sign
@@ -171,13 +171,14 @@ def _quadratic_bound(
         Q = quadratic_part(nu, coefficients)
         vertices.append([[Q[i][j] / S[i] / T[j] for j in range(4)] for i in range(4)])
     q = max(_norm(N) for N in vertices)
-    while not all(_norm_below(N, Fraction(q)) for N in vertices):
+    exactly = [_rational(N) for N in vertices]
+    while not all(norm_is_below(N, exact(q)) for N in exactly):
         q *= 1 + 1e-13
     return q
 
 
 def _norm(N: list[list[Fraction]]) -> float:
-    """|N|, computed: N N' squared again and again turns into its first eigenvector's projection.
+    """Compute |N|: repeated squares of N N' tend to the projection on its first eigenvector.
 
     In plain arithmetic and one order, so that E and H are the same doubles on every machine.
     """
@@ -194,26 +195,10 @@ def _norm(N: list[list[Fraction]]) -> float:
     return math.sqrt(reached / length) if length else 0.0
 
 
-def _norm_below(N: list[list[Fraction]], q: Fraction) -> bool:
-    """Whether |N| < q: q^2 I - N N' is positive definite, by exact elimination."""
-    n = len(N)
-    G = [
-        [
-            (q * q if i == j else Fraction(0)) - sum(a * b for a, b in zip(N[i], N[j], strict=True))
-            for j in range(n)
-        ]
-        for i in range(n)
-    ]
-    for k in range(n):
-        if G[k][k] <= 0:
-            return False
-        for i in range(k + 1, n):
-            factor = G[i][k] / G[k][k]
-            for j in range(k, n):
-                G[i][j] -= factor * G[k][j]
-    return True
+def _rational(N: list[list[Fraction]]) -> flint.fmpq_mat:
+    return flint.fmpq_mat([[flint.fmpq(x.numerator, x.denominator) for x in row] for row in N])
 
 
 def _up(value: float) -> float:
-    """A double above `value` by a few units in the last place: rounding goes outward."""
+    """Return a double above `value` by a few units in the last place: rounding goes outward."""
     return value * (1 + 4 * math.ulp(1.0))

@@ -1,16 +1,15 @@
-"""The LMI of Theorem 2, corrected, in rational arithmetic: what the exact certificate proves.
+"""The LMI of Theorem 2, corrected, in rational arithmetic, for the exact certificate.
 
-Written from the functional, apart from the solver's LMI, so that a slip in one does not pass
+Derived from the functional independently of the solver's LMI, so that an error in one shows in
 the other. Notation and derivation:
 
     V = x'Px + sum_j (int_{t-dj}^t x'Qj x + int_{-dj}^0 int_{t+th}^t x''Rj x')
 
 Lemma 2 per delay with M1j = k1j P, M2j = k2j P; then multiply from both sides by X = P^-1 in
 every x block, and by Rbar_j = Rj^-1 where the terms dj x''Rj x' (row r_j) and
-dj M_j'Rj^-1 M_j (row m_j) are taken out by Lemma 3; Qbar_j = X Qj X, Y = K X. Lemma 1 takes
-F(t) out with eps (row h). With G_i = A_i X + phi_i B Y, all in the scaling in which the rows
-of x_j are multiplied by k2j and those of r_j and m_j by sqrt(dj) (a congruence, which leaves
-definiteness as it is, and leaves neither a root nor a quotient):
+dj M_j'Rj^-1 M_j (row m_j) are removed by Lemma 3; Qbar_j = X Qj X, Y = K X. Lemma 1 removes
+F(t) with eps (row h). With G_i = A_i X + phi_i B Y, rows of x_j multiplied by k2j and those of
+r_j and m_j by sqrt(dj) (a congruence that avoids roots and quotients):
 
     (x,x)               G0 + G0' + sum Qbar_j + 2 sum k1j X + eps E E'
     (x,xj)              Gj + (k2j - k1j) X
@@ -26,21 +25,19 @@ definiteness as it is, and leaves neither a root nor a quotient):
     (h,h)               -eps I
 
 If all inputs are doubles then all entries are dyadic rationals. At dj = 0 the rows r_j and
-m_j are zero and left out: there x(t-dj) = x(t), both terms they stand for vanish, and
-V' < 0 follows on the subspace xj = x without them.
+m_j are zero and left out: there x(t-dj) = x(t), both their terms vanish, and V' < 0 follows
+on the subspace xj = x without them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 
 from cosim.hinf.rational import exact, exact_matrix, identity, lower_triangle
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class ExactVariables:
     """The LMI's variables as rationals: `fmpq_mat` and `fmpq`.
 
     X (n, n); Q, R one (n, n) per delay (Qbar, Rbar of the table); k1, k2 one number per
-    delay; eps None where nothing is uncertain, gamma None where only stability is asked.
+    delay; eps None where nothing is uncertain, gamma None for stability alone.
     """
 
     X: Any
@@ -62,10 +59,10 @@ class ExactVariables:
 
 @dataclass(frozen=True)
 class Shift:
-    """The system that e^{rate t} x(t) obeys: A_0 + rate I, and growth_j times A_j, B, H_j.
+    """The system of e^{rate t} x(t): A_0 + rate I, and growth_j times A_j, B, H_j.
 
     rate : a `fmpq`.
-    growth : one `fmpq` per delay, in place of e^{rate tau_j}; B where the feedback is late.
+    growth : one `fmpq` per delay, in place of e^{rate tau_j}; B where the feedback is delayed.
     """
 
     rate: Any
@@ -74,7 +71,7 @@ class Shift:
 
 @dataclass(frozen=True)
 class ExactLmi:
-    """-Omega: the lower triangle row by row, and the name of the block of every row."""
+    """-Omega: its lower triangle row by row, and the block name of every row."""
 
     lower: list[list[Any]]
     row_names: list[str]
@@ -83,14 +80,14 @@ class ExactLmi:
 def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
     system: DelaySystem, Y: Any, v: ExactVariables, shift: Shift | None = None
 ) -> ExactLmi:
-    """-Omega of the module's table, exactly, for the doubles of `system`.
+    """Return -Omega of the module's table, exactly.
 
     Parameters
     ----------
-    system : its matrices and delays are taken as the doubles that they are.
+    system : the doubles of its matrices and delays are taken exactly.
     Y : (m, n) `fmpq_mat`, K X.
     v : the variables.
-    shift : for a rate of decay, the shifted system instead.
+    shift : for a rate of decay, the shifted system is used.
     """
     n, N = system.A.shape[0], len(system.delays)
     later = range(1, N + 1)
@@ -154,7 +151,7 @@ def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
 
 
 def _shifted(G: list[Any], H: list[Any], X: Any, shift: Shift) -> tuple[list[Any], list[Any]]:
-    """G and H of the shifted system; all that acts through a delay grows alike."""
+    """Return G and H of the shifted system; all terms of a delay have its growth."""
     late_G = [growth * M for growth, M in zip(shift.growth, G[1:], strict=True)]
     late_H = [growth * M for growth, M in zip(shift.growth, H[1:], strict=True)]
     return [G[0] + shift.rate * X, *late_G], [H[0], *late_H]

@@ -1,7 +1,7 @@
-"""To and from python-control: what its tools can take of a loop with delays.
+"""Loops with delays for python-control, as frequency responses.
 
-A `control.ss` has no delays, so a loop goes there as its frequency response, which is exact at
-every frequency it is asked for; `DelaySystem.from_state_space` is the way in.
+A `control.ss` has no delays; a frequency response is exact at each of its frequencies. The other
+direction is `DelaySystem.from_state_space`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cosim.models import DelaySystem
 
 
 def frequency_response(loop: ClosedLoop, omega: ArrayLike) -> NDArray[np.complex128]:
-    """The gain from w to z, (p, q, len(omega)): D(s) (s I - A(s))^-1 C + D1 at s = j omega.
+    """Return G(j omega) from w to z, (p, q, len(omega)): D(s) (s I - A(s))^-1 C + D1.
 
     Parameters
     ----------
@@ -26,30 +26,22 @@ def frequency_response(loop: ClosedLoop, omega: ArrayLike) -> NDArray[np.complex
 
     Raises
     ------
-    InputError : a loop without w or z, frequencies that are none, or one at a root of the loop.
+    InputError : a loop without w or z, omega not finite, or at a root of the loop.
     """
-    if loop.C is None or loop.D1 is None:
-        raise InputError(
-            "this loop has no gain from w to z", expected="C, and D, D1 or D2", where="loop"
-        )
     try:
         points = np.asarray(omega, dtype=np.float64).ravel()
     except (TypeError, ValueError) as error:
         raise InputError("not frequencies", where="omega", expected="numbers of rad/s") from error
     if not np.isfinite(points).all():
         raise InputError("not frequencies", where="omega", expected="finite numbers of rad/s")
-    s = 1j * points
-    resolvent = s[:, None, None] * np.eye(loop.order) - loop.state_matrix(s)
     try:
-        inner = np.linalg.solve(resolvent, np.broadcast_to(loop.C, (len(s), *loop.C.shape)))
+        return np.moveaxis(loop.transfer(points), 0, -1)
     except np.linalg.LinAlgError as error:
         raise InputError("a frequency at which the loop has a root", where="omega") from error
-    response = np.asarray(loop.output_matrix(s) @ inner + loop.D1, dtype=np.complex128)
-    return np.moveaxis(response, 0, -1)
 
 
 def to_control(loop: ClosedLoop, omega: ArrayLike) -> Any:
-    """The frequency response of a loop as python-control's `control.FRD`.
+    """Return the frequency response of a loop as python-control's `control.FRD`.
 
     Raises
     ------
@@ -68,11 +60,11 @@ def to_control(loop: ClosedLoop, omega: ArrayLike) -> Any:
 
 
 def checked_system(system: Any, *, control: bool = False) -> DelaySystem:
-    """`system`, if it is a `DelaySystem`; with `control`, one that a gain can be designed for.
+    """Return `system` if it is a `DelaySystem`, with `control` only if it has a B.
 
     Raises
     ------
-    InputError : it is something else (the message says how to make one of it), or has no B.
+    InputError : it is something else (the message says how to convert it), or has no B.
     """
     if isinstance(system, DelaySystem):
         n, m = system.B.shape

@@ -1,19 +1,21 @@
-"""A design and what it is to meet beside gamma: the door that users come in by.
+"""Design and greatest delay as users call them, for every condition and with constraints.
 
-1. The gain of least gamma, without the demands (`cosim.hinf.synthesis`). Where they are proved
-   of it is, it stays.
-2. Else the gain of least gamma that meets them (`cosim.hinf.constrained_search`).
+1. The gain of least gamma without the design constraints (`cosim.hinf.synthesis`) is kept if
+   the constraints can be proved for it.
+2. Otherwise the gain of least gamma that meets them (`cosim.hinf.constrained_search`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import synthesis
-from cosim.hinf.bessel_legendre_designs import bessel_legendre_design
+from cosim.hinf.analysis import analyse
+from cosim.hinf.bessel_legendre_designs import bessel_legendre_delay, bessel_legendre_design
 from cosim.hinf.constrained_search import (
     ConstrainedSearch,
     describe_constraints,
@@ -23,6 +25,11 @@ from cosim.hinf.constrained_search import (
 )
 from cosim.hinf.design_constraints import design_constraints_of
 from cosim.hinf.from_control import checked_system
+from cosim.hinf.greatest_delays import (
+    DELAY_LIMIT,
+    GreatestDelay,
+    greatest_delay as delay_of_theorem_2,
+)
 from cosim.hinf.search import initial_scalars
 from cosim.hinf.synthesis import Design
 from cosim.hinf.threads import one_thread
@@ -45,35 +52,34 @@ def design(
     offset: Sequence[float] | None = None,
     energy: float | None = None,
 ) -> Design:
-    """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
+    """Design a state feedback and prove its gamma, or prove the gamma of a given gain.
 
     Parameters
     ----------
     system : Eq. (7) with delays (n states, m inputs).
     k1, k2 : one number per delay, k2 not zero (Theorem 2). Without both, they are searched;
-        one alone makes the other, k1 = -k2.
-    gamma : a bound to be met instead of the least one; the design's own may be lower.
-    gain : (m, n) a gain to be analysed instead of designed.
+        if one is given, the other is its negative.
+    gamma : a bound to meet instead of the least one; the design's own may be lower.
+    gain : (m, n) a gain to analyse instead of designing one.
     search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
-    order : None for Theorem 2; N for the sharper condition (`cosim.hinf.bessel_legendre_designs`),
-    which
-        starts from the gain of Theorem 2 and proves nothing beside gamma.
-    decay : alpha [1/s]; with w = 0 every solution is to fall at least as e^{-alpha t}.
+    order : None for Theorem 2; N for the Bessel-Legendre condition of order N, which starts
+        from the gain of Theorem 2 and allows no design constraints.
+    decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
-    peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u,
-        from `offset` and `energy`, at least one of which is to be given:
-    offset : (n,) the initial state, |x_i| <= offset_i, held before t = 0.
+    peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
+        needs `offset`, `energy` or both.
+    offset : (n,) the initial state, |x_i| <= offset_i, constant before t = 0.
     energy : int w'w <= energy^2.
 
     Returns
     -------
     Design
-        Its gamma and its `guarantees` are proved, with everything uncertain in the system.
+        Its gamma and its `guarantees` are proved, for the whole uncertainty of the system.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
-    NotAchievableError : no certified solution at k1, k2, with gamma and what is demanded.
+    NotAchievableError : no certified solution with this gamma and these design constraints.
 
     Examples
     --------
@@ -99,9 +105,9 @@ def design(
     if order is not None:
         if design_constraints.any:
             raise InputError(
-                "what is demanded beside gamma is proved with Theorem 2",
+                "design constraints are proved with Theorem 2 only",
                 where="order",
-                expected=f"no order, beside {describe_constraints(design_constraints)}",
+                expected=f"no order, with {describe_constraints(design_constraints)}",
                 got=str(order),
             )
         return bessel_legendre_design(
@@ -111,30 +117,90 @@ def design(
     try:
         plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
     except NotAchievableError:
-        # a gain without bound may be the best there is, where no limit is set to it
+        # without a constraint the best gain may be unbounded
         if not design_constraints.any or gain is not None:
             raise
-    if plain is None:
-        return ConstrainedSearch(
-            synthesis.checked_scalars(system, one, two),
-            system,
-            design_constraints,
-            gamma,
-            search=look,
-        ).best()
-    if not design_constraints.any:
-        return plain
-    guarantees, reason = prove_constraints(plain, design_constraints)
-    if guarantees is not None:
-        return with_guarantees(plain, guarantees)
-    if gain is not None:
-        raise NotAchievableError(
-            "what is demanded of this gain could not be proved",
-            where=system.name or None,
-            expected=describe_constraints(design_constraints),
-            got=reason,
+    start = synthesis.checked_scalars(system, one, two)
+    if plain is not None:
+        if not design_constraints.any:
+            return plain
+        guarantees, reason = prove_constraints(plain, design_constraints)
+        if guarantees is not None:
+            return with_guarantees(plain, guarantees)
+        if gain is not None:
+            raise NotAchievableError(
+                "the design constraints could not be proved for this gain",
+                where=system.name or None,
+                expected=describe_constraints(design_constraints),
+                got=reason,
+            )
+        start = scalars_of(plain)
+    return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(plain)
+
+
+def greatest_delay(
+    system: DelaySystem,
+    gamma: float | None,
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
+    *,
+    delay_index: int = 0,
+    limit: float = DELAY_LIMIT,
+    search: bool | None = None,
+    order: int | None = None,
+) -> GreatestDelay:
+    """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
+
+    Parameters
+    ----------
+    system : the delays other than `delay_index` are kept.
+    gamma : bound of the gain from w to z; None, for stability, without w and z.
+    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+    delay_index : index of the delay.
+    limit : where the search ends [s].
+    search : look for better k1, k2 as well.
+    order : None for Theorem 2, with a refutation just beyond; N for the Bessel-Legendre
+        condition of order N.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no delay at all can be certified.
+    """
+    system = checked_system(system, control=True)
+    one, two, look = initial_scalars(system, k1, k2, search)
+    if order is None:
+        return delay_of_theorem_2(
+            system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
         )
-    search_for = ConstrainedSearch(
-        scalars_of(plain), system, design_constraints, gamma, search=look
+    return bessel_legendre_delay(
+        system, gamma, one, two, order=order, delay_index=delay_index, limit=limit, search=look
     )
-    return search_for.best(plain)
+
+
+def without_uncertainty(system: DelaySystem) -> DelaySystem:
+    """Return the nominal system: E and every H removed."""
+    delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
+    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
+
+
+def nominal_gamma(found: Design) -> float | None:
+    """Return the least certified gamma of the same K, k1, k2 or order, without uncertainty.
+
+    Its distance to `found.gamma` is the cost of E, H, its distance to the exact norm the
+    conservatism of the condition. Takes about as long as half a design.
+
+    Returns
+    -------
+    None where only stability is certified; `found.gamma` where nothing is uncertain.
+
+    Raises
+    ------
+    NotAchievableError : no proof was found.
+    """
+    if found.gamma is None or not found.system.E.size:
+        return found.gamma
+    nominal = without_uncertainty(found.system)
+    if found.order is not None:
+        return analyse(nominal, found.K, order=found.order).gamma
+    return synthesis.design(nominal, found.k1, found.k2, gain=found.K).gamma

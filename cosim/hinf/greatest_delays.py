@@ -1,21 +1,21 @@
-"""Remark 3: the greatest delay for a given gamma, its feasible side certified.
+"""Remark 3: the greatest delay for a given gamma, by Theorem 2.
 
-At fixed k1, k2 the LMI can be met on an interval from 0: whatever solves it at d solves it at
-every smaller delay, since d enters it, rows r and m taken out, with positive semidefinite
-factors alone. The end of that interval is where its margin is zero. Below it, a design is
-proved exactly; just above it, so is that no solution exists, by Farkas' lemma.
+At fixed k1, k2 the LMI is feasible on an interval from 0: a solution at d is one at every
+smaller delay, since d enters it, rows r and m removed, with positive semidefinite factors only.
+The interval ends where the margin is zero. Just below, a design is proved exactly; just above,
+Farkas' lemma proves exactly that there is no solution.
 
-With k1, k2 searched there may be no end: section 5's loop is stable for every delay. Then the
-search stops at a limit, and says so.
+With k1, k2 searched there may be no end: the loop of section 5 is stable for every delay. Then
+the search stops at its limit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from scipy import optimize
 
@@ -37,31 +37,26 @@ from cosim.hinf.synthesis import (
 from cosim.hinf.threads import one_thread
 from cosim.models import DelaySystem
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 DELAY_LIMIT = 20.0
 """Where a search ends [s]."""
 
-_SMALLEST = 1e-6
-"""Share of the limit below which a delay counts as none."""
+_SMALLEST = 1e-6  # shortest delay searched, as a share of the limit
 _BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 _ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
-_PRECISION = 1e-7
-"""Of the end at fixed k1, k2, relative: a margin knows it no better."""
+_PRECISION = 1e-7  # of the end at fixed k1, k2, relative: that of a margin
 _BEYOND = (1e-3, 1e-2, 0.1, 1.0)
-"""Of a greatest delay found: where its end at fixed k1, k2 is looked for."""
+"""Shares beyond a greatest delay found where its end at fixed k1, k2 is searched."""
 
 
 @dataclass(frozen=True, eq=False)
 class GreatestDelay:
-    """How much delay a gamma bears.
+    """The greatest delay certified for a gamma.
 
-    delay : d* [s], certified; the other delays as they were.
+    delay : d* [s]; the other delays as they were.
     design : the gain and its proof at d*.
-    limit_reached : d* is the limit of the search, and says nothing about what is beyond.
-    refuted_at : a delay [s] just above d* at which the LMI is proved to have no solution at the
-        design's k1, k2, and so at no greater one; None: not certified beyond.
+    limit_reached : whether d* is the limit of the search; nothing is known beyond.
+    refuted_at : a delay [s] just above d* from which on the LMI is proved to have no solution at
+        the design's k1, k2; None: not certified beyond.
     refutation : the proof as JSON values, for `check_certificate`.
     """
 
@@ -83,41 +78,20 @@ def greatest_delay(
     limit: float = DELAY_LIMIT,
     search: bool = False,
 ) -> GreatestDelay:
-    """The greatest delay `delay_index` at which gamma (None: stability) is certified.
-
-    Parameters
-    ----------
-    system : the delays other than `delay_index` are held.
-    gamma : bound of the gain from w to z; None for a system without w and z.
-    k1, k2 : one number per delay; where searched, the first start.
-    delay_index : index of the delay.
-    limit : where the search ends [s].
-    search : look for better k1, k2 as well.
+    """Find the greatest delay by Theorem 2, as `gain_design.greatest_delay` with k1, k2 given.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    if not 0 <= delay_index < len(system.delays):
-        raise InputError(
-            "there is no such delay",
-            where="delay_index",
-            expected=f"an index below {len(system.delays)}, the number of delays",
-            got=str(delay_index),
-        )
-    if not (math.isfinite(limit) and limit > 0):
-        raise InputError(
-            "not a limit for a delay", where="limit", expected="a positive number", got=repr(limit)
-        )
+    check_delay(system, delay_index, limit)
     if gamma is not None:
         check_achievable(gamma, system)
     elif system.has_performance:
-        raise InputError(
-            "a greatest delay needs a gamma to be kept", where="gamma", expected="a number"
-        )
+        raise InputError("a greatest delay needs a bound gamma", where="gamma", expected="a number")
     p = checked_scalars(system, k1, k2)
-    start = _with_delay(system, delay_index, limit)
+    start = with_delay(system, delay_index, limit)
     problem = Problem(start)
     p = replace(p, d=tuple(delay.d for delay in start.delays))
     with solver_words() as words:
@@ -129,7 +103,7 @@ def greatest_delay(
         if cause is not None:
             raise cause
         least = _replaced(p, delay_index, _SMALLEST * limit)
-        there = _with_delay(system, delay_index, least.d[delay_index])
+        there = with_delay(system, delay_index, least.d[delay_index])
         proof = None if search else refute(there, problem, least, gamma)
         raise _none_at_all(system, gamma, least, proof, not_found(words), search=search)
     shares = (0.0, *_BELOW) if end.d[delay_index] == limit else _BELOW
@@ -137,7 +111,7 @@ def greatest_delay(
     for share in shares:
         d = end.d[delay_index] * (1 - share)
         at = _replaced(end, delay_index, d)
-        there = _with_delay(system, delay_index, d)
+        there = with_delay(system, delay_index, d)
         found, reason = find_certified_gain(there, problem, at, gamma)
         if found is not None:
             beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
@@ -151,14 +125,14 @@ def greatest_delay(
     raise NotAchievableError(
         "no delay could be certified",
         where=system.name or None,
-        expected=f"an exact proof near d = {end.d[delay_index]:.6g}, where the solver sees the end",
+        expected=f"an exact proof near d = {end.d[delay_index]:.6g}, the greatest by the solver",
         got=reason,
         hint=hint_after(reason, "another k1, k2, or a larger gamma"),
     )
 
 
 def _end(problem: Problem, p: Scalars, gamma: float | None, delay_index: int) -> Scalars | None:
-    """Where the margin at these k1, k2 is zero, or the delay of `p`; None: at no delay is one."""
+    """Return where the margin at these k1, k2 is zero, or the delay of `p`; None: nowhere."""
     margin = _margin_by(problem, p, gamma, delay_index)
     limit = p.d[delay_index]
     if margin(limit) > 0:
@@ -172,7 +146,7 @@ def _end(problem: Problem, p: Scalars, gamma: float | None, delay_index: int) ->
 def _searched_end(
     problem: Problem, p: Scalars, gamma: float | None, delay_index: int
 ) -> Scalars | None:
-    """The end at the k1, k2 found to bear most, or the limit."""
+    """Return the end at the k1, k2 of the greatest delay found, or the limit."""
     found = search_greatest_delay(problem, p, gamma, delay_index)
     if found is None or found.d[delay_index] == p.d[delay_index]:
         return found
@@ -191,7 +165,7 @@ def _searched_end(
 def _margin_by(
     problem: Problem, p: Scalars, gamma: float | None, delay_index: int
 ) -> Callable[[float], float]:
-    """The margin at a delay; where the solver has no answer there is none."""
+    """Return the margin as a function of the delay; -1 where the solver finds none."""
 
     @cache
     def margin(d: float) -> float:
@@ -208,11 +182,11 @@ def _zero(margin: Callable[[float], float], low: float, high: float) -> float:
 def _refuted(
     system: DelaySystem, problem: Problem, p: Scalars, gamma: float | None, delay_index: int
 ) -> tuple[float, dict[str, Any]] | None:
-    """A delay just above that of `p` at which there is no solution, with the proof."""
+    """Return a delay just above that of `p` without a solution, and the proof."""
     for share in _ABOVE:
         d = p.d[delay_index] * (1 + share)
         proof = refute(
-            _with_delay(system, delay_index, d), problem, _replaced(p, delay_index, d), gamma
+            with_delay(system, delay_index, d), problem, _replaced(p, delay_index, d), gamma
         )
         if proof is not None:
             return d, proof
@@ -228,14 +202,14 @@ def _none_at_all(
     *,
     search: bool,
 ) -> NotAchievableError:
-    """Refuse, with the proof; where there is none, `reason` says why nothing was found."""
+    """Return the error with the proof that no delay is feasible, or with the `reason` without."""
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
     where = "the k1, k2 searched" if search else f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
-    usual = "a larger gamma" if search else "other k1, k2, or their search; a larger gamma"
+    usual = "a larger gamma" if search else "other k1, k2, or a search for them; a larger gamma"
     return NotAchievableError(
-        f"no delay was found that {goal} can be certified at"
+        f"no delay was found at which {goal} can be certified"
         if proof is None
-        else f"{goal} cannot be had at any delay with these k1, k2",
+        else f"{goal} cannot be achieved at any delay with these k1, k2",
         where=system.name or None,
         expected=f"a feasible LMI at a small delay, with {where}",
         got=reason
@@ -250,18 +224,38 @@ def _replaced(p: Scalars, delay_index: int, d: float) -> Scalars:
     return replace(p, d=(*p.d[:delay_index], d, *p.d[delay_index + 1 :]))
 
 
-def _with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
+def check_delay(system: DelaySystem, delay_index: int, limit: float) -> None:
+    """Refuse an index that no delay has, and a limit that is no positive number of seconds.
+
+    Raises
+    ------
+    InputError : naming which.
+    """
+    N = len(system.delays)
+    if not 0 <= delay_index < N:
+        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
+        raise InputError(
+            "there is no such delay", where="delay_index", expected=expected, got=str(delay_index)
+        )
+    if not (math.isfinite(limit) and limit > 0):
+        raise InputError(
+            "not a limit for a delay", where="limit", expected="seconds > 0", got=repr(limit)
+        )
+
+
+def with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
+    """Return the same system with delay `delay_index` replaced by d [s]."""
     return with_delays(
         system, [d if j == delay_index else x.d for j, x in enumerate(system.delays)]
     )
 
 
 def with_delays(system: DelaySystem, lengths: Sequence[float]) -> DelaySystem:
-    """The same system with other delays [s].
+    """Return the same system with other delays [s].
 
     Raises
     ------
-    InputError : not one number per delay, or one that is no delay.
+    InputError : not one number per delay, or a negative one.
     """
     if len(lengths) != len(system.delays):
         raise InputError(

@@ -1,6 +1,6 @@
-"""What a certificate may prove beside gamma: a rate of decay, a bound on |K|, peaks of u.
+"""Guarantees that a certificate may prove beside gamma: decay, a bound on |K|, peaks of u.
 
-In the JSON of a certificate each has its own table of what proves it, and its own claim:
+In the JSON of a certificate each has its own proof and its own claim:
 
     "claim": {..., "guarantees": {"decay": {...}}},  "guarantees": {"decay": {...}}
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.hinf.control_limits import (
     GainLimit,
@@ -19,9 +19,7 @@ from cosim.hinf.control_limits import (
 )
 from cosim.hinf.decay import Decay, decay_from_json
 from cosim.hinf.system_json import known_keys
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 KEY = "guarantees"
 _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
@@ -33,7 +31,7 @@ _READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
 
 @dataclass(frozen=True, eq=False)
 class Guarantees:
-    """What is proved beside gamma; None where it was not asked for."""
+    """The guarantees of a design; None where a constraint was not set."""
 
     decay: Decay | None = None
     gain_limit: GainLimit | None = None
@@ -44,19 +42,19 @@ class Guarantees:
         return [(name, value) for name, value in named if value is not None]
 
     def claim(self) -> dict[str, Any]:
-        """For the claim of a certificate: nothing, or the key `guarantees`."""
+        """Return the part of the claim of a certificate: empty, or the key `guarantees`."""
         return {KEY: {name: one.claim() for name, one in self._each()}} if self._each() else {}
 
     def to_json(self) -> dict[str, Any]:
-        """For the certificate: nothing, or the key `guarantees` with what proves them."""
+        """Return the part of a certificate: empty, or the key `guarantees` with the proofs."""
         return {KEY: {name: one.to_json() for name, one in self._each()}} if self._each() else {}
 
     def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
-        """The first that is not proved, and why; None if all are.
+        """Return the first that is not proved, and why; None if all are.
 
         Raises
         ------
-        InputError : a proof larger than any that is taken on.
+        InputError : a proof that is too large.
         """
         for name, one in self._each():
             reason = one.failure(system, gain)
@@ -66,11 +64,11 @@ class Guarantees:
 
 
 def guarantees_from_json(data: dict[str, Any], system: DelaySystem) -> Guarantees:
-    """The guarantees of a certificate's JSON; none where it has no such key.
+    """Read the guarantees of a certificate; none where it has no such key.
 
     Raises
     ------
-    InputError : an unknown or missing key, a wrong shape, a number that is none.
+    InputError : an unknown or missing key, a wrong shape, a text that is no number.
     """
     if KEY not in data:
         return Guarantees()

@@ -1,8 +1,8 @@
-"""The level that V is held at, where a peak of the control is demanded: a number to be searched.
+"""Search the level that bounds V, for a limit on the peak of the control.
 
-A low level bounds the state, a high one leaves the gain its freedom: gamma has its least in
-between. Tried are the level that a design without the limit reaches by itself and some beside
-it, then smaller steps from the best.
+A low level bounds the state, a high one leaves the gain free: gamma is least in between. The
+search tries the level that a design without the limit reaches and some around it, then smaller
+steps from the best.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cosim.hinf.problem import Answer
 
 _COARSE = tuple(math.log(4.0) * k for k in range(-1, 4))
 _FINE = (math.log(2.0), math.log(1.4), math.log(1.2))
-"""Logarithms beside the natural level that are tried, and steps to refine the best."""
+"""Logarithms of the factors tried on the natural level, and of the steps from the best."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Level:
     theta: float
 
     def apply_to(self, problem: ConstrainedProblem) -> None:
-        """Let the problem hold V there."""
+        """Bound V by this level in `problem`."""
         problem.set_level(math.exp(self.log), self.theta)
 
 
@@ -44,19 +44,19 @@ def best_level(
     design_constraints: DesignConstraints,
     near: Level | None,
 ) -> Level | None:
-    """The level of least gamma; None where no level has a solution.
+    """Find the level of least gamma; None where no level has a solution.
 
     Parameters
     ----------
-    problem : its demands are held, but for the level.
+    problem : with all constraints except the level.
     p : k1, k2 and the delays.
     design_constraints : in the system's units.
-    near : where to start; None: with the natural one.
+    near : the level to start from; None: the natural one.
     """
 
     def value(level: Level) -> float:
         level.apply_to(problem)
-        answer = _asked(problem, p)
+        answer = _optimum(problem, p)
         if not isinstance(answer, Answer):
             return math.inf
         return answer.value if problem.has_gamma else -answer.value
@@ -77,7 +77,7 @@ def best_level(
 def level_of(
     X: NDArray[np.float64], gamma: float | None, design_constraints: DesignConstraints
 ) -> float:
-    """The level that V reaches from the offset with the energy, but for its terms in Qbar."""
+    """Return the level that V reaches from the offset with the energy, without Qbar."""
     corners = np.array(offset_corners(design_constraints.offset or ()), dtype=float).reshape(
         -1, len(X)
     )
@@ -88,7 +88,7 @@ def level_of(
 def _around_natural(
     problem: ConstrainedProblem, p: Scalars, design_constraints: DesignConstraints
 ) -> list[Level]:
-    free = _asked(problem, p)
+    free = _optimum(problem, p)
     if not isinstance(free, Answer):
         return []
     try:
@@ -101,6 +101,6 @@ def _around_natural(
     return [Level(natural + step, theta) for theta in thetas for step in _COARSE]
 
 
-def _asked(problem: ConstrainedProblem, p: Scalars) -> Answer | Solution:
-    """The least gamma, or the widest margin where there is no gain to bound."""
+def _optimum(problem: ConstrainedProblem, p: Scalars) -> Answer | Solution:
+    """Return the least gamma, or the greatest margin where there is no gain to bound."""
     return problem.least_gamma(p) if problem.has_gamma else problem.margin(p, None)

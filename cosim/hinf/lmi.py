@@ -1,8 +1,7 @@
 """The LMI of Theorem 2, corrected, for any number of delays, as a cvxpy problem.
 
-A design of the project takes another way to the solver (`cosim.hinf.assembly`). This is the way
-for a user who has constraints of his own on X, Y, Q, R: `as_cvxpy`. cvxpy is imported when it is
-called.
+For users with constraints of their own on X, Y, Q, R: `as_cvxpy`. cvxpy is imported when it is
+called; the project's own designs use `cosim.hinf.assembly` instead.
 
 Functional V = x'Px + sum_j (int_{t-dj}^t x'Qj x + int_{-dj}^0 int_{t+th}^t x''Rj x'), Lemma 2
 per delay with M1j = k1j P, M2j = k2j P; X = P^-1, Rbar = R^-1, Qbar = P^-1 Q P^-1, Y = K X.
@@ -19,10 +18,10 @@ With s_i = 1/k2_i and G_i = A_i X + phi_i B Y (phi_i = 1 where the feedback acts
     (x,mj), (xj,mj), (mj,mj)            sqrt(dj) k1j Rbar_j, sqrt(dj) Rbar_j, -Rbar_j
     (x,h), (xi,h), (h,h)                X H0', s_i X Hi', -eps I
 
-One delay and immediate feedback is Theorem 2, Eq. (14), with the misprints put right:
-Omega_12 needs k2^-1 A1 X and Omega_25 needs A1'; rows xdot and m are divided by sqrt(d), a
-congruence that keeps the LMI regular as d -> 0. At d = 0 these two rows decouple and are left
-out. Qbar_j = 0 (`any_age`) makes it hold for every time-varying age up to dj.
+With one delay and immediate feedback this is Theorem 2, Eq. (14), its misprints corrected:
+Omega_12 needs k2^-1 A1 X and Omega_25 needs A1'. Rows xdot and m are divided by sqrt(d), a
+congruence that keeps the LMI regular as d -> 0; at d = 0 they decouple and are left out. With
+Qbar_j = 0 (`any_age`) it holds for every time-varying age up to dj.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,13 +39,9 @@ from cosim.hinf.analysis import gain_of
 from cosim.hinf.from_control import checked_system
 from cosim.hinf.scaling import scaling_of
 from cosim.hinf.synthesis import Design, check_achievable, checked_scalars, design, rounded_gain
+from cosim.models import DelaySystem, Matrix
 
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
-
-
-_SINGULAR = 1e14
-"""A condition of X beyond which Y X^-1 is noise."""
+_SINGULAR = 1e14  # condition number of X beyond which Y X^-1 is noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +62,17 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class CvxpyLmi(Unknowns):
-    """The LMI of one system at given k1, k2, and what cvxpy is to do with it.
+    """The LMI of one system at given k1, k2, as a cvxpy problem.
 
-    X, Y, Q, R, eps, gamma are variables of these names (Q1, R1 for the first delay); Y an
-    expression where the gain is given, gamma a number where it is, Q zero where any age is allowed.
+    X, Y, Q, R, eps, gamma are variables of these names (Q1, R1 for the first delay); Y is an
+    expression if the gain is given, gamma a number if it is given, Q zero for any age.
 
     Attributes
     ----------
-    system, k1, k2 : what the LMI is of.
+    system, k1, k2 : of the LMI.
     constraints : -Omega >= 0, X >= 0, and for a delay of zero R >= 0.
-    problem : the least gamma over them; with a gamma that is given, or without w and z, the
-        greatest t with -Omega >= t I and X of trace n.
+    problem : minimise gamma over them; with a given gamma, or without w and z, maximise t with
+        -Omega >= t I and X of trace n.
     """
 
     system: DelaySystem
@@ -87,11 +82,11 @@ class CvxpyLmi(Unknowns):
     problem: Any
 
     def gain(self) -> Matrix:
-        """K = Y X^-1 (m, n) of the values that the variables have, rounded as in every design.
+        """Return K = Y X^-1 (m, n) of the solved problem, rounded as in every design.
 
         Raises
         ------
-        InputError : they have none, since no problem with them was solved, or X is singular.
+        InputError : the variables have no value (nothing was solved), or X is singular.
         """
         X, Y = self.X.value, self.Y.value
         if X is None or Y is None or not np.linalg.cond(X) < _SINGULAR:
@@ -106,10 +101,10 @@ class CvxpyLmi(Unknowns):
         return rounded_gain(K, scaling_of(self.system))
 
     def design(self, gamma: float | None = None) -> Design:
-        """The design with this gain, proved exactly at k1, k2.
+        """Return the design with this gain, proved exactly at k1, k2.
 
-        The proof has variables of its own, and knows nothing of constraints that were added:
-        those have done their part in the gain. Its least gamma is at most that of the problem.
+        The proof has variables of its own, without the constraints that were added. Its least
+        gamma is at most that of the problem.
 
         Parameters
         ----------
@@ -131,20 +126,20 @@ def as_cvxpy(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
 ) -> CvxpyLmi:
-    """The LMI of Theorem 2 as a cvxpy problem, to which constraints can be added.
+    """Formulate the LMI of Theorem 2 as a cvxpy problem, to which constraints can be added.
 
     Parameters
     ----------
     system : Eq. (7) with delays (n states, m inputs).
     k1, k2 : one number per delay, k2 not zero.
-    gamma : a bound to be met instead of the least one.
-    gain : (m, n) a gain that is given; Y = K X then.
+    gamma : a bound to meet instead of the least one.
+    gain : (m, n) a given gain; then Y = K X.
 
     Returns
     -------
     CvxpyLmi
         X (n, n) symmetric, Y (m, n), Q and R one (n, n) per delay, eps and gamma scalars, the
-        `constraints` and the `problem`; `design()` proves what was solved.
+        `constraints` and the `problem`; after solving, `design()` proves the gain.
 
     Raises
     ------
@@ -153,7 +148,7 @@ def as_cvxpy(
 
     Examples
     --------
-    A gain whose first control does without the second state, X diagonal:
+    A gain whose first control does not use the second state, X diagonal:
 
     >>> import cvxpy as cp
     >>> from cosim.hinf import as_cvxpy
@@ -180,7 +175,7 @@ def as_cvxpy(
     if least:
         objective: Any = cp.Minimize(v.gamma)
     else:
-        # without a gamma that is free, how large the solution is to be must be said
+        # without a free gamma the LMI is homogeneous: fix the size of the solution
         constraints.append(sum(v.X[i, i] for i in range(len(system.A))) == len(system.A))
         objective = cp.Maximize(margin)
     problem = cp.Problem(objective, constraints)
@@ -190,7 +185,7 @@ def as_cvxpy(
 
 
 def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -> Unknowns:
-    """Fresh unknowns; a fixed `gain` makes Y = K X, a fixed `gamma` makes it a number."""
+    """Return new unknowns; with a given `gain` Y = K X, a given `gamma` is a number."""
     import cvxpy as cp  # noqa: PLC0415
 
     n, m = system.B.shape
@@ -210,7 +205,7 @@ def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -
 def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], v: Unknowns
 ) -> tuple[Any, list[Any]]:
-    """Omega of the module's table, and the symmetric matrices that must be positive besides.
+    """Return Omega of the module's table, and the other matrices that must be positive.
 
     Rows without a size (no disturbance, nothing uncertain, d = 0) are left out.
     """

@@ -1,10 +1,12 @@
-"""What is true of the nominal loop, without the LMI: what its gamma is conservative against."""
+"""Figures of the nominal loop, computed without the LMI, to compare its gamma with."""
 
 from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
 from cosim.hinf.closed_loop import close
@@ -13,16 +15,12 @@ from cosim.hinf.norm import ROOTS, NormResult, hinf_norm
 from cosim.hinf.norm_proof import norm_proved
 from cosim.hinf.roots import characteristic_roots
 from cosim.hinf.threads import one_thread
+from cosim.models import DelaySystem
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
-
+# relative distances of the bounds tried: for a flat gain a close bound takes too long
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
-"""How far above the norm a bound is tried, in turn: a flat gain takes too long up close."""
+# the same where the gain only tends to its norm: each closer bound takes three times the work
 _ABOVE_LIMIT = (1e-2, 1e-3, 1e-4, 1e-5)
-"""The same where the gain only tends to its norm: each closer bound takes thrice the work."""
 
 
 class NominalFigures(NamedTuple):
@@ -33,11 +31,11 @@ class NominalFigures(NamedTuple):
         loop is not stable, or there is no w or no z.
     exact_norm_upper : a number that the norm is proved to lie below, by ball arithmetic, and
         the loop proved stable with it; within 1e-8 of `exact_norm` where the gain has a peak,
-        and more where it is flat or only reached at infinite frequency. None without a proof.
+        less close where it is flat or attained at infinite frequency only. None without a proof.
     norm_frequency : where the norm is attained [rad/s]; None at infinite frequency.
-    delay_margin : for each delay its value at the first loss of stability as it grows, the
-        others held [s], computed; None: no loss, or (abscissa >= 0) nothing to lose. None for
-        all where a root comes so close to the axis that it cannot be decided.
+    delay_margin : for each delay the value [s] at which stability is first lost, the others
+        kept; None: never lost, or not stable at present. None as a whole where a root comes too
+        close to the axis to decide.
     """
 
     abscissa: float
@@ -49,36 +47,32 @@ class NominalFigures(NamedTuple):
 
 @one_thread
 def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
-    """The yardsticks of `system` with u = K x; its E, H are ignored.
+    """Compute the figures of `system` with u = K x; its E, H are ignored.
 
     Raises
     ------
     InputError : K (m, n) does not fit.
-    NotAchievableError : roots that cannot be told (see `characteristic_roots`).
+    NotAchievableError : roots that cannot be found (see `characteristic_roots`).
     """
     loop = close(system, K)
     roots = characteristic_roots(loop, ROOTS if system.has_performance else 1)
     abscissa = float(roots[0].real)
     peak = hinf_norm(loop, roots) if system.has_performance else None
     finite = peak is not None and math.isfinite(peak.frequency)
+    margins = None
+    with suppress(NotAchievableError):  # a root too close to the axis to decide
+        margins = delay_margin(system, K, abscissa)
     return NominalFigures(
         abscissa=abscissa,
         exact_norm=None if peak is None else peak.value,
         exact_norm_upper=None if peak is None else _proved_above(system, K, peak),
         norm_frequency=peak.frequency if peak is not None and finite else None,
-        delay_margin=_margins(system, K, abscissa),
+        delay_margin=margins,
     )
 
 
-def _margins(system: DelaySystem, K: ArrayLike, abscissa: float) -> tuple[float | None, ...] | None:
-    """The margins; None where a root comes so close to the axis that they cannot be decided."""
-    with suppress(NotAchievableError):
-        return delay_margin(system, K, abscissa)
-    return None
-
-
 def _proved_above(system: DelaySystem, K: ArrayLike, peak: NormResult) -> float | None:
-    """The least bound of the norm that is proved, of a few; None if none is."""
+    """Return the least of a few bounds of the norm that is proved; None if none is."""
     norm, best = peak.value, None
     if not norm > 0.0:
         return None

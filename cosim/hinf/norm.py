@@ -1,4 +1,4 @@
-"""The H-infinity norm of the nominal loop, attained from below and bounded from above.
+"""The H-infinity norm of the nominal loop: a gain that is attained, and an upper bound.
 
     G(jw) = D(jw) S(jw) C + D1,   S = H^-1,   H(s) = s I - sum_i A_i e^{-s d_i},
     D(s) = sum_i D_i e^{-s d_i},  norm = sup over w >= 0 of |G(jw)|, the largest singular value
@@ -11,28 +11,24 @@
        |G(jw)| <= max(|G(ja)|, |G(jb)|) + (b-a)^2/8 sup |G''|,
 
    and sup |G''| follows from S at the midpoint c, since |H(jw) - H(jc)| <= L1 |w - c| with
-   L1 = 1 + sum d_i |A_i|: no Lipschitz constant is guessed. Intervals that may hold more than
-   what was found are halved; a higher sample, once met, is refined and takes its place. The
-   level-set method (Michiels, Gumussoy, SIAM J. Matrix Anal. Appl. 31, 2010) answers the same
-   question for a discretised delay; this bound needs no discretisation.
-3. From W on, a closed form bounds the gain: there it tends to |D1|.
+   L1 = 1 + sum d_i |A_i|: no Lipschitz constant is guessed. Intervals that may contain a
+   higher gain than the best one are halved; a higher sample is refined and becomes the best.
+   The level-set method (Michiels, Gumussoy, SIAM J. Matrix Anal. Appl. 31, 2010) needs a
+   discretised delay; this bound does not.
+3. From W on, where the gain tends to |D1|, a closed form bounds it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from cosim.core import InputError
-from cosim.hinf.roots import characteristic_roots
-
-if TYPE_CHECKING:
-    from cosim.hinf.closed_loop import ClosedLoop
-    from cosim.hinf.roots import Roots
+from cosim.hinf.closed_loop import ClosedLoop
+from cosim.hinf.roots import Roots, characteristic_roots
 
 Reals = NDArray[np.float64]
 
@@ -42,18 +38,16 @@ _LARGEST_EFFORT = 400_000  # intervals examined in all
 _REFINED = 6
 
 ROOTS = 8
-"""Peaks of the gain lie near the rightmost characteristic roots: near so many."""
+"""Number of rightmost characteristic roots near which peaks are searched."""
 
 
 class NormResult(NamedTuple):
     """The norm lies between `value` and `bound`.
 
-    Parameters
-    ----------
     value : the highest gain found; it is attained.
     frequency : where [rad/s]; infinity where it is only the limit |D1|.
     bound : no frequency has a higher gain, up to rounding. It is value (1 + 1e-9), or more
-        where so narrow a bound would have taken more than a set number of intervals.
+        where that would have taken more than a set number of intervals.
     """
 
     value: float
@@ -61,20 +55,8 @@ class NormResult(NamedTuple):
     bound: float
 
 
-def _direct(loop: ClosedLoop) -> Reals:
-    """D1 of a loop that has w and z."""
-    if loop.D1 is None:
-        raise InputError(
-            "there is no gain to compute",
-            where="closed loop",
-            expected="a disturbance w (C) and a performance output z (D)",
-            got="a loop without one of them: only its stability can be asked",
-        )
-    return loop.D1
-
-
 def gain_at(loop: ClosedLoop, omega: Any) -> Reals:
-    """Largest singular value of G(j omega).
+    """Return the largest singular value of G(j omega).
 
     Parameters
     ----------
@@ -87,27 +69,22 @@ def gain_at(loop: ClosedLoop, omega: Any) -> Reals:
 
     Raises
     ------
-    InputError
-        The loop has no w or no z.
+    InputError : the loop has no w or no z.
     """
-    D1, w = _direct(loop), np.asarray(omega, dtype=np.float64)
+    w = np.asarray(omega, dtype=np.float64)
     finite = np.isfinite(w)
-    s = 1j * np.where(finite, w, 0.0)
-    H = s[..., None, None] * np.eye(loop.order) - loop.state_matrix(s)
-    C = np.asarray(loop.C, dtype=np.complex128)
-    C = np.broadcast_to(C, (*w.shape, *C.shape))
-    G = loop.output_matrix(s) @ np.linalg.solve(H, C) + D1
-    gains: Reals = np.linalg.norm(G, ord=2, axis=(-2, -1))
-    return np.asarray(np.where(finite, gains, np.linalg.norm(D1, 2)), dtype=np.float64)
+    gains: Reals = np.linalg.norm(loop.transfer(np.where(finite, w, 0.0)), ord=2, axis=(-2, -1))
+    limit = np.linalg.norm(loop.direct, 2)
+    return np.asarray(np.where(finite, gains, limit), dtype=np.float64)
 
 
 class _Bounds:
     """Upper bounds of |G| on intervals and beyond a frequency (items 2 and 3 above)."""
 
     def __init__(self, loop: ClosedLoop) -> None:
-        self.loop, D1, C = loop, _direct(loop), np.asarray(loop.C)
+        self.loop, D1, C = loop, loop.direct, np.asarray(loop.C)
         delays = np.array(loop.delays)
-        a = np.array([np.linalg.norm(A, 2) for A in loop.A])
+        a = loop.sizes
         b = np.array([np.linalg.norm(D, 2) for D in loop.D])
         self.L1 = 1.0 + float(delays @ a)  # |H'|
         self.L2 = float(delays**2 @ a)  # |H''|
@@ -122,7 +99,7 @@ class _Bounds:
         )
 
     def beyond(self, w: float) -> float:
-        """Bound of the gain at every frequency >= w, w > sum |A_i|.
+        """Return a bound of the gain at every frequency >= w, w > sum |A_i|.
 
         From G'G = D1'D1 + 2 Re(D1' D S C) + (DSC)'(DSC), S = (I + S A)/(jw) and
         |S| <= 1/(w - sum |A_i|): an undelayed D enters the term in 1/w only with the
@@ -133,7 +110,7 @@ class _Bounds:
         return math.sqrt(self.direct**2 + square)
 
     def on(self, low: Reals, high: Reals, ends: Reals) -> Reals:
-        """Bound of the gain on each [low, high]; `ends` is the higher gain of its two ends."""
+        """Return a bound of the gain on each [low, high]; `ends`: the higher gain of its ends."""
         loop, half = self.loop, 0.5 * (high - low)
         s = 0.5j * (low + high)
         S = np.linalg.inv(s[:, None, None] * np.eye(loop.order) - loop.state_matrix(s))
@@ -151,7 +128,7 @@ class _Bounds:
 
 
 def _refine(loop: ClosedLoop, low: float, high: float) -> tuple[float, float]:
-    """Highest gain near a local peak between `low` and `high`, and its frequency."""
+    """Return the highest gain near a local peak between `low` and `high`, and its frequency."""
     found = minimize_scalar(
         lambda w: -float(gain_at(loop, w)),
         bounds=(low, high),
@@ -162,14 +139,14 @@ def _refine(loop: ClosedLoop, low: float, high: float) -> tuple[float, float]:
 
 
 def _higher(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    """The (gain, frequency) with the higher gain; `a` where they agree to rounding."""
+    """Return the (gain, frequency) with the higher gain; `a` where they agree to rounding."""
     return b if b[0] > a[0] * (1.0 + 1e-14) else a
 
 
 def _start(
     loop: ClosedLoop, roots: Roots, bounds: _Bounds
 ) -> tuple[tuple[float, float], Reals, Reals]:
-    """Best (gain, frequency) of a coarse search, and its grid with the gains on it."""
+    """Return the best (gain, frequency) of a coarse search, and its grid and gains."""
     speeds = np.concatenate([np.abs(roots.imag), np.abs(roots)])
     sides = np.concatenate([speeds - np.abs(roots.real).min(), speeds + np.abs(roots.real).min()])
     sweep = np.geomspace(1e-3 * speeds[speeds > 0].min(), 1e2 * (bounds.a + speeds.max()), 300)
@@ -187,7 +164,7 @@ def _start(
 
 
 def _last(bounds: _Bounds, level: float, longest: float) -> float:
-    """A frequency beyond which no gain exceeds `level`, or `longest`: bisection."""
+    """Return a frequency beyond which no gain exceeds `level`, or `longest`, by bisection."""
     low, high = bounds.a, 2.0 * bounds.a
     while high < longest and bounds.beyond(bounds.a + high) > level:
         low, high = high, 2.0 * high
@@ -206,7 +183,7 @@ def _branch_and_bound(
     points: Reals,
     values: Reals,
 ) -> tuple[tuple[float, float], float]:
-    """Best (gain, frequency) between the first and last of `points`, and an upper bound.
+    """Return the best (gain, frequency) over the range of `points`, and an upper bound.
 
     `values` are the gains at `points`, `best` the best known, `floor` an absolute tolerance.
     """
@@ -220,7 +197,7 @@ def _branch_and_bound(
         upper = np.concatenate([bounds.on(low[c], high[c], ends[c]) for c in chunks])
         effort += low.size
         middle = 0.5 * (low + high)
-        # What rounding, or the limit of effort, leaves undivided keeps its own bound.
+        # Intervals left undivided by rounding or the limit of effort keep their own bound.
         final = (effort > _LARGEST_EFFORT) | (middle <= low) | (middle >= high)
         bound = max(bound, float(upper[final].max(initial=0.0)))
         divide = ~final & (upper > level)
@@ -237,7 +214,7 @@ def _branch_and_bound(
 
 
 def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None:
-    """Exact H-infinity norm of the nominal loop, sup over omega of |G(j omega)|.
+    """Compute the H-infinity norm of the nominal loop, sup over omega of |G(j omega)|.
 
     Parameters
     ----------
@@ -251,10 +228,8 @@ def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None
 
     Raises
     ------
-    InputError
-        The loop has no w or no z.
-    NotAchievableError
-        The characteristic roots could not be found (see `characteristic_roots`).
+    InputError : the loop has no w or no z.
+    NotAchievableError : the characteristic roots could not be found (see `characteristic_roots`).
     """
     bounds = _Bounds(loop)
     if roots is None:

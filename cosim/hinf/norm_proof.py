@@ -31,21 +31,18 @@ C. Stability. On each interval det H(jw)/det H(jc) = det(I + E) with |E| <= rho 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import flint
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.ball_matrices import balls, below, exact_terms, floats, size
+from cosim.hinf.closed_loop import checked_matrix
 from cosim.hinf.rational import exact_matrix
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _BITS = 128
 _MOST_STEPS = 1000
@@ -53,32 +50,25 @@ _FARTHEST = 1e9  # W, against the sum of the rates
 
 
 def norm_proved(system: DelaySystem, K: ArrayLike, level: float) -> bool:
-    """Whether it is proved that the loop is stable and |G(jw)| < level for every real w.
+    """Prove that the loop is stable and |G(jw)| < level for every real w.
 
     Parameters
     ----------
     system : Eq. (7), with w and z; its E, H are ignored. All delays are constants.
-    K : (m, n) state feedback, as the doubles that fly.
+    K : (m, n) state feedback, its doubles taken exactly.
     level : the bound.
 
     Returns
     -------
-    True behind a proof. False says nothing: the bound may be wrong, the loop unstable, or
-    so many intervals necessary that none was tried.
+    True if it is proved. False decides nothing: the bound may be wrong, the loop unstable, or
+    too many intervals necessary.
 
     Raises
     ------
     InputError : no w or no z, K that does not fit, or a level that is no positive number.
     """
-    gain = np.array(K, dtype=np.float64)
     n, m = system.B.shape
-    if gain.shape != (m, n) or not np.isfinite(gain).all():
-        raise InputError(
-            "the gain does not fit the system",
-            where="K",
-            expected=f"{m} rows of {n} finite numbers",
-            got=f"shape {gain.shape}",
-        )
+    gain = checked_matrix("K", K, m, n)
     if not system.has_performance:
         raise InputError("this system has no gain to bound", where="system", expected="C and D")
     if not (math.isfinite(level) and level > 0.0):
@@ -121,7 +111,7 @@ class _Proof:
             return False
 
     def _end(self) -> float | None:
-        """W: part B, and the phase on the arc, at the least of a few frequencies."""
+        """Return W: the least of a few frequencies for part B and the phase on the arc; or None."""
         a = float(self.a.upper())
         w = 1.25 * a
         while 0.0 < w < _FARTHEST * a:
@@ -134,7 +124,7 @@ class _Proof:
         return None
 
     def _beyond(self, W: Any) -> Any:
-        """What part B adds to D1'D1 at W."""
+        """Return the terms that part B adds to D1'D1 at W."""
         rest = W - self.a
         return self.first / W + 2 * self.second / (W * rest) + (self.through / rest) ** 2
 
@@ -145,7 +135,7 @@ class _Proof:
         for _ in range(_MOST_STEPS):
             h = self._longest_step(point)
             if not flint.arb(point.c) - flint.arb(h) <= done:
-                # too far from what is done; nearer, or no step is possible
+                # a gap behind this interval: go nearer, or give up
                 nearer = done + 0.9 * h
                 if not done < nearer < point.c:
                     return False
@@ -170,7 +160,7 @@ class _Proof:
         return bool(roots < 0.5)
 
     def _H(self, s: Any) -> tuple[Any, list[Any]]:
-        """H(s) and the factors e^{-s d_i}."""
+        """Return H(s) and the factors e^{-s d_i}."""
         late = [(-s * d).exp() for d in self.delays]
         H = s * self.eye
         for A, e in zip(self.A, late, strict=True):
@@ -178,7 +168,7 @@ class _Proof:
         return H, late
 
     def _at(self, c: float) -> _Point:
-        """What is known at jc."""
+        """Return H and G with their derivatives at jc."""
         j = flint.acb(0, 1)
         H, late = self._H(flint.acb(0, c))
         H1, D, D1 = self.eye * j, self.D[0], self.D[0] * 0
@@ -192,7 +182,7 @@ class _Proof:
         return _Point(c, H.det(), G, slope, sizes, floats(G), floats(slope))
 
     def _longest_step(self, point: _Point) -> float:
-        """The longest h that part A allows about a point, as far as floats can say."""
+        """Return the longest h that part A allows about a point, in floating point."""
         constants = [float(x) for x in (self.L1, self.L2, self.M1, self.M2)]
         sizes = [float(x) for x in point.sizes]
         level = float(self.level) * (1.0 - 1e-13)
@@ -237,7 +227,7 @@ class _Point(NamedTuple):
 
 
 def _bend(h: Any, sizes: Sequence[Any], constants: Sequence[Any]) -> Any:
-    """b of part A, for floats or balls."""
+    """Return b of part A, for floats or balls."""
     S, SC, DS = sizes
     L1, L2, M1, M2 = constants
     g = 1 / (1 - h * L1 * S)

@@ -1,7 +1,7 @@
-"""Why a design cannot be had: the error that says which of the causes it is, and what to try.
+"""Errors for designs that cannot be achieved: the cause, and what to try.
 
-What can be proved is (`cosim.hinf.refutation`), and the proof travels with the error. Only then
-is it said that there is no solution: what a solver did not find was not found.
+Where possible the cause is proved (`cosim.hinf.refutation`), with the proof in the error. Only
+then does a message say that there is no solution; otherwise that none was found.
 """
 
 from __future__ import annotations
@@ -20,21 +20,20 @@ from cosim.hinf.stabilisability import unstabilisable_error
 from cosim.models import DelaySystem
 
 _OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
-_NOTHING = 1e-6
-"""A least gamma below this, in units in which the system's numbers are near one, is zero."""
+_NOTHING = 1e-6  # a least gamma below this, in inner units, counts as zero
 
 
 def hint_after(reason: str, usual: str) -> str:
-    """What to try: other routes where the solver failed, else the usual."""
+    """Return what to try: other routes where the solver failed, otherwise `usual`."""
     return OTHER_ROUTES if FAILED in reason else usual
 
 
 def no_feasible_gamma(
     system: DelaySystem, p: Scalars, solution: Solution, *, given: bool
 ) -> NotAchievableError:
-    """No solution of the LMI for any gamma: proved, or not found, or the solver failed.
+    """Return the error for an LMI without a solution for any gamma: proved, or not found.
 
-    given : the gain is given, and may be the reason.
+    given : whether the gain is given, and may be the reason.
     """
     cause = None if given else unstabilisable_error(system)
     if cause is not None:
@@ -43,7 +42,7 @@ def no_feasible_gamma(
     proof = None if given else refute(bare, Problem(bare), p, None)
     if proof is not None:
         what = "the LMI has no solution for any gamma"
-        reason = "proved: not even that of stability alone has one at these k1, k2 and delays"
+        reason = "proved: the LMI of stability alone has none at these k1, k2 and delays"
     else:
         what = reason = not_found({solution.solver_message: 1})
         if FAILED not in reason:
@@ -63,9 +62,9 @@ def no_feasible_gamma(
 def gamma_below_least(
     system: DelaySystem, problem: Problem, p: Scalars, gamma: float, least: Answer, *, given: bool
 ) -> NotAchievableError | None:
-    """Gamma is below what the LMI reaches at these k1, k2; None if nothing reliable says so.
+    """Return the error for a gamma below the least at these k1, k2; None if it may be feasible.
 
-    Where that is not proved, the message says that gamma was not reached, not that it cannot be.
+    Without a proof the message says that gamma was not reached, not that it cannot be.
     """
     if gamma >= least.value * (1 - 1e-7):
         return None
@@ -89,9 +88,9 @@ def is_zero_gamma(problem: Problem, least: Answer) -> bool:
 
 
 def no_least_gamma(system: DelaySystem, words: Mapping[str, int]) -> NotAchievableError:
-    """The gain can be made as small as one likes: there is no least one to design for.
+    """Return the error for a gain from w to z that can be made arbitrarily small.
 
-    words : how the solves ended that gave a gamma of zero; where one failed, it says nothing.
+    words : how often each status ended the solves that gave a gamma of zero.
     """
     idle = not (system.C.any() or system.D1.any())
     idle = idle or not (system.D.any() or system.D1.any() or system.D2.any())
@@ -100,19 +99,16 @@ def no_least_gamma(system: DelaySystem, words: Mapping[str, int]) -> NotAchievab
         return NotAchievableError(
             failure, where=system.name or None, expected="a least gamma", hint=OTHER_ROUTES
         )
-    return NotAchievableError(
-        "there is no gain from w to z to be made small: a matrix of it is zero"
-        if idle
-        else "there is no least gamma: the greater the gain K, the smaller the gain from w to z",
-        where=system.name or None,
-        expected="an output z that is moved by w"
-        if idle
-        else "an output z that weighs the control as well, by D2",
-        got="a gamma that tends to zero",
-        hint="leave C and D out for stability alone"
-        if idle
-        else "a gamma that is small enough, or a weight on u in D2",
-    )
+    if idle:
+        what = "there is no gain from w to z to minimise: one of its matrices is zero"
+        expected = "an output z that depends on w"
+        hint = "leave C and D out for stability alone"
+    else:
+        what = "there is no least gamma: the greater the gain K, the smaller the gain from w to z"
+        expected = "an output z that weighs the control as well, by D2"
+        hint = "a gamma that is small enough, or a weight on u in D2"
+    where, got = system.name or None, "a gamma that tends to zero"
+    return NotAchievableError(what, where=where, expected=expected, got=got, hint=hint)
 
 
 def not_certified(
@@ -123,7 +119,7 @@ def not_certified(
     *,
     given: bool,
 ) -> NotAchievableError:
-    """No proof at any of the levels of gamma that were tried."""
+    """Return the error for a design without a proof at any level of gamma that was tried."""
     cause = None if given else unstabilisable_error(system)
     if cause is not None:
         return cause
@@ -145,7 +141,7 @@ def not_certified(
 
 
 def without_performance(system: DelaySystem) -> DelaySystem:
-    """The system without w and z."""
+    """Return the system without w and z."""
     s = system
     return replace(s, C=s.C[:, :0], D=s.D[:0], D1=s.D1[:0, :0], D2=s.D2[:0])
 

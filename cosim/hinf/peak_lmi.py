@@ -1,6 +1,6 @@
 """The peak of the control for the solver, for a gain that is given: the least bound on u.
 
-`cosim.hinf.control_limits` says what is bounded and proves what is found here. With the level
+`cosim.hinf.control_limits` defines the bounds and proves the result. With the level
 of V counted as one and Y = K X everything is affine in X, Qbar, R, eps and mu but for the
 level of the initial state, x0'(P + P S P) x0 with S = sum_j dj Qbar_j. From
 (X - theta (X + S))' (X + S)^-1 (X - theta (X + S)) >= 0 follows, for any number theta,
@@ -43,7 +43,7 @@ _TRIES = 2
 def scaled_design_constraints(
     design_constraints: DesignConstraints, units: Scaling
 ) -> DesignConstraints:
-    """Offset, energy and peaks in inner units: V counts in T there, w in a."""
+    """Convert offset, energy and peaks to inner units, where V counts in T, w in a."""
     d = design_constraints
     return replace(
         d,
@@ -57,7 +57,7 @@ def scaled_design_constraints(
 def level_constraints(
     structure: Structure, inner: DesignConstraints, level: float, theta: float, width: int
 ) -> list[Constraint]:
-    """V stays at or below `level` from every corner of the offset, with the energy.
+    """Return V <= `level` for every corner of the offset and the energy, as constraints.
 
     [[level - gamma energy^2, x0'], [x0, T]] >= 0, gamma the structure's own.
 
@@ -87,7 +87,7 @@ def level_constraints(
 
 
 class PeakProblem(Problem):
-    """The LMI of the reached system with the level of V at one.
+    """The LMI of `peak_system` with the level of V at one.
 
     Offset and energy are counted in `unit`, K and the limits as shares of their largest.
     """
@@ -110,7 +110,7 @@ class PeakProblem(Problem):
         self._bounds = self._bounded()
 
     def least(self, p: Scalars) -> float | None:
-        """The least share of the limits; None: no point is found. X is near one from here on."""
+        """Minimise the share of the limits; None: no point found. Rescales X to about one."""
         q = np.zeros(self._t)
         q[self.structure.spare[0]] = 1.0
         inner = self._inner(p)
@@ -135,7 +135,7 @@ class PeakProblem(Problem):
         return float(np.sqrt(value) * unit)
 
     def near(self, p: Scalars, above: float) -> Point | None:
-        """A point of great margin with a t this much above the least, relative."""
+        """Return a point of great margin with a t this much above the least, relative."""
         self._top = self._least * (1 + above)
         answer = self.margin(p, None, self._gain, self._weights)
         return answer.point if isinstance(answer, Answer) and answer.value > 0 else None
@@ -175,11 +175,11 @@ def proved_peak_control(
     design_constraints: DesignConstraints,
     scalars: Sequence[Scalars],
 ) -> tuple[PeakControl | None, str]:
-    """A proof of bounds on u within the demanded ones, near the least, or None and why.
+    """Prove bounds on u within the limits, close to the least; or return None and why.
 
     Parameters
     ----------
-    system, gain : the loop, K as it flies.
+    system, gain : the loop, with the deployed K.
     design_constraints : with `peak_control`, `offset`, `energy`.
     scalars : k1, k2 to try, the likely ones first.
     """

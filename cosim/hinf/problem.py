@@ -1,14 +1,13 @@
-"""What is asked of the LMI of one system: the least gamma, the widest margin.
+"""Least gamma and greatest margin of the LMI of one system.
 
 The structure is assembled once (`cosim.hinf.assembly`), in units in which its numbers are near
-one (`cosim.hinf.scaling`); every question at other k1, k2, d or gamma is new weights and a
-solve (`cosim.hinf.conic`). Questions and answers are in the system's own units.
+one (`cosim.hinf.scaling`); other k1, k2, d or gamma take new weights and a solve
+(`cosim.hinf.conic`). Arguments and results are in the system's own units.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -16,17 +15,13 @@ from scipy import sparse
 from cosim.hinf.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.scaling import Scaling, scaling_of
-from cosim.hinf.svec import Array, svec
+from cosim.hinf.svec import Array, places, svec
+from cosim.models import DelaySystem, Matrix
 
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
-
-_LARGEST_X = 1e3
-"""What a margin needs to be bounded: X <= this."""
-_SHARE = 1e-3
-"""The proof needs Q > 0, and nothing else keeps it off its boundary: Q >= this times t."""
+_LARGEST_X = 1e3  # X <= this I bounds the margin
+_SHARE = 1e-3  # Q >= this times t: the proof needs Q > 0, which nothing else ensures
 ROUGH_TOLERANCE = 1e-7
-"""A tolerance for a margin that is asked for its sign alone."""
+"""Tolerance for a margin of which only the sign matters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +40,7 @@ class Point:
 class Answer:
     """A solution with its value and its sensitivity to k1 and k2.
 
-    value : the least gamma, or the widest margin t.
+    value : the least gamma, or the greatest margin t.
     point : where it is attained.
     scale : |diagonal of Omega| there, the scale of each row.
     accurate : whether the solver calls it solved.
@@ -65,11 +60,11 @@ class Problem:
     Attributes
     ----------
     structure : the LMI, in the units of `scaling`.
-    has_gamma : whether there is a gain from w to z to be bounded.
-    solve_count : how often the solver was asked: what a search is budgeted by.
+    has_gamma : whether there is a gain from w to z to bound.
+    solve_count : number of solves, the budget of a search.
 
-    `spare` unknowns stand beside its own, for what a subclass adds (`_more`); `scaling` is its
-    own unless it is given.
+    A subclass adds constraints by `_more`, with `spare` further unknowns; without a `scaling`
+    the system's own is used.
     """
 
     def __init__(
@@ -88,14 +83,14 @@ class Problem:
         if self.has_gamma:
             self._bounds = self._bounded()
         else:
-            # the LMI is homogeneous: how large its solution is to be must be said
+            # the LMI is homogeneous: fix the size of its solution
             trace = np.zeros(self._t + 1)
             trace[np.diag(s.X.place)] = 1.0
             self._trace = (trace, float(self._n))
             self._bounds = [self._bound(V, zeros, t=_SHARE) for V in (*free, s.X)]
 
     def _bounded(self) -> list[Constraint]:
-        """What bounds a margin where a level says how large a solution is: X <= 1000, t <= 1."""
+        """Return the bounds X <= 1000 I and t <= 1 of a margin at a given gamma."""
         X, zeros = self.structure.X, np.zeros((self._n, self._n))
         limit = _LARGEST_X * np.eye(self._n)
         last = sparse.csc_array(([-1.0], ([0], [self._t])), shape=(1, self._t + 1))
@@ -108,7 +103,7 @@ class Problem:
         ]
 
     def least_gamma(self, p: Scalars, gain: Matrix | None = None) -> Answer | Solution:
-        """Remark 2: the least gamma, or what the solver says instead of one."""
+        """Minimise gamma (Remark 2); the solver's result if it finds no point."""
         gamma = self.structure.gamma
         if gamma is None:
             raise ValueError("expected a system with w and z, got one without")
@@ -129,11 +124,10 @@ class Problem:
         weights: Array | None = None,
         tolerance: float = TOLERANCE,
     ) -> Answer | Solution:
-        """The largest t with Omega <= -t diag(weights), X <= 1000, t <= 1; or with tr X = n.
+        """Maximise t with Omega <= -t diag(weights), X <= 1000, t <= 1; tr X = n without gamma.
 
-        t > 0 says that the LMI can be met at this gamma (within the bound on X), t < 0 that
-        it cannot; tr X = n where there is no gamma. Omega and X in the problem's own units.
-        Else what the solver says instead.
+        t > 0: the LMI is feasible at this gamma (within the bound on X), t < 0: it is not.
+        Omega and X in inner units. The solver's result if it finds no point.
         """
         q = np.zeros(self._t + 1)
         q[self._t] = -1.0
@@ -150,11 +144,11 @@ class Problem:
         )
 
     def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
-        """-Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; in inner units."""
+        """Return -Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; inner units."""
         return [self._omega(self._inner(p), None, gamma), *self._signs]
 
     def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:
-        """What else is to hold, in inner units, with a last unknown t or without; nothing here."""
+        """Return further constraints in inner units, with or without an unknown t; none here."""
         del p, gain, margin
         return []
 
@@ -176,7 +170,7 @@ class Problem:
     def _omega(
         self, p: Scalars, gain: Matrix | None = None, gamma: float | None = None
     ) -> Constraint:
-        """-Omega >= 0; gamma a number where it is given."""
+        """Return -Omega >= 0; gamma a number where it is given."""
         lmi = self.structure.at(p)
         constant, columns = lmi.constant, lmi.columns
         if gain is not None:
@@ -192,11 +186,10 @@ class Problem:
     def _bound(
         self, V: Unknown, C: Array, *, sign: float = 1.0, t: float | None = None
     ) -> Constraint:
-        """C + sign V >= t I, t the last unknown; without a t where it is None."""
+        """Return C + sign V >= t y_last I; without a last unknown where t is None."""
         n = self._n
-        rows, columns = np.tril_indices(n)
-        place = V.place[rows, columns]
-        entries = sign * np.where(rows == columns, 1.0, np.sqrt(2.0))
+        rows, columns, factors = places(n)
+        place, entries = V.place[rows, columns], sign * factors
         width = self._t if t is None else self._t + 1
         matrix = sparse.csc_array((entries, (np.arange(len(place)), place)), (len(place), width))
         if t:
@@ -229,7 +222,7 @@ class Problem:
         return Answer(factor * solution.value, point, scale, accurate, slopes)
 
     def _slopes(self, p: Scalars, y: Array, Z: Array) -> Array:
-        """d <Z, Omega(y; k1, k2, d)> for each of them: how the optimum moves with them."""
+        """Return the derivatives of <Z, Omega(y; k1, k2, d)>, and so of the optimum."""
         slopes = []
         multiplier = svec(Z)
         for name in ("k1", "k2", "d"):
@@ -248,6 +241,6 @@ class Problem:
         return np.array(slopes)
 
     def _value(self, p: Scalars, y: Array) -> Array:
-        """svec(Omega)."""
+        """Return svec(Omega)."""
         lmi = self.structure.at(p)
         return -np.asarray(lmi.constant + lmi.columns @ y)

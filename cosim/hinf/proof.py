@@ -1,6 +1,6 @@
-"""What is proved about a closed loop, and the proof: Theorem 2, corrected, exactly.
+"""The exact proof of Theorem 2, corrected, for a closed loop, and its claim.
 
-The conditions, in rational arithmetic, for the K that flies and Y := K X:
+The conditions, in rational arithmetic, for the deployed K and Y := K X:
 
     -Omega > 0,  X > 0,  every Qbar_j > 0 (exactly 0 where any age is allowed),  k2_j /= 0.
 
@@ -18,23 +18,22 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables, Shift, minus_omega
 from cosim.hinf.rational import exact, exact_matrix, first_bad_matrix, first_bad_pivot, to_text
+from cosim.models import DelaySystem, Matrix
 
 if TYPE_CHECKING:
     from cosim.hinf.assembly import Scalars
     from cosim.hinf.problem import Point
-    from cosim.models import DelaySystem, Matrix
 
 MAX_ROWS = 400
-"""Largest LMI taken on; the vehicle's with two delays has some 70 rows."""
+"""Largest LMI that is checked; the vehicle's with two delays has some 70 rows."""
 
 
 @dataclass(frozen=True)
 class Variables:
-    """The LMI's variables as a solver leaves them: float arrays and floats.
+    """The LMI's variables from a solver: float arrays and floats.
 
-    X (n, n); Q, R one (n, n) per delay: Qbar = P^-1 Q P^-1, Rbar = R^-1 (Q zero where any age
-    is allowed); k1, k2 one number per delay. `eps` is not looked at where nothing is
-    uncertain, `gamma` not where the system has no w or no z.
+    X (n, n); Q, R one (n, n) per delay: Qbar = P^-1 Q P^-1, Rbar = R^-1 (Q zero for any age);
+    k1, k2 one number per delay. `eps` is ignored without uncertainty, `gamma` without w and z.
     """
 
     X: Matrix
@@ -50,9 +49,9 @@ class Variables:
 class CertificateCheck:
     """Outcome of an exact check.
 
-    valid : the claim is proved.
+    valid : whether the claim is proved.
     reason : why it is not; None if it is.
-    claim : what is proved if `valid`, as in the JSON (see `claim_of`).
+    claim : the claim, as in the JSON (see `claim_of`).
     """
 
     valid: bool
@@ -61,11 +60,8 @@ class CertificateCheck:
 
 
 def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
-    """What a valid certificate says, in words and numbers that JSON can carry.
+    """Return the claim of a certificate as JSON values.
 
-    Parameters
-    ----------
-    system : the system.
     gamma : the rational bound of the gain from w to z; None if only stability is claimed.
     """
     return {
@@ -85,7 +81,7 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
 
 
 def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateCheck:
-    """Prove, or fail to prove, what `claim_of` says, for u = K x(t-d_f).
+    """Prove the claim of `claim_of` for u = K x(t-d_f), or return why it is not proved.
 
     Parameters
     ----------
@@ -95,8 +91,7 @@ def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateC
 
     Raises
     ------
-    InputError
-        If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
+    InputError : the LMI has more than `MAX_ROWS` rows.
     """
     reason = failure(system, gain, v)
     return CertificateCheck(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
@@ -105,12 +100,11 @@ def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateC
 def failure(
     system: DelaySystem, gain: Matrix, v: ExactVariables, shift: Shift | None = None
 ) -> str | None:
-    """Which condition is not proved; None if all are. With a `shift`, of the shifted system.
+    """Return which condition is not proved; None if all are. `shift`: for the shifted system.
 
     Raises
     ------
-    InputError
-        As `proved`.
+    InputError : as `proved`.
     """
     rows = (1 + 3 * len(system.delays)) * system.A.shape[0] + system.H.shape[0]
     rows += system.C.shape[1] + system.D.shape[0] if v.gamma is not None else 0
@@ -145,12 +139,11 @@ def failure(
 
 
 def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
-    """`v` as the rationals that its doubles are, matrices symmetrised exactly.
+    """Convert the doubles of `v` to rationals, and symmetrise the matrices exactly.
 
     Raises
     ------
-    InputError
-        If shapes do not fit the system or a number is not finite.
+    InputError : if shapes do not fit the system or a number is not finite.
     """
     n, N = system.A.shape[0], len(system.delays)
     for name, values in (("Q", v.Q), ("R", v.R), ("k1", v.k1), ("k2", v.k2)):
@@ -186,12 +179,11 @@ def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
 
 
 def exact_point(system: DelaySystem, point: Point, p: Scalars) -> ExactVariables:
-    """A solver's point at k1, k2 as rationals; its gamma is None where it has none.
+    """Convert a solver's point at k1, k2 to rationals; gamma stays None where it is.
 
     Raises
     ------
-    InputError
-        As `exact_variables`.
+    InputError : as `exact_variables`.
     """
     gamma = 1.0 if point.gamma is None else point.gamma
     v = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)

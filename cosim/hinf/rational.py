@@ -1,8 +1,8 @@
 """Exact numbers: doubles and "p/q" texts as rationals, and a proof of positive definiteness.
 
-Every double is a dyadic rational, so taking one as a `flint.fmpq` changes nothing. A ball
-(`flint.arb`) is a number with a radius that encloses the exact value after every operation,
-rounding included; a comparison of balls is true only if it holds for everything inside.
+Every double is a dyadic rational, a `flint.fmpq` without rounding. A ball (`flint.arb`) is a
+number with a radius that encloses the exact value after every operation; a comparison of balls
+is true only if it holds for all numbers inside.
 """
 
 from __future__ import annotations
@@ -10,15 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import flint
 
 from cosim.core import InputError
-from cosim.hinf.value_text import format_value
-
-if TYPE_CHECKING:
-    from cosim.models import Matrix
+from cosim.hinf.system_json import format_value
+from cosim.models import Matrix
 
 MAX_DIGITS = 2000
 """Longest numerator or denominator read: three times what a product of two doubles needs."""
@@ -31,35 +29,33 @@ _PRECISIONS = (128, 256, 512, 1024, 2048, 4096)  # bits
 
 
 def exact(value: float) -> Any:
-    """A finite double as the rational that it is.
+    """Convert a finite double to the rational that it is.
 
     Raises
     ------
-    OverflowError, ValueError
-        For an infinity and for a NaN.
+    OverflowError, ValueError : for an infinity and for a NaN.
     """
     p, q = float(value).as_integer_ratio()
     return flint.fmpq(p, q)
 
 
 def exact_matrix(matrix: Matrix) -> Any:
-    """A two-dimensional array of finite doubles as a `flint.fmpq_mat` of the same shape."""
+    """Convert a two-dimensional array of finite doubles to a `flint.fmpq_mat`."""
     rows, columns = matrix.shape
     return flint.fmpq_mat(rows, columns, [exact(value) for value in matrix.ravel()])
 
 
 def to_text(value: Any) -> str:
-    """A rational as "p/q" in lowest terms, or "p"."""
+    """Return a rational as "p/q" in lowest terms, or "p"."""
     return str(value)
 
 
 def from_text(text: Any, where: str) -> Any:
-    """The rational that `to_text` wrote.
+    """Read the rational that `to_text` wrote.
 
     Raises
     ------
-    InputError
-        If `text` is no "p/q" string of decimal integers, or a longer one than any this
+    InputError : if `text` is no "p/q" string of decimal integers, or a longer one than any this
         project writes: the cost of what follows stays bounded.
     """
     match = _TEXT.fullmatch(text) if isinstance(text, str) else None
@@ -86,17 +82,16 @@ def from_text(text: Any, where: str) -> Any:
 
 
 def matrix_to_text(value: Any) -> list[list[str]]:
-    """A `flint.fmpq_mat` as rows of "p/q"."""
+    """Return a `flint.fmpq_mat` as rows of "p/q"."""
     return [[to_text(value[i, j]) for j in range(value.ncols())] for i in range(value.nrows())]
 
 
 def matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:
-    """The matrix that `matrix_to_text` wrote.
+    """Read the matrix that `matrix_to_text` wrote.
 
     Raises
     ------
-    InputError
-        If it has another shape, or an entry is no "p/q".
+    InputError : if it has another shape, or an entry is no "p/q".
     """
     fits = (
         isinstance(rows, list)
@@ -116,7 +111,7 @@ def matrix_from_text(rows: Any, where: str, height: int, width: int) -> Any:
 
 
 def identity(n: int) -> Any:
-    """The n x n identity as a `flint.fmpq_mat`."""
+    """Return the n x n identity as a `flint.fmpq_mat`."""
     return flint.fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
@@ -128,10 +123,10 @@ def is_symmetric(matrix: Any) -> bool:
 def lower_triangle(
     names: Sequence[str], sizes: dict[str, int], blocks: dict[tuple[str, str], Any]
 ) -> list[list[Any]]:
-    """Lower triangle, row by row, of the symmetric matrix with these blocks.
+    """Return the lower triangle, row by row, of the symmetric matrix with these blocks.
 
-    `blocks` has a `flint.fmpq_mat` for the pairs (row, column) with row not after column in
-    `names`; a pair that is absent is zero.
+    `blocks` has a `flint.fmpq_mat` per pair (row, column) with row not after column in `names`;
+    absent pairs are zero.
     """
     zero = flint.fmpq(0)
     rows: list[list[Any]] = []
@@ -150,23 +145,17 @@ def lower_triangle(
 
 
 def first_bad_pivot(lower: Sequence[Sequence[Any]]) -> int | None:
-    """None if the symmetric matrix is proved positive definite, else where that failed.
+    """Prove a symmetric matrix positive definite: None, or the index of the first bad pivot.
 
     Elimination without pivoting, A = L diag(p) L', in balls. If every ball p_k lies right of
     zero, then so do the exact pivots inside them (each is defined, because the ones before
-    it are not zero), and a symmetric matrix with positive pivots is positive definite. This
-    is a proof although the arithmetic rounds: the balls enclose the rounding. Where a ball
-    straddles zero, nothing is known and the precision is doubled; a matrix still undecided
-    at 4096 bits (singular, as good as surely) counts as not proved.
+    it are not zero), and a symmetric matrix with positive pivots is positive definite. If a
+    ball contains zero, the precision is doubled; a matrix still undecided at 4096 bits (almost
+    certainly singular) counts as not proved.
 
     Parameters
     ----------
     lower : row i has the i+1 rational entries up to the diagonal.
-
-    Returns
-    -------
-    int or None
-        Index of the first pivot that is not proved positive.
     """
     bad: int | None = None
     for bits in _PRECISIONS:
@@ -178,7 +167,7 @@ def first_bad_pivot(lower: Sequence[Sequence[Any]]) -> int | None:
 
 
 def _eliminate(rows: list[list[Any]]) -> tuple[int | None, bool]:
-    """First pivot not proved positive, if any, and whether more precision is pointless."""
+    """Return the first pivot not proved positive, or None, and whether that is decided."""
     n = len(rows)
     for k in range(n):
         pivot = rows[k][k]
@@ -193,7 +182,7 @@ def _eliminate(rows: list[list[Any]]) -> tuple[int | None, bool]:
 
 
 def first_bad_matrix(matrices: Iterable[tuple[str, Any]]) -> str | None:
-    """Name of the first square `flint.fmpq_mat` that is not proved positive definite."""
+    """Return the name of the first `flint.fmpq_mat` not proved positive definite, or None."""
     for name, matrix in matrices:
         n = matrix.nrows()
         if first_bad_pivot([[matrix[i, j] for j in range(i + 1)] for i in range(n)]) is not None:
@@ -201,7 +190,13 @@ def first_bad_matrix(matrices: Iterable[tuple[str, Any]]) -> str | None:
     return None
 
 
+def norm_is_below(matrix: Any, bound: Any) -> bool:
+    """Prove |matrix| < bound, the 2-norm of a `flint.fmpq_mat` and a `flint.fmpq` >= 0."""
+    rest = bound * bound * identity(matrix.nrows()) - matrix * matrix.transpose()
+    return first_bad_matrix([("rest", rest)]) is None
+
+
 def rounded_up(value: float) -> float:
-    """Seven significant digits, upward."""
+    """Round a positive number up to seven significant digits."""
     digits = 6 - math.floor(math.log10(value))
     return float(math.ceil(value * 10**digits) / 10**digits)

@@ -1,4 +1,4 @@
-"""Multipliers against the LMI of Theorem 2: found by the solver, made exact, proved.
+"""Prove that the LMI of Theorem 2 has no solution: the solver's multipliers, made exact.
 
 1. Of all multipliers of Farkas' lemma of trace one, those of greatest least eigenvalue: the
    multipliers of  minimise s  over  s I + C_k + L_k(y) >= 0,  (C_k scaled by a free tau >= 0),
@@ -6,7 +6,7 @@
 2. Back into the rows and units of the exact LMI, as doubles.
 3. The equalities, exactly, each by entries that no later one reads: Y by (x_f,z) and
    (x_f,r_b), Rbar_j by (rj,rj), eps by (h,h), X and Qbar_j by their own multipliers.
-4. The proof (`refutation_proof`); without one, nothing is said.
+4. The proof (`refutation_proof`); without one, nothing is claimed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _BELOW_ZERO = 1.0
 def refute(
     system: DelaySystem, problem: Problem, p: Scalars, gamma: float | None
 ) -> dict[str, Any] | None:
-    """A certificate that the LMI has no solution at `p` and `gamma`, as JSON; None: no proof.
+    """Prove that the LMI has no solution at `p` and `gamma`: the JSON, or None without proof.
 
     Parameters
     ----------

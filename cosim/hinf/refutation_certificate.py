@@ -1,4 +1,4 @@
-"""Certificates of what cannot be had, as JSON: what `check_certificate` reads of two kinds.
+"""Certificates that no design exists, as JSON: two kinds that `check_certificate` reads.
 
     {"kind": "refutation", "claim": {...}, "system": {...},
      "at": {"k1": ["p/q"], "k2": ["p/q"], "gamma": "p/q"},
@@ -36,8 +36,7 @@ from cosim.hinf.refutation_proof import (
     refutation_claim,
     refuted,
 )
-from cosim.hinf.system_json import known_keys, system_from_json, system_to_json
-from cosim.hinf.value_text import format_value
+from cosim.hinf.system_json import format_value, known_keys, system_from_json, system_to_json
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -51,7 +50,7 @@ _FLOOR_KEYS = ("kind", "claim", "system", "gamma", "w")
 def refutation_to_json(
     system: DelaySystem, place: Place, multipliers: Multipliers
 ) -> dict[str, Any]:
-    """What `check_refutation` checks, for `json.dumps`; says nothing about validity."""
+    """Return the certificate as JSON values for `check_refutation`, without checking it."""
     return {
         "kind": REFUTATION,
         "claim": refutation_claim(system, place),
@@ -74,8 +73,7 @@ def check_refutation(data: dict[str, Any]) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate; one whose claim is not proved comes back not valid.
+    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
@@ -94,7 +92,7 @@ def check_refutation(data: dict[str, Any]) -> CertificateCheck:
 
 
 def gamma_floor(system: DelaySystem, gamma: float) -> dict[str, Any] | None:
-    """A certificate that gamma <= ||D1||, and so cannot be had; None if there is no proof."""
+    """Prove that gamma <= ||D1||, which no gain achieves: the certificate; None if unproved."""
     _, _, right = np.linalg.svd(system.D1)
     for w in (right[0], *np.eye(system.D1.shape[1])):
         column = exact_matrix(np.asarray(w, dtype=np.float64)[:, None])
@@ -114,8 +112,7 @@ def check_gamma_floor(data: dict[str, Any]) -> CertificateCheck:
 
     Raises
     ------
-    InputError
-        For what is no certificate; one whose claim is not proved comes back not valid.
+    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
     own = {key: data[key] for key in _FLOOR_KEYS if key in data}
     known_keys(own, "certificate", _FLOOR_KEYS, required=_FLOOR_KEYS)

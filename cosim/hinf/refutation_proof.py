@@ -81,7 +81,7 @@ class AffineLmi:
             self.parts[key] = {k: value for k, value in changed.items() if value != 0}
 
     def against(self, Z: Any, entries: Entries) -> Any:
-        """<T'Z T, these entries>."""
+        """Return <T'Z T, these entries>."""
         total = flint.fmpq(0)
         for (i, j), value in entries.items():
             there = flint.fmpq(0)
@@ -149,7 +149,7 @@ class AffineLmi:
 
 
 def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
-    """What a valid refutation says, in words and numbers that JSON can carry."""
+    """Return the claim of a refutation as JSON values."""
     return {
         "property": "no X, Y, Q, R, eps meets the LMI of Theorem 2 at these k1, k2",
         "gamma": None if place.gamma is None else to_text(place.gamma),
@@ -169,12 +169,11 @@ def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
 
 
 def refuted(system: DelaySystem, place: Place, multipliers: Multipliers) -> CertificateCheck:
-    """Prove, or fail to prove, what `refutation_claim` says.
+    """Prove the claim of `refutation_claim`, or return why it is not proved.
 
     Raises
     ------
-    InputError
-        If the LMI has more than `MAX_ROWS` rows: a check must come to an end.
+    InputError : the LMI has more than `MAX_ROWS` rows.
     """
     reason = _failure(system, place, multipliers)
     return CertificateCheck(

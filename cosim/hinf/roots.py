@@ -7,24 +7,20 @@
    Numer. Anal. 10, 1973): lambda -= mu, mu the smallest eigenvalue of H v = mu H' v,
    H(lambda) = lambda I - sum_i A_i e^{-lambda d_i}. Unlike the bordered iteration its steps
    stay regular at semisimple multiple roots.
-3. Count. The argument principle along a vertical line left of the wanted roots says how many
-   there are to its right. The seeds are refined until as many were found: this, not
-   convergence of the seeds, is what shows that none was missed.
+3. Count. The argument principle along a vertical line left of the wanted roots counts those to
+   its right. The seeds are refined until as many were found: that shows that none was missed.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.closed_loop import ClosedLoop, balanced
-
-if TYPE_CHECKING:
-    from cosim.hinf.closed_loop import Matrix
+from cosim.hinf.closed_loop import ClosedLoop, Matrix, balanced
 
 Roots = NDArray[np.complex128]
 
@@ -41,7 +37,7 @@ _NO_DELAY = 1e-100  # of the fastest mode's time: what it adds lies beyond every
 
 
 def _differentiation(nodes: int) -> tuple[Matrix, Matrix]:
-    """Chebyshev points 1 = x_0 > ... > x_N = -1 and their differentiation matrix.
+    """Return Chebyshev points 1 = x_0 > ... > x_N = -1 and their differentiation matrix.
 
     Trefethen, Spectral Methods in MATLAB (2000), chapter 6.
     """
@@ -54,7 +50,7 @@ def _differentiation(nodes: int) -> tuple[Matrix, Matrix]:
 
 
 def _interpolation(x: Matrix, at: float) -> Matrix:
-    """Weights of the values at the Chebyshev points `x` in the interpolant's value at `at`."""
+    """Return the weights of the values at Chebyshev points `x` in the interpolant at `at`."""
     gap = at - x
     if np.any(gap == 0.0):
         return np.where(gap == 0.0, 1.0, 0.0)
@@ -65,7 +61,7 @@ def _interpolation(x: Matrix, at: float) -> Matrix:
 
 
 def _generator(loop: ClosedLoop, nodes: int) -> Matrix:
-    """Collocated generator, (n(N+1), n(N+1)): first block row the equation, then d/dtheta."""
+    """Return the collocated generator, (n(N+1), n(N+1)): the equation, then d/dtheta."""
     n, span = loop.order, loop.delays[-1]
     x, D = _differentiation(nodes)
     matrix: Matrix = np.kron(D * (2.0 / span), np.eye(n)).astype(np.float64)
@@ -84,12 +80,12 @@ def _characteristic(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
 
 
 def _bound(loop: ClosedLoop, real: float) -> float:
-    """Bound of |lambda| for roots with Re lambda >= real: sum_i |A_i| e^{-real d_i}."""
+    """Return a bound of |lambda| for Re lambda >= real: sum_i |A_i| e^{-real d_i}."""
     return float(loop.sizes @ np.exp(-real * np.array(loop.delays)))
 
 
 def _polish(loop: ClosedLoop, seed: complex) -> complex | None:
-    """The root that the iteration reaches from `seed`; None where it reaches none."""
+    """Return the root that the iteration reaches from `seed`, or None."""
     root, scale = complex(seed), _bound(loop, 0.0)
     for _ in range(60):
         if not -root.real * loop.delays[-1] < _LARGEST_EXPONENT:
@@ -109,24 +105,24 @@ def _polish(loop: ClosedLoop, seed: complex) -> complex | None:
 
 
 def _residual(loop: ClosedLoop, root: complex) -> float:
-    """Smallest singular value of H(root), against the size of its terms."""
+    """Return the smallest singular value of H(root), relative to the size of its terms."""
     H, _ = _characteristic(loop, root)
     smallest = float(np.linalg.svd(H, compute_uv=False)[-1])
     return smallest / (abs(root) + _bound(loop, root.real) + 1e-300)
 
 
 def _same(loop: ClosedLoop, a: complex, b: complex) -> bool:
-    """Whether `a` and `b` are estimates of one root: the equation holds between them as well.
+    """Whether `a` and `b` estimate one root: the equation holds between them as well.
 
-    A fixed distance will not do: a double root is only computed to the square root of the
-    precision, while two simple roots may truly lie closer than that.
+    A fixed distance cannot decide: a double root is only computed to the square root of the
+    precision, while two simple roots may be closer than that.
     """
     near = abs(a - b) <= _CLOSE * (abs(a) + abs(b) + _bound(loop, 0.0))
     return near and _residual(loop, (a + b) / 2) <= _SAME
 
 
 def _distinct(loop: ClosedLoop, roots: list[complex]) -> Roots:
-    """Upper half-plane representatives, merged, rightmost first."""
+    """Return the roots in the upper half-plane, merged, rightmost first."""
     found: list[complex] = []
     for root in roots:
         real = _same(loop, root, root.conjugate())
@@ -137,21 +133,21 @@ def _distinct(loop: ClosedLoop, roots: list[complex]) -> Roots:
 
 
 def _log_derivative(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
-    """Phase factor f/|f| and f'/f of f = det H at the points `s`."""
+    """Return the phase factor f/|f| and f'/f of f = det H at the points `s`."""
     H, derivative = _characteristic(loop, s)
     phase, _ = np.linalg.slogdet(H)
     return phase, np.trace(np.linalg.solve(H, derivative), axis1=-2, axis2=-1)
 
 
 def _multiplicity(loop: ClosedLoop, root: complex, radius: float) -> int:
-    """Number of roots within `radius` of `root`: the argument principle on a circle."""
+    """Count the roots within `radius` of `root` by the argument principle on a circle."""
     turn = np.exp(2j * np.pi * (np.arange(64) + 0.5) / 64)
     _, g = _log_derivative(loop, root + radius * turn)
     return round(float(np.mean(g * radius * turn).real))
 
 
 def roots_right_of(loop: ClosedLoop, real: float) -> int:
-    """Number of characteristic roots with real part > `real`, with their multiplicities.
+    """Count the characteristic roots with real part > `real`, with their multiplicities.
 
     Argument principle on the boundary of {Re s > real, |s| < R}: up the line the phase of
     f = det H is followed with steps on which neither the phase nor f'/f allows a turn to be
@@ -159,8 +155,7 @@ def roots_right_of(loop: ClosedLoop, real: float) -> int:
 
     Raises
     ------
-    NotAchievableError
-        A root lies on the line, to rounding.
+    NotAchievableError : a root lies on the line, to rounding.
     """
     top = 2.0 * _bound(loop, real) + abs(real) + 1e-300
     # Evenly against the delay, in proportion against stiff modes; the rest is refinement.
@@ -198,7 +193,7 @@ def roots_right_of(loop: ClosedLoop, real: float) -> int:
 
 
 def _complete(loop: ClosedLoop, upper: Roots, count: int) -> tuple[Roots, bool]:
-    """The rightmost `count` of the roots found, and whether the argument principle agrees."""
+    """Return the rightmost `count` roots found, and whether the argument principle agrees."""
     tau, scale = loop.delays[-1], _bound(loop, 0.0)
     width = np.where(upper.imag > 0, 2, 1)
     have = int(np.searchsorted(np.cumsum(width), min(count, int(width.sum())))) + 1
@@ -210,7 +205,7 @@ def _complete(loop: ClosedLoop, upper: Roots, count: int) -> tuple[Roots, bool]:
     everything = np.concatenate([upper, upper.conj()])
     total = 0
     for root, weight in zip(right, width[:k], strict=True):
-        # Small against everything: an unfound neighbour must not pass for a multiplicity.
+        # Small: a neighbour that was not found must not be counted as a multiplicity.
         small = 1e-3 * (abs(root) + (1.0 / tau if tau else 0.0)) + 1e-300
         distance = np.abs(everything - root)
         nearest = float(distance[distance > 0].min(initial=scale + 1.0))
@@ -222,13 +217,13 @@ def _complete(loop: ClosedLoop, upper: Roots, count: int) -> tuple[Roots, bool]:
 
 
 def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
-    """The rightmost characteristic roots, det(s I - sum_i A_i e^{-s d_i}) = 0.
+    """Compute the rightmost characteristic roots, det(s I - sum_i A_i e^{-s d_i}) = 0.
 
     Parameters
     ----------
-    loop : the loop; only A and the delays matter.
-    count : how many; a conjugate pair is not cut, so one more may be returned. Fewer are where
-        there are no more (without an effective delay there are n).
+    loop : only its A and delays are used.
+    count : how many; one more where a conjugate pair is at the end, fewer where there are no
+        more (n without an effective delay).
 
     Returns
     -------
@@ -237,13 +232,12 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
 
     Raises
     ------
-    InputError
-        `count` is less than 1.
-    NotAchievableError
-        The roots found and the argument principle do not agree with the largest discretisation.
+    InputError : `count` is less than 1.
+    NotAchievableError : the roots found and the argument principle do not agree with the largest
+        discretisation.
     """
     if count < 1:
-        raise InputError("no roots asked for", where="count", expected=">= 1", got=str(count))
+        raise InputError("not a number of roots", where="count", expected=">= 1", got=str(count))
     loop = ClosedLoop(balanced(loop.A), loop.delays)
     tau = max((d for d, A in zip(loop.delays, loop.A, strict=True) if A.any()), default=0.0)
     if tau * _bound(loop, 0.0) < _NO_DELAY:
@@ -262,7 +256,7 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
             try:
                 roots, complete = _complete(loop, upper, count)
             except NotAchievableError:
-                # few nodes leave gaps where roots are: a line far left, with far too much to count
+                # few nodes miss roots: a line far to the left, with too many to count
                 if largest:
                     raise
                 complete = False
@@ -280,11 +274,10 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
 
 
 def spectral_abscissa(loop: ClosedLoop) -> float:
-    """Greatest real part of the characteristic roots [1/s]; the loop is stable where < 0.
+    """Compute the greatest real part of the characteristic roots [1/s]; < 0: stable.
 
     Raises
     ------
-    NotAchievableError
-        As `characteristic_roots`.
+    NotAchievableError : as `characteristic_roots`.
     """
     return float(characteristic_roots(loop, count=1)[0].real)

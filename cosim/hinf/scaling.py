@@ -1,13 +1,13 @@
-"""Units in which a system's numbers are near one, all of them powers of two: exact both ways.
+"""Units in which a system's numbers are near one, powers of two: exact in both directions.
 
-A state in millimetres beside one in kilometres, or a rate of 1e6 1/s, leaves a solver without
-digits. With x = S x~, u = U u~, t = T t~, w = w~ a, z = z~ / a, and p = p~ c for the channel of
+A solver loses its digits on a state in millimetres beside one in kilometres, or a rate of 1e6
+1/s. With x = S x~, u = U u~, t = T t~, w = w~ a, z = z~ / a, and p = p~ c for the channel of
 the uncertainty,
 
     A~ = T S^-1 A S,  B~ = T S^-1 B U,  C~ = a T S^-1 C,  E~ = c T S^-1 E,  H~ = H S / c,
     D~ = a D S,  D1~ = a^2 D1,  D2~ = a D2 U,  d~ = d/T,  k1~ = T k1,  k2~ = T k2,
 
-and a solution of the LMI of Theorem 2 goes back by a congruence of its rows:
+and a solution of the LMI of Theorem 2 is converted back by a congruence of its rows:
 
     X = S X~ S / T,  Q = S Q~ S / T^2,  R = S R~ S / T,  Y = U Y~ S / T,  eps = c^2 eps~,
     gamma = gamma~ / a^2.
@@ -25,8 +25,7 @@ from cosim.core import InputError
 from cosim.hinf.svec import Array
 from cosim.models import DelaySystem
 
-_EXPONENT = 200
-"""Powers of two stay within this: their products must not overflow."""
+_EXPONENT = 200  # powers of two stay within this: their products must not overflow
 _LARGEST = 1e30
 
 
@@ -41,7 +40,7 @@ class Scaling:
     c: float
 
     def system(self, system: DelaySystem) -> DelaySystem:
-        """The system in these units."""
+        """Return the system in these units."""
         S, U, T, a, c = self.state, self.input, self.T, self.a, self.c
         rows = T / S[:, None]
         return replace(
@@ -60,33 +59,33 @@ class Scaling:
         )
 
     def gain(self, K: Array) -> Array:
-        """K~ of K."""
+        """Return K~ of K."""
         return np.asarray(K / self.input[:, None] * self.state)
 
     def back(self, matrix: Array, power: int = 1) -> Array:
-        """S M~ S / T^power."""
+        """Return S M~ S / T^power."""
         return np.asarray(self.state[:, None] * matrix * self.state / self.T**power)
 
     def back_Y(self, Y: Array) -> Array:
-        """U Y~ S / T."""
+        """Return U Y~ S / T."""
         return np.asarray(self.input[:, None] * Y * self.state / self.T)
 
 
 def scaling_of(system: DelaySystem) -> Scaling:
-    """Units for this system, by balancing the graph of what acts on what.
+    """Choose units for a system by balancing the matrix of influences.
 
-    Its nodes: each state, each input, the channel of the uncertainty, that of w and z. What an
-    input does to a state, a feedback will do to the input in turn, at the system's own rate.
+    Its rows: each state, each input, the channel of the uncertainty, that of w and z. Each
+    entry of B has its inverse from the state back to the input, at the system's own rate.
 
     Raises
     ------
-    InputError : a number that is not zero, and further from one than any unit can mend.
+    InputError : a number too far from one for any unit.
     """
     _check(system)
     n, m = system.B.shape
     flow = _total(system.A, *(x.A for x in system.delays))
     H = _total(system.H, *(x.H for x in system.delays))
-    # the spectral radius of a matrix without signs does not depend on units
+    # the spectral radius of absolute values does not depend on units
     rate = float(np.abs(np.linalg.eigvals(flow)).max())
     longest = max((x.d for x in system.delays), default=0.0)
     if rate <= 1e-9 * float(flow.max()):  # a chain of integrators has none of its own
@@ -107,7 +106,7 @@ def scaling_of(system: DelaySystem) -> Scaling:
 
 
 def _rough_gain(system: DelaySystem, flow: Array, rate: float, back: Array) -> float:
-    """A size for gamma that does not depend on units: all paths from w to z, without signs."""
+    """Estimate gamma independently of units: all paths from w to z in absolute values."""
     out = np.abs(system.D)
     if not out.any():
         out = np.abs(system.D2) @ back
@@ -127,7 +126,7 @@ def _check(system: DelaySystem) -> None:
 
 
 def check_size(name: str, values: ArrayLike) -> None:
-    """Refuse what is not zero, and not near enough to one to be reckoned with.
+    """Refuse a number that is not zero and too far from one to compute with.
 
     Raises
     ------
@@ -154,5 +153,5 @@ def _largest(matrix: Array, axis: int) -> Array:
 
 
 def _power(values: Array) -> Array:
-    """The nearest powers of two."""
+    """Return the nearest powers of two."""
     return np.asarray(np.exp2(np.clip(np.round(np.log2(values)), -_EXPONENT, _EXPONENT)))

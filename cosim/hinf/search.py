@@ -1,9 +1,9 @@
-"""k1 and k2 searched: they are free, and worth a factor of ten in gamma or in the delay.
+"""Search k1 and k2: they change gamma, or the delay, by up to a factor of ten.
 
-The best value of the LMI is smooth in k1, k2, and its multipliers give the slopes at the cost
-of nothing. So: a few fixed starts, k2 a multiple of 1/d (the scale of a loop that is to bear a
-delay d) and k1 a multiple of k2, then a bounded quasi-Newton descent in log k2 and k1/k2 from
-the best. Nothing is drawn at random: the same system gives the same k1, k2.
+The optimum of the LMI is smooth in k1, k2, and its multipliers give the gradient for free. From
+a few fixed starts, k2 a multiple of 1/d and k1 a multiple of k2, the best is improved by a
+bounded quasi-Newton descent in log k2 and k1/k2. Nothing is random: the same system gives the
+same k1, k2.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize
@@ -21,9 +20,7 @@ from cosim.hinf.assembly import Scalars
 from cosim.hinf.conic import Solution
 from cosim.hinf.problem import ROUGH_TOLERANCE, Answer, Problem
 from cosim.hinf.svec import Array
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem, Matrix
+from cosim.models import DelaySystem, Matrix
 
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)
@@ -39,20 +36,19 @@ Ask = Callable[[Scalars], Answer | None]
 def least_gamma(
     problem: Problem, p: Scalars, gain: Matrix | None = None
 ) -> tuple[Scalars, float] | None:
-    """k1, k2 of the least gamma found, and it; None where no start is feasible.
+    """Return k1, k2 of the least gamma found, and that gamma; None where no start is feasible.
 
-    `p` has the delays, and the k1, k2 to start from beside the fixed starts; with a `gain`,
-    that gain's least gamma.
+    `p` has the delays, and k1, k2 to start from beside the fixed starts; with a `gain`, its
+    least gamma is searched.
     """
 
     def ask(at: Scalars) -> Answer | None:
         return _answer(problem.least_gamma(at, gain))
 
-    tried = [(at, ask(at)) for at in starts(p)]
-    found = [(at, answer.value) for at, answer in tried if answer is not None]
+    found = _feasible_starts(ask, p)
     if not found:
         return None
-    # two descents: the best start may lie in the worse valley
+    # two descents: the best start may lead to a worse local minimum
     ends = [_descend(ask, at, sign=1.0) for at, _ in sorted(found, key=lambda x: x[1])[:2]]
     return min(ends, key=lambda x: x[1])
 
@@ -60,13 +56,12 @@ def least_gamma(
 def widest_margin(
     problem: Problem, p: Scalars, gamma: float | None, gain: Matrix | None = None
 ) -> tuple[Scalars, float] | None:
-    """k1, k2 with a margin at the delays of `p`, and the margin; negative: none was found."""
+    """Return k1, k2 with a margin at the delays of `p`, and the margin; < 0: none was found."""
 
     def ask(at: Scalars) -> Answer | None:
         return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH_TOLERANCE))
 
-    tried = [(at, ask(at)) for at in starts(p)]
-    found = [(at, answer.value) for at, answer in tried if answer is not None]
+    found = _feasible_starts(ask, p)
     if not found:
         return None
     best, value = max(found, key=lambda x: x[1])
@@ -82,9 +77,9 @@ def initial_scalars(
     k2: Sequence[float] | None,
     search: bool | None,  # noqa: FBT001 - passed on as it was given
 ) -> tuple[Sequence[float], Sequence[float], bool]:
-    """k1, k2 to begin with, and whether to search: by default where neither is given.
+    """Return k1, k2 to start from, and whether to search: by default where neither is given.
 
-    One of them alone makes the other, k1 = -k2; where both are absent, k2 = 1/(2d).
+    If one is given, the other is its negative; if none is, k2 = 1/(2d).
     """
     if k1 is None and k2 is None:
         late = [delay.d for delay in system.delays if delay.d > 0]
@@ -98,7 +93,7 @@ def initial_scalars(
 
 
 def starts(p: Scalars) -> list[Scalars]:
-    """`p` itself, and k2 = c/d, k1 = r k2 for fixed c and r."""
+    """Return `p` itself, and k2 = c/d, k1 = r k2 for fixed c and r."""
     late = [d for d in p.d if d > 0]
     if not late:
         return [p]
@@ -111,14 +106,20 @@ def starts(p: Scalars) -> list[Scalars]:
     return [p, *made]
 
 
+def _feasible_starts(ask: Ask, p: Scalars) -> list[tuple[Scalars, float]]:
+    """Return the starts at which the solver has an answer, with its value."""
+    tried = [(at, ask(at)) for at in starts(p)]
+    return [(at, answer.value) for at, answer in tried if answer is not None]
+
+
 class SearchDoneError(Exception):
-    """What was looked for is found."""
+    """Ends a search whose result is good enough."""
 
 
 def _descend(
     ask: Ask, start: Scalars, *, sign: float, enough: float | None = None, steps: int = _STEPS
 ) -> tuple[Scalars, float]:
-    """The least sign * value, from a start where there is an answer; ends early below `enough`."""
+    """Minimise sign * value from a feasible start; end early below `enough`."""
     N = len(start.k2)
     signs = np.sign(start.k2)
     lengths = [d if d > 0 else 1.0 for d in start.d]
@@ -135,7 +136,7 @@ def _descend(
         if answer is None and not best:
             raise SearchDoneError  # the start itself, rounded: at the edge of what can be solved
         if answer is None:
-            # a wall: the line search turns back
+            # a high value makes the line search turn back
             return 10.0 * abs(best[0][1]) + 10.0, np.zeros(2 * N)
         here = sign * answer.value
         if not best or here < best[0][1]:
@@ -173,7 +174,7 @@ def _value(answer: Answer | None) -> float:
 
 
 def scaled(p: Scalars, delay_index: int, d: float) -> Scalars:
-    """`p` with one delay changed, and its k1, k2 in proportion to 1/d."""
+    """Return `p` with one delay changed, and its k1, k2 in proportion to 1/d."""
     scale = p.d[delay_index] / d
 
     def put(values: Sequence[float], value: float) -> tuple[float, ...]:

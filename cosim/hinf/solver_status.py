@@ -1,9 +1,8 @@
-"""How the solver ended, and what that says of a point that it did not find.
+"""The status with which the solver ends, and why it found no point.
 
-A status is no proof. Clarabel may fail before it finds or excludes a solution, and what it
-excludes in floating point it excludes to a tolerance. So a refusal says that there is no
-solution only where that is proved (`cosim.hinf.refutation`); otherwise that none was found, and
-by `not_found` why.
+A status is no proof. Clarabel may fail before it finds or excludes a solution, and it excludes
+one to a tolerance only. So an error says that there is no solution only where that is proved
+(`cosim.hinf.refutation`); otherwise that none was found, with the reason of `not_found`.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ OTHER_ROUTES = (
     "a search for k1 and k2 (--search), other k1 and k2, another condition (--order 1), "
     "a gamma to meet (--gamma), or other units for states, inputs and time"
 )
-"""What to try where the solver failed."""
+"""What to try if the solver failed."""
 
 FAILED = "the solver failed"
 
@@ -39,13 +38,13 @@ _counters: ContextVar[tuple[Counter[str], ...]] = ContextVar("counters", default
 
 
 def status_of(word: str) -> Status:
-    """What the solver's own word for its end means; one that is not known is a failure."""
+    """Return what a status of the solver means; an unknown one is a failure."""
     return _STATUS.get(word, "failed")
 
 
 @contextmanager
 def solver_words() -> Iterator[Counter[str]]:
-    """Count with which word of the solver each solve ends, until this is left."""
+    """Count the statuses of all solves in this context."""
     counter: Counter[str] = Counter()
     token = _counters.set((*_counters.get(), counter))
     try:
@@ -55,15 +54,15 @@ def solver_words() -> Iterator[Counter[str]]:
 
 
 def count(word: str) -> None:
-    """One more solve has ended, with this word."""
+    """Count a solve that ended with this status."""
     for counter in _counters.get():
         counter[word] += 1
 
 
 def not_found(words: Mapping[str, int]) -> str:
-    """Why no point was found in solves that ended with these words, as many of each.
+    """Return why no point was found, by how many solves ended with each status.
 
-    A failure counts more than what other solves say: what it would have found is not known.
+    A failure is reported first: that solve might have found a point.
     """
     total = sum(words.values())
     lost = {word: n for word, n in words.items() if status_of(word) in {"failed", "inaccurate"}}

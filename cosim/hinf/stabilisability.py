@@ -1,11 +1,11 @@
-"""Whether any gain can stabilise a system: Hautus' test at the roots that must be moved.
+"""Test whether some gain can stabilise a system: Hautus' test at the unstable roots.
 
-A root s of the open loop with Re s >= 0 stays where it is under every u = K x(t-d_f), if
+A root s of the open loop with Re s >= 0 is not moved by any u = K x(t-d_f), if
 
     rank [s I - sum_i A_i e^{-s d_i},  B] < n
 
 (Bhat & Koivo, IEEE Trans. Autom. Control 21, 1976; a delay of the feedback multiplies B by
-e^{-s d_f}, which is not zero). Computed, not proved: it explains a failure, it claims nothing.
+e^{-s d_f}, which is not zero). Computed, not proved: it only explains a failure.
 """
 
 from __future__ import annotations
@@ -18,14 +18,12 @@ from cosim.hinf.roots import characteristic_roots
 from cosim.hinf.scaling import scaling_of
 from cosim.models import DelaySystem
 
-_RANK = 1e-8
-"""A singular value below this share of the largest is zero."""
-_AXIS = 1e-8
-"""Roots this near to the axis, in the system's own units, are on it."""
+_RANK = 1e-8  # a singular value below this share of the largest is zero
+_AXIS = 1e-8  # roots this near to the axis, in the system's own units, are on it
 
 
 def unstabilisable_root(system: DelaySystem) -> complex | None:
-    """A root [1/s] with Re >= 0 that no gain moves; None if none is found."""
+    """Return a root [1/s] with Re >= 0 that no gain moves; None if none is found."""
     units = scaling_of(system)
     inner = units.system(system)
     n, m = inner.B.shape
@@ -46,7 +44,7 @@ def unstabilisable_root(system: DelaySystem) -> complex | None:
 
 
 def unstabilisable_error(system: DelaySystem) -> NotAchievableError | None:
-    """The error that names a root no gain moves; None if none is found."""
+    """Return the error that names a root no gain moves; None if none is found."""
     root = unstabilisable_root(system)
     if root is None:
         return None

@@ -1,7 +1,7 @@
 """Symmetric matrices as vectors: the upper triangle by columns, off-diagonal entries times sqrt 2.
 
-Inner products stay what they are, <M, N> = svec(M)'svec(N), and the order is the one in which
-the solver takes the entries of a semidefinite cone.
+Inner products are kept, <M, N> = svec(M)'svec(N), and the order is the solver's for the entries
+of a semidefinite cone.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ Array = NDArray[np.float64]
 
 @cache
 def places(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Rows, columns and factors of the entries of an svec."""
+    """Return rows, columns and factors of the entries of an svec."""
     columns, rows = np.tril_indices(size)  # row by row below is column by column above
     return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 def svec(matrix: Array) -> Array:
-    """The svec of the last two axes."""
+    """Return the svec of the last two axes."""
     rows, columns, factors = places(matrix.shape[-1])
     return np.asarray(matrix[..., rows, columns] * factors)
 
 
 def smat(vector: Array, size: int) -> Array:
-    """The symmetric matrix of an svec."""
+    """Return the symmetric matrix of an svec."""
     rows, columns, factors = places(size)
     matrix = np.zeros((size, size))
     matrix[rows, columns] = matrix[columns, rows] = vector / factors
@@ -36,7 +36,7 @@ def smat(vector: Array, size: int) -> Array:
 
 
 def product(left: Array, right: Array, *, weight: float = 1.0) -> Array:
-    """Columns of `weight` (left'V right + right'V left) over the entries V_ab, a <= b.
+    """Return the svec columns of `weight` (left'V right + right'V left) by V_ab, a <= b.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def product(left: Array, right: Array, *, weight: float = 1.0) -> Array:
 
 
 def symmetric(values: Array, size: int) -> Array:
-    """The matrix V whose entries V_ab, a <= b, are `values`."""
+    """Return the symmetric matrix V whose entries V_ab, a <= b, are `values`."""
     matrix = np.zeros((size, size))
     matrix[np.triu_indices(size)] = values
     return matrix + np.triu(matrix, 1).T

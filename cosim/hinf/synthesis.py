@@ -1,14 +1,14 @@
-"""Least gamma for given delays (Remark 2), with a gain that is certified as it flies.
+"""Least gamma for given delays by Theorem 2 (Remark 2), certified for the rounded gain.
 
-Steps, for a gain to be found or one that is given:
+Steps, for a gain to be designed or a given one:
 
 1. minimise gamma over the LMI (`cosim.hinf.problem`), k1 and k2 given;
-2. a little above the least gamma, maximise the margin of the LMI against its own scale: a
-   solution in the middle of what is feasible, where rounding does no harm;
-3. round the gain to a few decimals; what differs from machine to machine in a solver's last
-   digits does not reach what flies;
+2. a little above the least gamma, maximise the margin of the LMI relative to its own scale: a
+   point inside the feasible set, where rounding does no harm;
+3. round the gain to a few decimals, which removes the differences of a solver's last digits
+   between machines;
 4. with the rounded gain fixed, maximise the margin again, and prove the result exactly
-   (`cosim.hinf.certificate`). Where the proof fails, step 2 starts again a little higher.
+   (`cosim.hinf.certificate`). If the proof fails, go back to step 2 a little higher.
 
 The gamma of a design is the gamma of its proof.
 """
@@ -27,7 +27,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.analysis import check_gamma, gain_of
 from cosim.hinf.analysis_proof import covers_smaller
 from cosim.hinf.assembly import Scalars
-from cosim.hinf.certificate import Variables, certificate_to_json, certify
+from cosim.hinf.certificate import certificate_to_json, certify
 from cosim.hinf.guarantees import Guarantees
 from cosim.hinf.nominal_figures import NominalFigures, nominal_figures_of
 from cosim.hinf.not_achievable import (
@@ -38,6 +38,7 @@ from cosim.hinf.not_achievable import (
     not_certified,
 )
 from cosim.hinf.problem import Answer, Problem
+from cosim.hinf.proof import Variables
 from cosim.hinf.rational import rounded_up
 from cosim.hinf.refutation_certificate import gamma_floor
 from cosim.hinf.scaling import Scaling, check_size
@@ -50,33 +51,31 @@ from cosim.models import DelaySystem
 GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
-_NEAR = 1.2
-"""Up to this multiple of the least gamma, the scale of its solution serves."""
-
+_NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
 _ABOVE_LEAST = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A gain and what is known of it.
+    """A certified gain, with its proof and the figures of its nominal loop.
 
     Attributes
     ----------
-    system : what it is designed for.
-    K : (m, n) the gain, as the doubles that fly.
+    system : the system it is designed for.
+    K : (m, n) the gain, as its doubles.
     gamma : certified bound of the gain from w to z, uncertainty included; None where the
         system has no w or no z, and stability alone is certified.
     k1, k2 : one per delay; empty where the proof has an `order`.
-    least_gamma : the solver's least gamma at k1, k2: not a proof, a lower end to compare with.
+    least_gamma : the solver's least gamma at k1, k2; not proved.
     abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
         (`cosim.hinf.nominal_figures`); None also where it could not be computed (a delay too long
-        for its roots to be counted), or where an older file does not hold it.
+        for its roots to be counted), or where an older file has none.
     certificate : the proof as JSON values, for `check_certificate`.
-    order : of the Bessel-Legendre inequality in the proof, which is then the analysis of K and
-        has no k1, k2; None for Theorem 2.
+    order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
+        Theorem 2.
     worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
         attained at a finite frequency, and in older files.
-    guarantees : what is proved beside gamma, in the certificate, too.
+    guarantees : the design constraints that are proved, also in the certificate.
     """
 
     system: DelaySystem
@@ -102,7 +101,7 @@ class Design:
 
     @property
     def certified(self) -> bool:
-        """Always true: a `Design` exists only behind a proof."""
+        """Always true: a `Design` is only made with a proof."""
         return True
 
 
@@ -117,16 +116,9 @@ def design(
     search: bool = False,
     problem: Problem | None = None,
 ) -> Design:
-    """The gain of least gamma, or of a given gamma, or the least gamma of a given gain.
+    """Design and prove a gain by Theorem 2, as `gain_design.design` with k1, k2 given.
 
-    Parameters
-    ----------
-    system : Eq. (7) with delays (n states, m inputs).
-    k1, k2 : one number per delay, k2 not zero (Theorem 2).
-    gamma : a bound to be met instead of the least one; the design's own may be lower.
-    gain : (m, n) a gain to be analysed instead of designed.
-    search : look for better k1, k2 (`cosim.hinf.search`), starting from these among others.
-    problem : the LMI, with more to be met than Theorem 2; None for Theorem 2 alone.
+    problem : the LMI with further constraints; None for that of Theorem 2 alone.
 
     Raises
     ------
@@ -164,7 +156,7 @@ def _least(
     gamma: float | None,
     gain: NDArray[np.float64] | None,
 ) -> Answer | None:
-    """The least gamma; None where the solver failed and a gamma is given, to be tried itself."""
+    """Return the least gamma; None where the solver failed and a gamma is given to try."""
     answer = problem.least_gamma(p, gain)
     if isinstance(answer, Answer):
         return answer
@@ -174,7 +166,7 @@ def _least(
 
 
 def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list[float | None]:
-    """Gammas to be proved, one after the other until one is; None stands for stability."""
+    """Return the gammas to try in turn until one is proved; None stands for stability."""
     if least is None:
         return [gamma]
     above: list[float | None] = []
@@ -182,8 +174,7 @@ def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list
         above += [rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
     if gamma is None:
         return above
-    # what is proved for less is proved for gamma, and far above the least level the numbers of
-    # the LMI lie far apart
+    # a proof for less holds for gamma too; far above the least, the LMI is badly scaled
     return [gamma, *(level for level in above if level is not None and level < gamma)]
 
 
@@ -195,9 +186,9 @@ def find_certified_gain(
     gain: NDArray[np.float64] | None = None,
     near: Answer | None = None,
 ) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
-    """A gain with variables that prove it at `gamma`, or None and why.
+    """Return a gain with variables that prove it at `gamma`, or None and why.
 
-    near : a solution nearby, whose scale the margin is counted against.
+    near : a solution nearby, whose scale the margin is relative to.
     """
     with solver_words() as words:
         found = _central(problem, p, gamma, gain, near)
@@ -210,7 +201,7 @@ def find_certified_gain(
 def design_from_proof(
     system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
 ) -> Design:
-    """A proved gain with what is computed of its loop."""
+    """Return the design of a proved gain, with the figures of its nominal loop."""
     figures: NominalFigures | None = None
     worst: WorstCase | None = None
     # a proof does not depend on them
@@ -231,11 +222,11 @@ def design_from_proof(
 
 
 def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
-    """Better k1, k2; those of `p` where none are found."""
-    if not problem.has_gamma:
-        found = widest_margin(problem, p, None, gain)
-    else:
+    """Return better k1, k2; those of `p` where none are found."""
+    if problem.has_gamma:
         found = least_gamma(problem, p, gain)
+    else:
+        found = widest_margin(problem, p, None, gain)
     return p if found is None else found[0]
 
 
@@ -246,9 +237,9 @@ def _central(
     gain: NDArray[np.float64] | None,
     near: Answer | None,
 ) -> tuple[NDArray[np.float64], Variables] | None:
-    """A gain and variables with a margin at `gamma`; None where the solver finds none.
+    """Return a gain and variables with a margin at `gamma`; None where the solver finds none.
 
-    The margin is counted against the rows' own scale: that of a solution nearby, or of a first
+    The margin is relative to the scale of the rows: that of a solution nearby, or of a first
     round.
     """
     if near is not None and gamma is not None and gamma > _NEAR * near.value:
@@ -273,7 +264,7 @@ def _central(
 
 
 def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
-    """K to `GAIN_DIGITS` significant digits of its largest entry; what is left is noise.
+    """Round K to `GAIN_DIGITS` significant digits of its largest entry; the rest is noise.
 
     Largest in units in which states and inputs compare; each entry to decimals of its own.
     """
@@ -288,7 +279,7 @@ def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
 
 
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
-    """k1, k2 and the system's delays; an `InputError` where they do not fit it."""
+    """Return k1, k2 and the system's delays; an `InputError` where they do not fit it."""
     one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
     check_size("k1", one)
     check_size("k2", two)
@@ -310,7 +301,7 @@ def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[f
 
 
 def check_achievable(gamma: float, system: DelaySystem) -> None:
-    """Refuse a gamma that no delay, k1, k2 or gain can reach.
+    """Refuse a gamma that no delay, k1, k2 or gain can achieve.
 
     Raises
     ------
@@ -323,7 +314,7 @@ def check_achievable(gamma: float, system: DelaySystem) -> None:
     if proof is not None or gamma <= floor:
         raise NotAchievableError(
             f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
-            "that of D1, whatever the controller does",
+            "that of D1, for any controller",
             where=system.name or None,
             expected=f"gamma > {floor:g}",
             got=f"{gamma:g}"

@@ -1,30 +1,26 @@
-"""A `DelaySystem` as JSON: the letters of Eq. (7), doubles that come back bit for bit.
+"""A `DelaySystem` as JSON: the symbols of Eq. (7), every double kept bit for bit.
 
     {"name": "paper", "A": [[...]], "B": ..., "delays": [{"d": 0.3, "A": ..., "H": ...,
      "feedback": false, "any_age": false}]}
 
-A matrix without entries is left out; the sizes of the others say which shape it has.
+A matrix without entries is left out; its shape follows from the others.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.value_text import format_value
-from cosim.models import Delay, DelaySystem
-
-if TYPE_CHECKING:
-    from cosim.models import Matrix
+from cosim.models import Delay, DelaySystem, Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""
 
 
 def system_to_json(system: DelaySystem) -> dict[str, Any]:
-    """`system` as what `json.dumps` takes; `system_from_json` gives the same doubles back."""
+    """Return `system` as JSON values; `system_from_json` gives the same doubles back."""
     matrices = {key: getattr(system, key).tolist() for key in MATRICES if getattr(system, key).size}
     delays = [
         {"d": x.d, "A": x.A.tolist()}
@@ -36,19 +32,13 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
 
 
 def system_from_json(data: Any, where: str = "system") -> DelaySystem:
-    """The system that `system_to_json` wrote.
+    """Read the system that `system_to_json` wrote.
 
     Raises
     ------
-    InputError
-        Naming the key, what was expected and what was got.
+    InputError : naming the key, what was expected and what was got.
     """
     known_keys(data, where, (*MATRICES, "name", "delays"), required=("A",))
-    name = data.get("name", "")
-    if not isinstance(name, str):
-        raise InputError(
-            "not a name", where=f"{where}.name", expected="a string", got=format_value(name)
-        )
     delays = data.get("delays", [])
     if not isinstance(delays, list):
         raise InputError(
@@ -56,14 +46,11 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
         )
     n = len(data["A"]) if isinstance(data["A"], list) else 0
     terms = [delay_from(x, f"{where}.delays[{i}]", n) for i, x in enumerate(delays)]
-    matrices = {
-        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
-    }
-    return assembled(matrices, terms, name, where)
+    return assembled(data, terms, where)
 
 
 def delay_from(data: Any, where: str, n: int) -> Delay:
-    """One delayed term from its table; an absent A is the zero matrix (n, n)."""
+    """Read one delayed term from its table; an absent A is the zero matrix (n, n)."""
     known_keys(data, where, ("d", "A", "H", "feedback", "any_age"), required=("d",))
     flags = {}
     for key in ("feedback", "any_age"):
@@ -84,12 +71,23 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
         raise InputError(str(error), where=where) from error
 
 
-def assembled(
-    matrices: dict[str, Matrix], delays: list[Delay], name: str, where: str
-) -> DelaySystem:
-    """`DelaySystem` of these parts; what does not fit together is an `InputError`."""
+def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str = "") -> DelaySystem:
+    """Return the system of a table's matrices and `delays`; `name` unless the table has one.
+
+    Raises
+    ------
+    InputError : not a name, not a matrix, or parts that do not fit together.
+    """
+    title = data.get("name", name)
+    if not isinstance(title, str):
+        raise InputError(
+            "not a name", where=f"{where}.name", expected="a string", got=format_value(title)
+        )
+    matrices = {
+        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
+    }
     try:
-        return DelaySystem(**matrices, delays=delays, name=name)
+        return DelaySystem(**matrices, delays=delays, name=title)
     except ValueError as error:
         raise InputError(str(error), where=where) from error
 
@@ -97,7 +95,7 @@ def assembled(
 def known_keys(
     data: Any, where: str, known: tuple[str, ...], *, required: tuple[str, ...] = ()
 ) -> None:
-    """Refuse what is no table, an unknown key (with the nearest known) and a missing one."""
+    """Refuse anything but a table, an unknown key (naming the nearest known), a missing key."""
     if not isinstance(data, dict):
         raise InputError("not a table of keys", where=where, expected="keys", got=_kind(data))
     for key in data:
@@ -114,12 +112,11 @@ def known_keys(
 
 
 def number(value: Any, where: str) -> float:
-    """A finite double; an integer only if a double holds it exactly.
+    """Read a finite double; an integer only if a double can represent it exactly.
 
     Raises
     ------
-    InputError
-        For anything else: text, a truth value, an infinity, a NaN.
+    InputError : anything else: text, a truth value, an infinity, a NaN.
     """
     wrong = InputError(
         "not a finite number", where=where, expected="a finite number", got=format_value(value)
@@ -136,7 +133,7 @@ def number(value: Any, where: str) -> float:
 
 
 def matrix_from_rows(value: Any, where: str) -> Matrix:
-    """Rows of equally many finite numbers as an array with two axes."""
+    """Read rows of equally many finite numbers as an array with two axes."""
     if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
         raise InputError(
             "not a matrix",
@@ -159,15 +156,13 @@ def matrix_from_rows(value: Any, where: str) -> Matrix:
     return np.array(entries, dtype=np.float64).reshape(len(value), lengths[0] if lengths else 0)
 
 
-_CLOSE = 1e-9
-"""E and H of an envelope, relative: an older version computed them to the last digits of a BLAS."""
+_CLOSE = 1e-9  # of E and H, relative: an older version computed them by BLAS
 
 
 def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
-    """Where two systems differ, as `A[1,2]: 0.5 and 0.6`; None where they do not.
+    """Return where two systems differ, as `A[1,2]: 0.5 and 0.6`; None where they do not.
 
-    Their names do not count; E and H need to agree to a relative 1e-9 only, everything else
-    exactly.
+    Names are ignored; E and H must agree to a relative 1e-9, everything else exactly.
     """
     kinds = [[(d.d, d.feedback, d.any_age) for d in system.delays] for system in (one, other)]
     if kinds[0] != kinds[1]:
@@ -182,6 +177,15 @@ def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
         for i, j in np.argwhere(np.abs(a - b) > allowed).tolist():
             return f"{key}[{i + 1},{j + 1}]: {float(a[i, j])!r} and {float(b[i, j])!r}"
     return None
+
+
+def format_value(value: Any) -> str:
+    """Return the `repr` of a value from a file, at most 60 characters, for a message."""
+    try:
+        text = repr(value)
+    except ValueError:  # the interpreter refuses to print an integer of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:50]}... ({len(text)} characters)"
 
 
 def _kind(value: Any) -> str:

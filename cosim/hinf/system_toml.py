@@ -1,6 +1,6 @@
-"""Systems as TOML files, in the letters of Eq. (7).
+"""Systems by name (`paper`, `auv`), or as TOML files with the symbols of Eq. (7).
 
-One delay, with the letters of the paper::
+One delay, with the symbols of the paper::
 
     [system]
     A = [[-5.0, 0.0], [6.0, -10.0]]     # likewise B, C, D, D1, D2, E, H
@@ -15,8 +15,8 @@ Any number of delays: in place of A1, H1, d one table each::
     feedback = true     # u = K x(t-d)
     any_age = true      # every time-varying delay up to d
 
-Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional,
-what a design starts from, k1 and k2 one number per delay, and what it is to meet
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional
+settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.design_constraints`)::
 
     [design]
@@ -34,13 +34,14 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.hinf.design_constraints import (
     KEYS as DESIGN_CONSTRAINT_KEYS,
     DesignConstraints,
@@ -50,46 +51,65 @@ from cosim.hinf.system_json import (
     MATRICES,
     assembled,
     delay_from,
+    format_value,
     known_keys,
     matrix_from_rows,
     number,
 )
-from cosim.hinf.value_text import format_value
 from cosim.hinf.weights import weighted
-from cosim.models import Delay, DelaySystem
+from cosim.models import (
+    Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
+    DelaySystem as DelaySystem,  # noqa: PLC0414 - the same
+    paper_example,
+)
 
+BUILT_IN_SYSTEMS = ("paper", "auv")
 _ONE_DELAY = ("d", "A1", "H1")
 
 
 @dataclass(frozen=True)
-class SystemFile:
-    """A system with what its file says about the design; None where it says nothing.
+class NamedSystem:
+    """A system with the settings of its design.
 
-    system : its z weighted.
-    k1, k2 : one number per delay, k2 not zero.
-    gamma : the bound to design for, positive.
-    weights : of the rows of z.
-    unweighted : the system before.
-    design_constraints : what a design is to meet beside gamma.
+    k1, k2 : one number per delay, k2 not zero; None: to be searched.
+    gamma : the bound to design for, positive; None: the least.
+    weights : of the rows of z, already in `system`; None where there are none.
+    unweighted : the system before these weights; None where there are none.
+    design_constraints : what a design must meet beside gamma.
     """
 
     system: DelaySystem
     k1: tuple[float, ...] | None
     k2: tuple[float, ...] | None
-    gamma: float | None
-    weights: tuple[float, ...] | None
-    unweighted: DelaySystem
-    design_constraints: DesignConstraints
+    gamma: float | None = None
+    weights: tuple[float, ...] | None = None
+    unweighted: DelaySystem | None = None
+    design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
 
 
-def load_system(path: str | Path) -> SystemFile:
-    """Read a system file; the system is named after the file unless it says otherwise.
+def system_by_name(name: str) -> NamedSystem:
+    """Return a built-in system, or the one in a `.toml` file.
 
     Raises
     ------
-    InputError
-        If the file cannot be read, is malformed (with line and content), or does not describe
-        a system (with the key, what was expected and what was got).
+    InputError : no such system, or a file that does not hold one.
+    """
+    if name == "paper":
+        return NamedSystem(paper_example.system(), (paper_example.K1,), (paper_example.K2,))
+    if name == "auv":
+        return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
+    if not name.endswith(".toml"):
+        raise InputError.unknown("system", name, (*BUILT_IN_SYSTEMS, "FILE.toml"))
+    return load_system(name)
+
+
+def load_system(path: str | Path) -> NamedSystem:
+    """Read a system file; the system is named after the file unless it has a name.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is malformed (with line and content), or does not
+        describe a system (with the key, what was expected and what was got).
     """
     path = Path(path)
     try:
@@ -99,29 +119,23 @@ def load_system(path: str | Path) -> SystemFile:
     return system_from_toml(text, where=str(path), name=path.stem)
 
 
-def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
-    """A system from TOML text.
-
-    Parameters
-    ----------
-    text : the file's content.
-    where : stands in the messages.
-    name : of the system, unless its table has one.
+def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
+    """Read a system from TOML text; messages name `where`, and `name` is used if it has none.
 
     Raises
     ------
-    InputError
-        As `load_system`.
+    InputError : as `load_system`.
     """
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design"), required=("system",))
-    unweighted = _system(data["system"], f"{where}: system", name)
-    weights = None
-    if "weights" in data["system"]:
-        weights = _numbers(data["system"]["weights"], f"{where}: system.weights")
-    system = unweighted
-    if weights is not None:
-        system = weighted(unweighted, weights, where=f"{where}: system.weights")
+    table, place = data["system"], f"{where}: system"
+    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights")
+    known_keys(table, place, keys, required=("A",))
+    system = assembled(table, _delays(table, place), place, name)
+    weights, unweighted = None, None
+    if "weights" in table:
+        weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
+        system = weighted(unweighted, weights, where=f"{place}.weights")
     place = f"{where}: design"
     design = data.get("design", {})
     known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
@@ -145,16 +159,15 @@ def system_from_toml(text: str, *, where: str, name: str) -> SystemFile:
             "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
         )
     design_constraints = design_constraints_from_table(design, system, place)
-    return SystemFile(system, k1, k2, gamma, weights, unweighted, design_constraints)
+    return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """TOML as a dictionary.
+    """Parse TOML.
 
     Raises
     ------
-    InputError
-        If it is malformed; the message has the line, and what stands there.
+    InputError : it is malformed; the message has the line and its content.
     """
     try:
         return tomllib.loads(text)
@@ -168,26 +181,13 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
             "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
         ) from error
     except (ValueError, RecursionError) as error:
-        # what the reader itself cannot take: an integer of thousands of digits, deep nesting
+        # beyond the limits of the parser: an integer of thousands of digits, deep nesting
         raise InputError("malformed TOML", where=where, got=str(error)) from error
 
 
-def _system(data: Any, where: str, name: str) -> DelaySystem:
-    known_keys(data, where, (*MATRICES, *_ONE_DELAY, "delays", "name", "weights"), required=("A",))
-    matrices = {
-        key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
-    }
-    title = data.get("name", name)
-    if not isinstance(title, str):
-        raise InputError(
-            "not a name", where=f"{where}.name", expected="a string", got=format_value(title)
-        )
-    return assembled(matrices, _delays(data, where), title, where)
-
-
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
-    """The delays of either spelling; the system's A has been checked to be a matrix."""
-    n = len(data["A"])
+    """Return the delays of either spelling."""
+    n = len(data["A"]) if isinstance(data["A"], list) else 0
     one = [key for key in _ONE_DELAY if key in data]
     if "delays" in data:
         if one:
@@ -226,7 +226,7 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
 
 
 def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:
-    """One number per delay; a single number where there is one delay."""
+    """Read one number per delay; a single number where there is one delay."""
     values = value if isinstance(value, list) else [value]
     if len(values) != count:
         raise InputError(

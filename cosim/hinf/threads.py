@@ -1,7 +1,7 @@
-"""One thread for linear algebra of a hundred rows.
+"""Run linear algebra on one thread.
 
-Matrices this small are slower on several threads, much slower on a busy machine; and the last
-digits must not depend on how many there are.
+Matrices of a hundred rows are slower on several threads, much slower on a busy machine; and the
+last digits must not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 def one_thread(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, with NumPy and SciPy on one thread while it runs."""
+    """Decorate a function to run NumPy and SciPy on one thread."""
 
     @wraps(function)
     def on_one_thread(*args: P.args, **kwargs: P.kwargs) -> T:

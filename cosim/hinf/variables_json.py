@@ -1,29 +1,26 @@
-"""The LMI's variables as JSON: exact numbers as "p/q", of a design and of each guarantee.
+"""The LMI's variables as JSON, exact numbers as "p/q", of a design and of each guarantee.
 
     {"X": [["p/q", ...]], "Q": [...], "R": [...], "eps": ..., "k1": [...], "k2": [...],
      "gamma": ...}
 
-Y is left out, being K X; a design's certificate writes it beside them.
+Y = K X is left out; the certificate of a design adds it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.core import InputError
 from cosim.hinf.exact_lmi import ExactVariables
 from cosim.hinf.rational import from_text, is_symmetric, matrix_from_text, matrix_to_text, to_text
-from cosim.hinf.system_json import known_keys
-from cosim.hinf.value_text import format_value
-
-if TYPE_CHECKING:
-    from cosim.models import DelaySystem
+from cosim.hinf.system_json import format_value, known_keys
+from cosim.models import DelaySystem
 
 _KEYS = ("X", "Q", "R", "eps", "k1", "k2", "gamma")
 
 
 def variables_to_json(v: ExactVariables) -> dict[str, Any]:
-    """What `variables_from_json` reads."""
+    """Return the JSON values that `variables_from_json` reads."""
     return {
         "X": matrix_to_text(v.X),
         "Q": [matrix_to_text(Q) for Q in v.Q],
@@ -38,18 +35,13 @@ def variables_to_json(v: ExactVariables) -> dict[str, Any]:
 def variables_from_json(
     data: Any, system: DelaySystem, where: str, *, gain: bool
 ) -> ExactVariables:
-    """The variables that `variables_to_json` wrote.
+    """Read the variables of `system` that `variables_to_json` wrote; messages name `where`.
 
-    Parameters
-    ----------
-    data : what stands in the file.
-    system : what they belong to; eps is there where it is uncertain.
-    where : stands in the messages.
-    gain : whether there is a gamma.
+    gain : whether a gamma is expected.
 
     Raises
     ------
-    InputError : a missing key, a wrong shape, a number that is none.
+    InputError : a missing key, a wrong shape, a text that is no number.
     """
     known_keys(data, where, _KEYS, required=_KEYS)
     n, N = system.A.shape[0], len(system.delays)
@@ -86,7 +78,7 @@ def variables_from_json(
 
 
 def asymmetric(v: ExactVariables) -> str | None:
-    """Name of the first matrix that is not symmetric."""
+    """Return the name of the first matrix that is not symmetric, or None."""
     named = [("X", v.X), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q))]
     for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
         if not is_symmetric(value):

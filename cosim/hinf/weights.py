@@ -1,4 +1,4 @@
-"""Output weights: the rows of z = D x + D1 w + D2 u, each times a number of its own."""
+"""Output weights: factors of the rows of z = D x + D1 w + D2 u."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cosim.models import DelaySystem
 def weighted(
     system: DelaySystem, weights: Sequence[float], *, where: str = "weights"
 ) -> DelaySystem:
-    """The system with row i of D, D1 and D2 times weights[i].
+    """Multiply row i of D, D1 and D2 by weights[i].
 
-    The products are rounded to doubles; what is proved is proved about those.
+    The products are rounded to doubles; proofs are about those.
 
     Parameters
     ----------
     system : Eq. (7) with p outputs z.
     weights : p positive numbers.
-    where : stands in the messages.
+    where : named in messages.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def weighted(
             where=where,
             expected="positive numbers",
             got=f"{wrong[0]:g}",
-            hint="an output that does not count is left out of D, D1 and D2",
+            hint="leave an output without weight out of D, D1 and D2",
         )
     s, column = system, values[:, None]
     try:

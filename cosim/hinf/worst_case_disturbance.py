@@ -1,27 +1,24 @@
 """The disturbance that the nominal closed loop amplifies most.
 
 The H-infinity norm is |G(jw)| at its peak: with the singular value decomposition
-G(jw) = U S V', the sinusoid w(t) = Re(v e^{jwt}), v the first column of V, leaves the loop as
+G(jw) = U S V', the sinusoid w(t) = Re(v e^{jwt}), v the first column of V, gives the output
 Re(G v e^{jwt}), larger by the factor |G(jw)|. From the zero state and over a finite time the
-gain stays below it, and comes close the longer the sinusoid lasts.
+gain is less, and tends to it as the sinusoid gets longer.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.core import InputError
 from cosim.hinf.closed_loop import ClosedLoop, close
 from cosim.hinf.system_json import known_keys, number
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cosim.models import DelaySystem
+from cosim.models import DelaySystem
 
 _AGREE = 1e-6
 _DIGITS = 6
@@ -35,7 +32,7 @@ class WorstCase:
     ----------
     omega : angular frequency [rad/s]; 0 is a constant.
     amplitude, phase : one per entry of w; |amplitude| = 1, phase in [rad].
-    gain : |G(j omega) v| to six digits, what it is amplified by in the long run.
+    gain : |G(j omega) v| to six digits, the amplification in the steady state.
     """
 
     omega: float
@@ -45,30 +42,22 @@ class WorstCase:
 
 
 def worst_case(loop: ClosedLoop, omega: float) -> WorstCase:
-    """The direction that the loop amplifies most at `omega` [rad/s].
+    """Find the sinusoid that the loop amplifies most at `omega` [rad/s].
 
-    Directions whose gains agree to 1e-6 count as one: of their space the unit vector nearest
-    to an entry of w is taken. Frequency, amplitudes, phases and gain have six digits, so that
-    what differs from machine to machine does not reach a run.
+    Of directions whose gains agree to 1e-6, the unit vector nearest to an entry of w is taken.
+    Frequency, amplitudes, phases and gain have six digits, so that the rounding of a machine
+    does not change a run.
 
     Raises
     ------
-    InputError
-        The loop has no w or no z, or `omega` is no frequency >= 0.
+    InputError : the loop has no w or no z, or `omega` is no frequency >= 0.
     """
-    if not loop.has_performance or loop.C is None:
-        raise InputError(
-            "there is no disturbance to find",
-            where="closed loop",
-            expected="a disturbance w (C) and a performance output z (D)",
-            got="a loop without one of them",
-        )
     if not (math.isfinite(omega) and omega >= 0):
         raise InputError(
             "not a frequency", where="omega", expected="a finite number >= 0", got=repr(omega)
         )
     omega = _rounded(omega)
-    G = transfer(loop, omega)
+    G = loop.transfer(omega)
     _, sizes, rows = np.linalg.svd(G)
     space = rows[: int((sizes >= sizes[0] * (1 - _AGREE)).sum())]
     onto = space.conj().T @ space  # the projection; its column k is e_k as seen in the space
@@ -84,18 +73,16 @@ def worst_case(loop: ClosedLoop, omega: float) -> WorstCase:
 
 
 def worst_case_at(system: DelaySystem, K: ArrayLike, omega: float | None) -> WorstCase | None:
-    """The worst case of `system` with u = K x at `omega` [rad/s]; None where that is None."""
+    """Return the worst case of `system` with u = K x at `omega` [rad/s]; None for None."""
     return None if omega is None else worst_case(close(system, K), omega)
 
 
 def worst_case_from_json(data: Any, where: str, size: int) -> WorstCase:
-    """A worst case from the values that `dataclasses.asdict` made of it.
-
-    size : number of entries of w.
+    """Read a worst case from the values of its `dataclasses.asdict`; w has `size` entries.
 
     Raises
     ------
-    InputError : a missing or unknown key, or a number that is none.
+    InputError : a missing or unknown key, or anything but a number.
     """
     keys = ("omega", "amplitude", "phase", "gain")
     known_keys(data, where, keys, required=keys)
@@ -108,15 +95,6 @@ def worst_case_from_json(data: Any, where: str, size: int) -> WorstCase:
     return WorstCase(omega, entries["amplitude"], entries["phase"], gain)
 
 
-def transfer(loop: ClosedLoop, omega: float) -> np.ndarray:
-    """G(j omega) = D(j omega) (j omega I - A(j omega))^-1 C + D1, complex (p, q)."""
-    s = np.asarray(1j * omega)
-    H = s * np.eye(loop.order) - loop.state_matrix(s)
-    through = loop.output_matrix(s) @ np.linalg.solve(H, np.asarray(loop.C, dtype=complex))
-    G: np.ndarray = through + loop.D1
-    return G
-
-
 def _rounded(value: float) -> float:
-    """`value` to `_DIGITS` significant digits."""
+    """Round `value` to `_DIGITS` significant digits."""
     return float(f"{value:.{_DIGITS - 1}e}")

@@ -41,7 +41,7 @@ def _two_delays() -> DelaySystem:
     [(paper_example.system(), K1, K2), (_two_delays(), (-1.0, -2.0), (1.0, 4.0))],
     ids=["paper", "two delays"],
 )
-def test_its_least_gamma_is_that_of_the_projects_own_assembly(
+def test_least_gamma_equals_that_of_the_assembly(
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...]
 ) -> None:
     """Two formulations, no line in common: for section 5 at k1 = .6, k2 = .2 it is 5.0132."""
@@ -55,7 +55,7 @@ def test_its_least_gamma_is_that_of_the_projects_own_assembly(
 
 
 def test_the_variables_have_names_and_shapes() -> None:
-    """What a user writes constraints with."""
+    """Users write constraints with these."""
     asked = as_cvxpy(_two_delays(), (-1.0, -2.0), (1.0, 4.0))
     shapes = {variable.name(): variable.shape for variable in asked.problem.variables()}
     n = (2, 2)
@@ -97,14 +97,14 @@ def test_a_given_gamma_and_stability_alone_ask_for_a_margin() -> None:
         assert analyse(asked.system, found.K).certified
 
 
-def test_a_given_gain_stands_as_it_is() -> None:
+def test_given_gain_is_kept() -> None:
     """Y = K X; its gain is K again, to the digits that a design keeps."""
     asked = as_cvxpy(paper_example.system(), K1, K2, gain=[list(paper_example.PRINTED_K)])
     asked.problem.solve(solver=cp.CLARABEL)
     assert asked.gain() == pytest.approx(np.array([paper_example.PRINTED_K]), abs=2e-6)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_invalid_requests_are_refused() -> None:
     """Not solved, k2 = 0, no B, gamma at ||D1||."""
     with pytest.raises(InputError, match=r"no gain in X and Y(?s:.)*solve\(\)"):
         as_cvxpy(paper_example.system(), K1, K2).design()
@@ -123,6 +123,6 @@ def test_the_example_of_its_docstring_runs() -> None:
 
 
 def test_cvxpy_is_imported_when_it_is_asked_for() -> None:
-    """It takes a second; a design does without."""
+    """It takes a second to load, and a design does not need it."""
     program = "import sys, cosim.hinf; sys.exit('cvxpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0  # noqa: S603

@@ -43,7 +43,7 @@ def _reference_gamma(
 
 
 @pytest.mark.parametrize("case", range(8))
-def test_it_is_the_reference_with_rows_m_taken_out(case: int) -> None:
+def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
     """Any point, k1, k2 of either sign: equal to the Schur complement of `lmi`, to rounding."""
     rng = np.random.default_rng(case)
     system = random_system(
@@ -97,7 +97,7 @@ def test_least_gamma_of_the_paper_is_the_published_correction() -> None:
 
 
 @pytest.mark.parametrize("case", range(6))
-def test_least_gamma_of_random_systems_is_the_reference_solvers(case: int) -> None:
+def test_least_gamma_of_random_systems_equals_the_reference(case: int) -> None:
     """Two delays, feedback immediate or late: both formulations, both solvers, one number."""
     rng = np.random.default_rng(100 + case)
     system = random_system(

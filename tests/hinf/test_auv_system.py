@@ -79,7 +79,7 @@ def _gain_over_frequency(
     return float(np.linalg.norm(T + system.D1, 2, axis=(1, 2)).max())
 
 
-def test_the_letters_of_the_vehicle() -> None:
+def test_matrices_of_the_vehicle() -> None:
     """Rest on station: eta' = nu, nu' = u - 0.05 nu(t-0.5) + w, z = (0.1 eta, u)."""
     system = auv_system()
     assert system.A.tolist() == np.eye(8, k=4).tolist()
@@ -170,7 +170,7 @@ def test_the_certified_gamma_holds_for_admissible_uncertainty_and_any_constant_a
     assert 0.6 * aware.gamma < worst <= aware.gamma
 
 
-def test_the_nominal_norm_is_what_a_sweep_sees(aware: Design) -> None:
+def test_nominal_norm_agrees_with_a_sweep(aware: Design) -> None:
     """The exact norm bounds a dense sweep from above and is attained by it to 1e-5."""
     omega = np.concatenate([[0.0], np.geomspace(1e-4, 50.0, 20_000)])
     swept = _gain_over_frequency(

@@ -36,7 +36,7 @@ LINK = DelaySystem(
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 @pytest.mark.parametrize(("late", "any_age"), [(False, False), (True, False), (True, True)])
-def test_nothing_is_lost_at_a_gain_that_the_analysis_proves(
+def test_multipliers_of_a_gain_do_not_raise_its_gamma(
     order: int, *, late: bool, any_age: bool
 ) -> None:
     """With the multipliers of K the least gamma of the design is not above that of K.
@@ -83,7 +83,7 @@ def test_scalar_multipliers_are_sound_and_lose_something() -> None:
     assert found is None or found[0] > 3.2
 
 
-def test_the_orders_come_down_to_the_exact_norm() -> None:
+def test_gamma_approaches_the_exact_norm_with_the_order() -> None:
     """Over a link Theorem 2 ends at 6.69 with k1, k2 searched; order 1 at less than half."""
     plain = design(LINK, [-0.5], [1.0], search=True)
     assert plain.order is None
@@ -103,7 +103,7 @@ def test_the_orders_come_down_to_the_exact_norm() -> None:
 
 
 @pytest.mark.slow
-def test_the_vehicle_pays_less() -> None:
+def test_order_1_lowers_the_gamma_of_the_vehicle() -> None:
     """Two delays of any age, eight states: 3.12 from the 4.31 of the same k1, k2."""
     system = auv_system()
     found = design(system, [-0.3, -0.6], [0.3, 0.6], order=0)
@@ -148,7 +148,7 @@ def test_a_greatest_delay_is_not_beyond_the_truth() -> None:
 
 
 def test_stability_alone_and_a_given_gamma_or_gain() -> None:
-    """Without w and z stability is designed for; a gamma is met; a gain is analysed."""
+    """Without w and z the design is for stability; a gamma is met; a gain is analysed."""
     bare = DelaySystem(LINK.A, LINK.B, delays=LINK.delays)
     found = design(bare, [-0.5], [1.0], order=1)
     assert found.gamma is None
@@ -185,8 +185,8 @@ def test_the_same_system_gives_the_same_design() -> None:
     assert json.dumps(first.certificate) == json.dumps(second.certificate)
 
 
-def test_what_has_no_order_is_refused() -> None:
-    """An order that there is none of, no delay, nothing to design."""
+def test_invalid_order_is_refused() -> None:
+    """An order out of range, no delay, no B."""
     for system, order in (
         (LINK, -1),
         (LINK, 13),

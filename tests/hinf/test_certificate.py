@@ -15,7 +15,8 @@ from scipy.linalg import expm
 from solver_points import Array, benchmark, random_system, solved
 
 from cosim.core.errors import InputError
-from cosim.hinf.certificate import Variables, certificate_to_json, certify, check_certificate
+from cosim.hinf.certificate import certificate_to_json, certify, check_certificate
+from cosim.hinf.proof import Variables
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -51,7 +52,7 @@ def test_no_gamma_up_to_the_norm_of_D1_is_ever_proved(
     assert not certify(system, other, solution).valid
 
 
-def test_a_rounded_gain_is_judged_as_it_flies() -> None:
+def test_proof_uses_the_rounded_gain() -> None:
     """Near the least gamma, K to three digits with the same X is not proved, and K itself is."""
     system = paper_example.system()
     _, K, v = solved(system, (0.6,), (0.2,), 5.0135)
@@ -86,7 +87,7 @@ def test_a_solvers_optimal_at_an_unstable_delay_is_refused(
     assert certificate.reason
 
 
-def test_what_is_asked_beside_omega(paper: tuple[DelaySystem, Array, Variables]) -> None:
+def test_conditions_beside_omega_are_checked(paper: tuple[DelaySystem, Array, Variables]) -> None:
     """k2 = 0, an indefinite Q or X, and a Q where any age is claimed are each named."""
     system, K, v = paper
     delay = system.delays[0]

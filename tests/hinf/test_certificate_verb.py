@@ -120,7 +120,7 @@ def test_a_smaller_gamma_is_not_proved(cosim: Run, certificate: Any, tmp_path: P
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"claim": {}}', "[" * 100_000])
-def test_what_is_no_certificate_is_malformed(cosim: Run, text: str, tmp_path: Path) -> None:
+def test_malformed_certificate_is_refused(cosim: Run, text: str, tmp_path: Path) -> None:
     """Exit 2 with a message, in JSON as well, for files that hold something else."""
     path = tmp_path / "other.json"
     path.write_text(text, encoding="utf-8")

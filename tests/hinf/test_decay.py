@@ -34,7 +34,7 @@ def test_without_a_delay_the_rate_is_the_eigenvalue() -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_proved_rate_is_borne_by_every_delay_and_every_uncertainty(seed: int) -> None:
+def test_proved_rate_holds_for_all_delays_and_uncertainties(seed: int) -> None:
     """At constant F and at delays of 0, half and all of d, the rightmost root lies left of it."""
     rng = np.random.default_rng(seed)
     system = random_system(rng, late=bool(seed % 2), any_age=seed % 3 == 0, uncertain=seed % 4 < 2)
@@ -89,7 +89,7 @@ def test_sampled_feedback_is_covered_by_any_age() -> None:
     assert best >= 0.3
 
 
-def test_the_design_pays_for_the_rate_and_decays_with_ages_that_vary() -> None:
+def test_design_with_decay_costs_gamma_and_decays_at_varying_ages() -> None:
     """Section 5 at 4 1/s: a larger gamma; the flight falls as proved while F and the age turn."""
     system = paper_example.system()
     plain = design(system, (0.6,), (0.2,))
@@ -141,13 +141,13 @@ def test_the_box_of_growth_is_rounded_outward() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf, 1e5])
-def test_what_is_no_rate_is_refused(rate: float) -> None:
+def test_invalid_rate_is_refused(rate: float) -> None:
     """Not positive, not finite, or e^{rate d} beyond any proof."""
     with pytest.raises(InputError, match="decay"):
         design(paper_example.system(), (0.6,), (0.2,), decay=rate)
 
 
-def test_a_rate_that_cannot_be_had_says_so() -> None:
+def test_unachievable_rate_is_refused() -> None:
     """A mode that no input reaches decays at 1 and no faster."""
     system = DelaySystem([[-1.0, 0.0], [0.0, 1.0]], [[0.0], [1.0]])
     assert design(system, decay=0.9).abscissa <= -0.9

@@ -28,7 +28,7 @@ def margins(system: DelaySystem) -> tuple[float | None, ...]:
 
 
 @pytest.mark.parametrize("present", [0.0, 0.3, 1.5])
-def test_integrator_bears_a_quarter_turn(present: float) -> None:
+def test_integrator_margin_is_a_quarter_turn(present: float) -> None:
     """x' = -x(t-d) is stable exactly for d < pi/2, from whatever delay one looks."""
     assert margins(free([[0]], (present, [[-1]]))) == (pytest.approx(math.pi / 2, rel=1e-13),)
 
@@ -103,7 +103,7 @@ def test_equal_delays_are_entries_of_their_own() -> None:
         assert abs(moved(system, k)(margin)) < 1e-9
 
 
-def test_what_acts_through_no_cycle_has_no_margin() -> None:
+def test_delay_outside_every_cycle_has_no_margin() -> None:
     """A one-way coupling, and a matrix of zeros, may be as late as they like."""
     system = free(np.diag([-1.0, -2]), (1, [[0, 5], [0, 0]]), (0.2, np.zeros((2, 2))))
     assert margins(system) == (None, None)
@@ -112,12 +112,12 @@ def test_what_acts_through_no_cycle_has_no_margin() -> None:
 @pytest.mark.parametrize(
     ("A", "Ad"), [([[0.1]], [[0]]), ([[0]], [[0]]), ([[0]], [[-math.pi / 2 - 1e-6]])]
 )
-def test_a_loop_that_is_not_stable_has_none_to_lose(A: object, Ad: object) -> None:
+def test_unstable_loop_has_no_margin(A: object, Ad: object) -> None:
     """None in every entry; the abscissa says why."""
     assert margins(free(A, (1.0, Ad), (2.0, [[0]]))) == (None, None)
 
 
-def test_printed_gain_bears_every_delay() -> None:
+def test_printed_gain_has_no_delay_margin() -> None:
     """Section 5 with the printed K is stable for every delay (max rho = 0.174)."""
     assert delay_margin(paper_example.system(), [paper_example.PRINTED_K]) == (None,)
 

@@ -144,7 +144,7 @@ def test_the_bounds_are_attained(box: Envelope) -> None:
         ((1.0, 1.0, 1.0, 1.0, 3.2), "psi"),
     ],
 )
-def test_a_box_without_inside_is_refused(
+def test_empty_envelope_is_refused(
     bounds: tuple[float, float, float, float, float], name: str
 ) -> None:
     """Each bound is a positive number, and psi goes no further than half a turn."""

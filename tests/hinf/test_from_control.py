@@ -43,7 +43,7 @@ def test_the_last_inputs_are_the_controls() -> None:
     assert (system.name, system.feedback_delay) == ("servo", 0.2)
 
 
-def test_a_model_of_scipy_is_one_as_well() -> None:
+def test_scipy_models_are_accepted() -> None:
     """What counts is A, B, C, D in continuous time."""
     ours = DelaySystem.from_state_space(scipy.signal.StateSpace(A, B, C, D), ncon=1)
     theirs = DelaySystem.from_state_space(_plant(), ncon=1)
@@ -78,7 +78,7 @@ def _peak(loop: Any) -> float:
     return max(np.linalg.norm(response[:, :, k], 2) for k in range(len(omega)))
 
 
-def test_a_loop_with_delays_goes_there_as_its_frequency_response() -> None:
+def test_to_control_gives_the_frequency_response() -> None:
     """The FRD's largest gain is the norm that the level set finds, at its frequency."""
     system = paper_example.system()
     found = design(system, (0.6,), (0.2,), gain=[list(paper_example.PRINTED_K)])
@@ -113,7 +113,7 @@ def test_a_loop_with_delays_goes_there_as_its_frequency_response() -> None:
     ],
     ids=lambda x: type(x).__name__ if not isinstance(x, str | int) else str(x)[:12],
 )
-def test_what_is_no_continuous_plant_is_refused(plant: Any, ncon: int, words: str) -> None:
+def test_anything_but_a_continuous_plant_is_refused(plant: Any, ncon: int, words: str) -> None:
     """A discrete model, a transfer function, too many controls, anything else."""
     with pytest.raises(ValueError, match=words):
         DelaySystem.from_state_space(plant, ncon=ncon)
@@ -144,7 +144,7 @@ def test_without_python_control_the_extra_is_named(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("omega", [[np.nan], ["fast"], [np.inf]])
-def test_frequencies_that_are_none_are_refused(omega: Any) -> None:
+def test_invalid_frequencies_are_refused(omega: Any) -> None:
     """So is a loop without w and z."""
     loop = close(paper_example.system(), [list(paper_example.PRINTED_K)])
     with pytest.raises(InputError, match="omega"):

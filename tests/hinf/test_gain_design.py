@@ -35,7 +35,7 @@ def test_without_k1_and_k2_they_are_searched() -> None:
     assert design(paper_example.system(), search=False).gamma is not None
 
 
-def test_one_of_them_makes_the_other() -> None:
+def test_k1_or_k2_alone_gives_the_other() -> None:
     """k1 = -k2, either way."""
     one = design(paper_example.system(), k2=(0.4,))
     other = design(paper_example.system(), (-0.4,))
@@ -43,7 +43,7 @@ def test_one_of_them_makes_the_other() -> None:
     assert one.gamma == other.gamma
 
 
-def test_a_delay_of_zero_and_no_delay_need_no_k() -> None:
+def test_systems_without_a_positive_delay_need_no_k1_k2() -> None:
     """Whatever stands in place of 1/d, the design is made and the least gamma is the same."""
     parts = {"B": [[1.0]], "C": [[1.0]], "D": [[1.0], [0.0]], "D2": [[0.0], [1.0]]}
     at_zero = design(DelaySystem([[1.0]], **parts, delays=[Delay(0.0, [[0.0]])]))
@@ -54,12 +54,12 @@ def test_a_delay_of_zero_and_no_delay_need_no_k() -> None:
     assert without.gamma == pytest.approx(np.sqrt(2.0), rel=0.5)
 
 
-def test_a_greatest_delay_needs_no_k_either() -> None:
+def test_greatest_delay_needs_no_k1_k2() -> None:
     """The search of section 5 at gamma = 6 goes beyond every printed delay."""
     assert greatest_delay(paper_example.system(), 6.0, limit=3.0).delay == 3.0
 
 
-def test_k_that_do_not_fit_are_refused() -> None:
+def test_k1_k2_that_do_not_fit_are_refused() -> None:
     """One number per delay, k2 not zero, as before."""
     for k1, k2 in (((0.6, 0.6), None), (None, (0.0,)), ((0.6,), (0.2, 0.2))):
         with pytest.raises(InputError, match=r"k[12]"):
@@ -67,7 +67,7 @@ def test_k_that_do_not_fit_are_refused() -> None:
 
 
 def test_an_order_excludes_design_constraints() -> None:
-    """The sharper conditions prove gamma alone; with nothing else demanded they are there."""
+    """An order proves gamma alone; without design constraints it is accepted."""
     system = paper_example.system()
     with pytest.raises(InputError, match="Theorem 2"):
         design(system, order=0, decay=0.5)

@@ -41,7 +41,7 @@ def test_table_2_at_the_printed_k1_k2(gamma: float, end: float | None) -> None:
 
 
 @pytest.mark.parametrize("gamma", [4.0, 5.0])
-def test_no_delay_bears_a_gamma_up_to_that_of_d1(gamma: float) -> None:
+def test_gamma_up_to_the_norm_of_d1_is_refused(gamma: float) -> None:
     """gamma <= ||D1|| = 5: refused with the reason, whatever k1, k2."""
     with pytest.raises(NotAchievableError, match="D1"):
         greatest_delay(paper_example.system(), gamma, (0.6,), (0.2,), search=True)
@@ -71,7 +71,7 @@ def test_a_delay_beyond_ten_times_the_printed_one() -> None:
 
 
 @pytest.mark.parametrize("d", [10.0, 100.0, 1000.0])
-def test_k1_k2_that_scale_with_the_delay_bear_any(d: float) -> None:
+def test_k1_k2_scaled_by_the_delay_certify_any_delay(d: float) -> None:
     """k1 = -.1/d, k2 = .5/d at gamma = 6: certified at every d tried."""
     system = with_delays(paper_example.system(), [d])
     assert design(system, (-0.1 / d,), (0.5 / d,), gamma=6.0).gamma == 6.0
@@ -94,7 +94,7 @@ def test_search_brings_section_5_to_its_bound() -> None:
 
 
 def test_bad_requests_are_refused() -> None:
-    """No such delay, no gamma, no limit, delays that do not fit."""
+    """An absent delay, no gamma, an invalid limit, delays that do not fit."""
     system = paper_example.system()
     for wrong in ({"delay_index": 1}, {"delay_index": -1}, {"limit": 0.0}, {"limit": np.inf}):
         with pytest.raises(InputError):
@@ -115,7 +115,7 @@ def _design(
     return int(left.value.code or 0), json.loads(capsys.readouterr().out)
 
 
-def test_the_verb_says_it_in_json(
+def test_design_command_reports_the_greatest_delay_as_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """--max-delay, --search, --delays: lists per delay, null for what is absent, a path saved."""

@@ -17,7 +17,7 @@ from cosim.models import paper_example
 
 @pytest.fixture(scope="module")
 def found() -> Design:
-    """Section 5 with everything demanded at once."""
+    """Section 5 with all design constraints at once."""
     return design(
         paper_example.system(),
         (0.6,),
@@ -78,7 +78,7 @@ def test_a_design_with_guarantees_survives_its_file(found: Design, saved: Any) -
     assert float(again.guarantees.decay.rate) == 1.0
 
 
-def test_every_entry_of_the_guarantees_counts(saved: Any) -> None:
+def test_changing_any_entry_of_the_guarantees_invalidates_the_proof(saved: Any) -> None:
     """Any single one changed for the worse: refused, in the proofs and in the claim."""
     paths = [("guarantees", *path) for path in _leaves(saved["guarantees"])]
     paths += [("claim", "guarantees", *path) for path in _leaves(saved["claim"]["guarantees"])]
@@ -131,7 +131,7 @@ def test_a_guarantee_can_be_dropped_but_not_in_the_proof_alone(saved: Any) -> No
     assert check_certificate(data).valid
 
 
-def test_a_steeper_corner_than_the_box_is_no_proof(saved: Any) -> None:
+def test_rate_beyond_the_proved_corner_is_refused(saved: Any) -> None:
     """A rate tripled with a growth that fits it: the LMI at the corners fails."""
     data = copy.deepcopy(saved)
     for table in (data["guarantees"]["decay"], data["claim"]["guarantees"]["decay"]):
@@ -165,7 +165,7 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
         check_certificate(data)
 
 
-def test_guarantees_beside_a_proof_that_has_none_are_only_notes(saved: Any) -> None:
+def test_guarantees_in_a_design_by_order_are_ignored(saved: Any) -> None:
     """Put into the file of a design by order, where no check reads them: not in the design."""
     of_order_0 = design(paper_example.system(), (0.6,), (0.2,), order=0)
     data = json.loads(json.dumps(design_to_json(of_order_0)))

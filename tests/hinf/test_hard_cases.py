@@ -116,7 +116,7 @@ def test_the_vehicle_in_millimetres_kilometres_and_degrees() -> None:
 
 
 def test_rates_twelve_decades_apart() -> None:
-    """1e6 1/s beside 1e-6 1/s: the certificate stands, whatever the yardsticks can compute."""
+    """1e6 1/s beside 1e-6 1/s: the certificate stands, whatever figures can be computed."""
     system = DelaySystem(
         np.diag([-1e6, -1e-6]),
         [[1e6], [1e-6]],
@@ -202,13 +202,13 @@ def test_a_root_that_no_input_moves_is_named(system: DelaySystem, root: complex)
             greatest_delay(system, 100.0, (-1.0,), (1.0,))
 
 
-def test_what_can_be_stabilised_is_not_blamed() -> None:
+def test_stabilisable_system_is_not_reported() -> None:
     """An unstable root that the input reaches, and the vehicle."""
     assert unstabilisable_root(DelaySystem([[1.0]], [[1.0]])) is None
     assert unstabilisable_root(auv_system()) is None
 
 
-def test_k1_k2_that_do_not_do_are_not_called_unstabilisable() -> None:
+def test_infeasible_k1_k2_are_not_reported_as_unstabilisable() -> None:
     """x' = x + u(t - .3): u = -2x would do, but not k1 = -1, k2 = 1; proved for any gamma."""
     system = DelaySystem(
         [[1.0]], [[1.0]], [[1.0]], [[1.0]], delays=[Delay(0.3, [[0.0]], feedback=True)]
@@ -221,8 +221,8 @@ def test_k1_k2_that_do_not_do_are_not_called_unstabilisable() -> None:
 
 
 @pytest.mark.parametrize("delays", [[], [Delay(0.3, [[0.5]])]])
-def test_control_that_costs_nothing_has_no_least_gamma(delays: list[Delay]) -> None:
-    """x' = x + u + w, z = x: any gamma may be had; which is for the user to say."""
+def test_control_without_weight_has_no_least_gamma(delays: list[Delay]) -> None:
+    """x' = x + u + w, z = x: any gamma can be achieved, so the user must choose one."""
     system = DelaySystem([[1.0]], [[1.0]], [[1.0]], [[1.0]], delays=delays)
     k = (1.0,) * len(delays)
     with pytest.raises(NotAchievableError, match="there is no least gamma") as refused:
@@ -235,7 +235,7 @@ def test_control_that_costs_nothing_has_no_least_gamma(delays: list[Delay]) -> N
 
 @pytest.mark.parametrize("zero", ["C", "D"])
 def test_a_gain_that_is_zero_has_no_least_gamma(zero: str) -> None:
-    """Nothing reaches z: said, not designed for."""
+    """z does not depend on w: an error, not a design."""
     C, D = ([[0.0]], [[1.0]]) if zero == "C" else ([[1.0]], [[0.0]])
     system = DelaySystem([[-1.0]], [[1.0]], C, D, delays=[Delay(0.3, [[0.5]])])
     with pytest.raises(NotAchievableError, match="no gain from w to z"):
@@ -300,10 +300,10 @@ def test_an_uncertainty_of_zero_is_none() -> None:
         (paper_example.system(1e200), (1.0,), (1.0,), r"delays\[0\].d"),
     ],
 )
-def test_numbers_beyond_reckoning_are_refused(
+def test_numbers_too_far_from_one_are_refused(
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], where: str
 ) -> None:
-    """Neither an overflow nor a nonsense answer: the number is named."""
+    """No overflow and no wrong result: the error names the number."""
     with pytest.raises(InputError, match=f"{where}: a number is too far from one"):
         design(system, k1, k2)
 
@@ -318,7 +318,7 @@ def test_k2_of_zero_is_refused(k2: float) -> None:
 
 
 @pytest.mark.parametrize("case", range(12))
-def test_whatever_is_asked_it_ends_with_a_proof_or_a_name(case: int) -> None:
+def test_random_systems_end_with_a_proof_or_an_error(case: int) -> None:
     """Random systems of odd sizes and scales: a valid certificate, or one of the errors."""
     rng = np.random.default_rng(500 + case)
     n, m = int(rng.integers(1, 4)), int(rng.integers(0, 3))

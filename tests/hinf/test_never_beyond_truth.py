@@ -273,7 +273,7 @@ def test_a_claim_about_smaller_delays_is_looked_at_there() -> None:
         check_claim(system, None, None, covers_smaller_delays=True)
 
 
-def test_the_truth_agrees_with_itself() -> None:
+def test_independent_methods_agree() -> None:
     """Sweep and pencil find one margin; level set and branch and bound one norm."""
     published = DelaySystem([[-2, 0], [0, -0.9]], delays=[Delay(1.0, [[-1, 0], [-1, -1]])])
     assert first_loss(loop_of(published), 0) == pytest.approx(6.172581371, rel=1e-9)

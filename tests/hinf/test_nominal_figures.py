@@ -1,4 +1,4 @@
-"""The yardsticks together, beside a design and an analysis, in their files and without E, H."""
+"""Figures of the nominal loop: in designs and analyses, in their files, and without E, H."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_gain_that_falls_to_its_limit_has_a_wider_bound() -> None:
 
 
 @pytest.mark.parametrize("rate", [1e-100, 1e-9, 1e9, 1e150])
-def test_any_unit_of_time_will_do(rate: float) -> None:
+def test_figures_scale_with_the_unit_of_time(rate: float) -> None:
     """x' = r (-x + x(t - 2/r)/2 + w): norm 2; with -2 for 1/2 a margin of 2 pi / (3 sqrt 3 r)."""
     d = 2 / rate
     system = DelaySystem(
@@ -84,7 +84,7 @@ def test_a_delay_too_short_for_any_number_is_none() -> None:
     assert nominal_figures_of(system, np.zeros((0, 1))).abscissa == pytest.approx(-1.5, rel=1e-12)
 
 
-def test_without_a_gain_to_ask_for_or_stability_to_ask_it_of() -> None:
+def test_figures_without_performance_or_stability() -> None:
     """No w and z: roots and margins alone. Not stable: the abscissa alone."""
     quarter = DelaySystem([[0]], delays=[Delay(1.0, [[-1]])])
     found = nominal_figures_of(quarter, np.zeros((0, 1)))
@@ -145,7 +145,7 @@ def test_a_file_without_its_figures_is_refused(paper: Design) -> None:
         design_from_json(data, where="a.json")
 
 
-def test_what_gamma_pays_for_the_uncertainty(paper: Design) -> None:
+def test_nominal_gamma_is_less_than_the_certified_one(paper: Design) -> None:
     """Between the exact norm and gamma lies the gamma of the same gain with nothing uncertain."""
     assert paper.gamma is not None
     assert paper.exact_norm_upper is not None
@@ -174,7 +174,7 @@ def test_roots_of_the_vehicle_in_closed_form(present: float) -> None:
     assert spectral_abscissa(loop) == pytest.approx(s[0].real, abs=1e-10)
 
 
-def test_a_margin_that_cannot_be_decided_stops_nothing() -> None:
+def test_undecided_margin_does_not_stop_a_design() -> None:
     """x' = -0.9 x - 0.1 x(t-1/2) - x(t-d), stable for every d with nothing to spare at s = 0."""
     system = DelaySystem([[-0.9]], delays=[Delay(20.0, [[-1]]), Delay(0.5, [[-0.1]])])
     found = analyse(system, order=1)

@@ -143,7 +143,7 @@ def test_limit_at_infinity() -> None:
     assert result.bound <= 1 + 1e-8
 
 
-def test_no_way_through_leaves_the_direct_term() -> None:
+def test_zero_C_leaves_the_direct_term() -> None:
     """C = 0: the gain is |D1| at every frequency, and zero where D1 is zero too."""
     loop = ClosedLoop([[[-1]]], [0], [[0]], [[[1], [0]]], [[3], [4]])
     assert hinf_norm(loop) == (5.0, math.inf, 5.0)

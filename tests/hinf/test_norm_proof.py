@@ -178,14 +178,14 @@ def test_section_5_and_the_vehicle() -> None:
     assert not norm_proved(auv, 3 * K, 1e6)
 
 
-def test_without_a_way_through_the_direct_term_remains() -> None:
+def test_zero_C_leaves_the_direct_term_as_bound() -> None:
     """C = 0: |D1| = 5 at every frequency."""
     loop = free([[-1]], C=[[0]], D=[[1], [0]], D1=[[3], [4]])
     assert norm_proved(*loop, 5 * (1 + CLOSE))
     assert not norm_proved(*loop, 5.0)
 
 
-def test_what_cannot_be_asked_is_refused() -> None:
+def test_invalid_arguments_are_refused() -> None:
     """No w or z, no number, a gain of another shape."""
     system, K = free([[-1]], C=[[1]], D=[[1]])
     for level in (0.0, -1.0, math.inf, math.nan):
@@ -193,5 +193,5 @@ def test_what_cannot_be_asked_is_refused() -> None:
             norm_proved(system, K, level)
     with pytest.raises(InputError, match="no gain"):
         norm_proved(DelaySystem([[-1]]), K, 1.0)
-    with pytest.raises(InputError, match="does not fit"):
+    with pytest.raises(InputError, match=r"K: wrong shape"):
         norm_proved(system, [[1.0]], 1.0)

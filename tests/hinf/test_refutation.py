@@ -105,7 +105,7 @@ def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
 
 
 @pytest.mark.parametrize("case", range(16))
-def test_never_against_what_is_feasible_always_against_what_is_far_from_it(case: int) -> None:
+def test_refutes_far_from_feasible_and_never_feasible_systems(case: int) -> None:
     """Random systems at half and at twice the least gamma of their LMI."""
     rng = np.random.default_rng(100 + case)
     system = random_system(
@@ -159,7 +159,7 @@ def test_a_gamma_below_the_least_is_refused_with_its_proof() -> None:
     assert Fraction(proof.claim["gamma"]) == Fraction(5.01)
 
 
-def test_k1_k2_that_bear_no_delay_are_refused_with_their_proof() -> None:
+def test_k1_k2_without_a_feasible_delay_are_refused_with_their_proof() -> None:
     """k2 < 0: not even at twenty microseconds."""
     with pytest.raises(NotAchievableError, match="any delay") as refused:
         greatest_delay(paper_example.system(), 6.0, (5.0,), (-1.0,))
@@ -175,7 +175,7 @@ def _entries_that_count(system: DelaySystem) -> set[tuple[int, int]]:
     return {(i - 2 * (i > m), j - 2 * (j > m)) for i, j in kept}
 
 
-def test_every_entry_counts() -> None:  # noqa: C901 - one change after the other
+def test_changing_any_entry_invalidates_the_proof() -> None:  # noqa: C901 - one change after the other
     """One multiplier, k1, k2, gamma, delay or matrix entry changed: not proved."""
     proof = _refuted(with_delays(paper_example.system(), [1.06]), (0.6,), (0.2,), 6.0)
     assert proof is not None
@@ -252,7 +252,7 @@ def test_zero_multipliers_prove_nothing() -> None:
         lambda data: data.__setitem__("system", 3),
     ],
 )
-def test_what_is_no_refutation_is_bad_input(damage: Callable[[dict[str, Any]], Any]) -> None:
+def test_malformed_refutation_is_bad_input(damage: Callable[[dict[str, Any]], Any]) -> None:
     """Missing keys, wrong shapes, wrong numbers: named, never a traceback."""
     proof = _refuted(with_delays(paper_example.system(), [1.06]), (0.6,), (0.2,), 6.0)
     assert proof is not None

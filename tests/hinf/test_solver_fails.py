@@ -92,7 +92,7 @@ def test_an_analysis_is_not_certified_because_the_solver_failed(order: int, stat
             assert f"{FAILED} (status {status}" in one.reason
 
 
-def test_what_is_proved_beside_gamma_says_it_too(status: str) -> None:
+def test_constrained_design_reports_a_solver_failure(status: str) -> None:
     """Decay and the peak of the control, of a gain that is given."""
     system, K = paper_example.system(), np.array(PRINTED)
     p = checked_scalars(system, *AT)
@@ -114,7 +114,7 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     assert error["exit_code"] == 5
     assert not [words for words in NEVER if words in json.dumps(error)]
     constrained = cosim(*late, "--gain-limit", "2", "--json", cwd=tmp_path).error
-    assert constrained["what"] == "no gain was found that meets what is demanded"
+    assert constrained["what"] == "no gain was found that meets the design constraints"
     assert "at 4 pairs k1, k2" in constrained["got"]
     refused = cosim(
         *late, "--gamma", "20", "--save-refutation", "r.json", "--json", cwd=tmp_path

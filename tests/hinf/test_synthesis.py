@@ -85,7 +85,7 @@ def test_stability_alone_where_there_is_nothing_to_bound() -> None:
     assert check_certificate(found.certificate).valid
 
 
-def test_what_cannot_be_had_is_refused_by_name() -> None:
+def test_unachievable_designs_name_their_cause() -> None:
     """gamma <= ||D1|| = 5, gamma below the least, k2 = 0, what no input reaches."""
     system = paper_example.system()
     with pytest.raises(NotAchievableError, match="D1"):

@@ -129,7 +129,7 @@ def test_a_system_without_delay() -> None:
         ("gamma = 5.05", 'gamma = "least"', ["design.gamma", "'least'"]),
     ],
 )
-def test_what_is_wrong_is_named(old: str, new: str, words: list[str]) -> None:
+def test_wrong_value_in_a_file_is_named(old: str, new: str, words: list[str]) -> None:
     """One fault put into the paper's file: the message has the place and what stood there."""
     assert PAPER.count(old) == 1
     with pytest.raises(InputError) as caught:
@@ -153,7 +153,7 @@ def test_what_is_wrong_is_named(old: str, new: str, words: list[str]) -> None:
         ("A = [[0.0, 1.0], [0.0, 0.0]]", "", ["'A' is missing"]),
     ],
 )
-def test_what_is_wrong_in_a_list_of_delays_is_named(old: str, new: str, words: list[str]) -> None:
+def test_wrong_value_in_a_list_of_delays_is_named(old: str, new: str, words: list[str]) -> None:
     """The same for a file of several delays."""
     assert SEVERAL.count(old) == 1
     with pytest.raises(InputError) as caught:

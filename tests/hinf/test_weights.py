@@ -35,7 +35,7 @@ def test_one_weight_for_all_is_a_factor_of_gamma() -> None:
 @pytest.mark.parametrize(
     "weights", [[1.0], [1.0, 2.0, 3.0], [1.0, 0.0], [1.0, -1.0], [1.0, np.inf]]
 )
-def test_weights_that_are_none_are_refused(weights: list[float]) -> None:
+def test_invalid_weights_are_refused(weights: list[float]) -> None:
     """One positive number per row of z."""
     with pytest.raises(InputError, match="weight"):
         weighted(paper_example.system(), weights)

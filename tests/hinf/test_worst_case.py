@@ -17,7 +17,7 @@ LAG = ClosedLoop([[[-1.0]]], [0.0], [[1.0, 0.0]], [[[1.0]]], [[0.0, 1.0]])
 
 
 @pytest.mark.parametrize("omega", [0.0, 0.3, 1.0, 7.0])
-def test_lag_beside_a_wire(omega: float) -> None:
+def test_worst_case_of_a_lag_beside_a_direct_term(omega: float) -> None:
     """w1 leads w2 by atan(w), so that both arrive in phase, and weighs 1/sqrt(1 + w^2)."""
     found = worst_case(LAG, omega)
     through = 1 / math.sqrt(1 + omega**2)
@@ -96,5 +96,5 @@ def test_no_frequency_is_refused(omega: float) -> None:
 
 def test_loop_without_a_gain_has_no_worst_case() -> None:
     """Without w and z there is nothing to amplify."""
-    with pytest.raises(InputError, match="no disturbance to find"):
+    with pytest.raises(InputError, match="no gain from w to z"):
         worst_case(ClosedLoop([[[-1.0]]], [0.0]), 1.0)
