@@ -105,13 +105,13 @@ _FORK = """
 import os, sys
 from pathlib import Path
 from cosim.fmu import describe_fmu
-from cosim.fmu.unpacking import leave, unpacked
+from cosim.fmu.unpacking import remove_unpacked, unpack_fmu
 described = describe_fmu(Path(sys.argv[1]))
-folder = unpacked(described)
+folder = unpack_fmu(described)
 child = os.fork()
 if child == 0:
-    own = unpacked(described)
-    leave()
+    own = unpack_fmu(described)
+    remove_unpacked()
     os._exit(0 if own != folder and not own.exists() and folder.exists() else 1)
 code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 sys.exit(code if folder.exists() else 2)

@@ -14,7 +14,7 @@ from packed import XML, pack
 
 from cosim.core.errors import InputError
 from cosim.fmu import FmuSlave, describe_fmu
-from cosim.fmu.phase import Phase, may_be_set
+from cosim.fmu.port import Phase, may_be_set
 from cosim.master import Component, Session, System, make_schedule
 from cosim.trace import Trace
 

@@ -19,8 +19,7 @@ from fmpy.validation import validate_fmu
 from cosim.fmu.export.build import ensure_fmu
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.python import package
-from cosim.fmu.export.spec import Variable
-from cosim.fmu.export.units import UNITS
+from cosim.fmu.export.spec import UNITS, Variable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""documentation/ of an FMU: one page that needs nothing from anywhere else, and the licence."""
+"""Write documentation/ of an FMU: a page that needs no other file, and the licence."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.fmu.export.spec import CERTIFICATE, ComponentSpec
 
 
 def documentation_files(spec: ComponentSpec) -> dict[str, bytes]:
-    """Archive path -> content: documentation/index.html, the licence, and model.png."""
+    """Return by archive path documentation/index.html, the licence and model.png."""
     licence = components_folder().joinpath("LICENSE").read_bytes()
     picture = spec.readme.with_name("model.png").read_bytes()
     return {

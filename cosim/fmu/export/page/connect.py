@@ -1,4 +1,4 @@
-"""How to connect an FMU: programs that run as they stand, once the files are there."""
+"""The page's section on connecting an FMU, with programs that run unchanged."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _MOST_NAMES = 3  # names that an example lists
 
 
 def connect_section(spec: ComponentSpec) -> str:
-    """HTML: FMPy, this project's own master, any other tool."""
+    """Return HTML about FMPy, this project's own master, and any other tool."""
     parts = ["<h3>In Python, with FMPy</h3>\n", block(fmpy_program(spec), "python")]
     if spec.scenario:
         parts.append(
@@ -27,7 +27,7 @@ def connect_section(spec: ComponentSpec) -> str:
 
 
 def fmpy_program(spec: ComponentSpec) -> str:
-    """A program that simulates NAME.fmu alone, with an input that jumps if it has one."""
+    """Return a program that simulates NAME.fmu alone, with a step on its first input."""
     of = {
         causality: [v.name for v in spec.variables if v.causality == causality]
         for causality in ("input", "output", "parameter")

@@ -1,7 +1,7 @@
-"""Make the pythonfmu FMU of a component: its modules, the slave, the archive.
+"""Build the pythonfmu FMU of a component: its modules, the slave, the archive.
 
-All FMUs of a process share one table of imported modules, so everything an FMU imports
-lives in a package whose name carries the FMU's hash.
+All FMUs of a process share one table of imported modules, so an FMU imports everything from a
+package whose name contains the FMU's hash.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SLAVE = "cosim.fmu.export.python.slave"
 
 
 def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
-    """Module name -> source text of everything that runs inside the FMU."""
+    """Return by module name the source text of everything that runs inside the FMU."""
     sources = {}
     for module in (*spec.sources, _SLAVE):
         found = importlib.util.find_spec(module)
@@ -45,10 +45,10 @@ def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
 
 
 def guid(spec: ComponentSpec) -> str:
-    """The hash that tells whether a built FMU is up to date.
+    """Return the hash that shows whether a built FMU is up to date.
 
-    It covers all that a build puts into the archive, what is generated included: PythonFMU's
-    version, the joining script, the model description and the documentation.
+    It covers the whole archive: sources, resources, PythonFMU's version, the script, the model
+    description and the documentation.
     """
     sources = component_sources(spec)
     unnamed = {module: _flat(module) for module in sources}
@@ -112,7 +112,7 @@ def _flat(module: str) -> str:
 
 
 def _renamed_imports(text: str, renamed: dict[str, str], home: Mapping[str, str]) -> str:
-    """The text with its imports led to the modules beside it; `home`: name -> its module."""
+    """Redirect the imports of a module to those packed beside it; `home`: name -> its module."""
 
     def moved(found: re.Match[str]) -> str:
         modules: dict[str, list[str]] = {}
@@ -123,14 +123,14 @@ def _renamed_imports(text: str, renamed: dict[str, str], home: Mapping[str, str]
 
     text = _IMPORT.sub(moved, text)
     left = re.search(r"^\s*(?:from|import) (?:cosim|numpy)\b.*", text, flags=re.MULTILINE)
-    # what only a designer calls imports inside its function and never runs in the FMU
+    # indented imports are in functions for design, which the FMU never calls
     if left is not None and not left.group().startswith(" "):
         raise ValueError(f"a module of the FMU imports what is not in it: {left.group().strip()}")
     return text
 
 
 def _homes(sources: Mapping[str, bytes]) -> dict[str, str]:
-    """The module that defines each public name of the sources, for imports through a face."""
+    """Return by name the module of the sources that defines it, for imports from a package."""
     homes = {}
     for module, text in sources.items():
         for node in ast.parse(text).body:
