@@ -44,8 +44,8 @@ def description(path: Path) -> ET.Element:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_fmpy_finds_nothing_to_complain_about(flavour: tuple[str, Path], name: str) -> None:
-    """The validator of another tool has no remark on any FMU."""
+def test_fmpy_validator_has_no_objections(flavour: tuple[str, Path], name: str) -> None:
+    """FMPy's validator reports no problem for any FMU."""
     assert validate_fmu(str(flavour[1] / f"{name}.fmu")) == []
 
 
