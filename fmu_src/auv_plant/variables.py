@@ -84,7 +84,7 @@ parameters = {{ "initial.eta.x" = 0.5 }}
 
 [components.controller]
 fmu = "{controller}"
-parameters = {{ "eta.x" = 0.5 }}  # what it goes by until the first measurement arrives
+parameters = {{ "eta.x" = 0.5 }}  # used until the first measurement arrives
 {sea}
 [[connections]]
 from = "plant.eta"

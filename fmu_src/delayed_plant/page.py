@@ -52,7 +52,7 @@ def _place(delay: Delay, parameters: dict[int, int], named: Sequence[str]) -> st
     if delay.feedback:
         parts.append(
             "between the plant and its controller: u = K x(t − d). It is **not** in this FMU, "
-            "where u acts at once; link, sampling and exchange together make it up"
+            "where u acts at once; link, sampling and exchange together cause it"
         )
     return "; and ".join(parts)
 

@@ -31,8 +31,8 @@ _STEP = 0.01  # [s], of the default experiment
 _VEHICLE_NOTES = """
 ## From accelerations to forces
 
-The state is x = (`eta`, `nu`), and u is an acceleration. What leaves the controller is M u =
-(`force.x`, `force.y`, `force.z`, `moment.z`), each held within ± `limit.force` and
+The state is x = (`eta`, `nu`), and u is an acceleration. The outputs are M u =
+(`force.x`, `force.y`, `force.z`, `moment.z`), each limited to ± `limit.force` and
 ± `limit.moment`. M, the parameter `thrust_map`, is the mass matrix of the vehicle, added mass
 included.
 """
@@ -183,9 +183,9 @@ def feedback_spec(
 
 
 def _feedback_notes(m: int, n: int, *, with_limits: bool) -> str:
-    bounds = ", held within ± `limit.u[i]`" if with_limits else ", without limits"
+    bounds = ", each limited to ± `limit.u[i]`" if with_limits else ", without limits"
     return (
-        "\n## This controller\n\nFor a system in the letters of Eq. (7): "
+        "\n## This controller\n\nFor a system in the form of Eq. (7): "
         f"{n} measured state{'s' * (n != 1)} `x[j]`, {m} command{'s' * (m != 1)} `u[i]`{bounds}.\n"
     )
 

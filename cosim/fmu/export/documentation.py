@@ -67,6 +67,6 @@ def _licence(spec: ComponentSpec) -> str:
     proof = f", the proof in <code>{CERTIFICATE}</code>" if spec.certificate is not None else ""
     return (
         'MIT licence: <a href="licenses/license.txt">license.txt</a>. The FMU is a zip archive; '
-        "what it computes with lies in it as text, in <code>sources/</code> or "
+        "the code that it runs is inside as text, in <code>sources/</code> or "
         f"<code>resources/</code>{proof}."
     )

@@ -18,7 +18,7 @@ def connect_section(spec: ComponentSpec) -> str:
         parts.append(
             "<h3>With its partners, over a link</h3>\n"
             "<p>As a scenario, <code>my-scenario.toml</code>, beside the FMUs; "
-            "<code>cosim run my-scenario.toml</code> flies it and keeps a trace. Where a "
+            "<code>cosim run my-scenario.toml</code> runs it and records a trace. Where a "
             "connection names groups, <code>plant.x</code>, members of one name are joined.</p>\n"
             f"{block(spec.scenario, 'toml')}"
         )
@@ -68,12 +68,11 @@ def _elsewhere(spec: ComponentSpec) -> str:
         listed = ", ".join(f"<code>{html.escape(name)}</code>" for name in through[:_MOST_NAMES])
         more = ", …" if len(through) > _MOST_NAMES else ""
         direct = (
-            f"Only {listed}{more} depend on inputs without delay; the model description says on "
-            "which."
+            f"Only {listed}{more} depend on inputs without delay; the model description lists them."
         )
     return (
         "Import the file as an FMU for co-simulation and join inputs and outputs by their names. "
-        "Any communication step will do, a varying one too. Parameters are set before "
+        "Any communication step is possible, also a varying one. Parameters are set before "
         "initialisation ends and fixed from then on. The whole state can be saved, restored and "
         f"serialised. {direct} If <code>needsExecutionTool</code> is set in the model "
         "description, this is the flavour in Python, for Python hosts; the native flavour of the "

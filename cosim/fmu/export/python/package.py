@@ -162,16 +162,16 @@ def _script(spec: ComponentSpec, package: str, renamed: dict[str, str]) -> str:
         f"from {renamed[_SLAVE]} import BehaviourSlave\n"
         f"from {package}.table import CONSTANTS as _CONSTANTS\n"
         f"from {package}.table import TABLE as _TABLE\n\n"
-        "# PythonFMU's loader runs this text for every instance and gives back a reference to\n"
-        "# the module's dictionary that it never took: without one more, the second instance\n"
-        "# of a process would run on a freed dictionary.\n"
+        "# PythonFMU's loader runs this text for every instance and releases a reference to the\n"
+        "# module's dictionary that it never took: without one more, the second instance of a\n"
+        "# process would use a freed dictionary.\n"
         "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n\n\n"
         f"class {spec.name}(BehaviourSlave):\n"
         f'    """{spec.description}."""\n\n'
         f"    TABLE = _TABLE\n"
         f"    CONSTANTS = _CONSTANTS\n"
         f"    BEHAVIOUR = {behaviour}\n\n\n"
-        "# Nor does the loader give back the class that it finds here: one for all instances, or\n"
-        "# a process that makes thousands of them would grow by a class each time.\n"
+        "# The loader never releases the class that it finds here: all instances share one class,\n"
+        "# or each further instance would leak one.\n"
         f'{spec.name} = globals().setdefault("_first", {spec.name})\n'
     )
