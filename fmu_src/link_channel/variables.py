@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from cosim.fmu import UNITS, ComponentSpec, Variable
 
@@ -94,14 +95,13 @@ def _bits(name: str, text: str) -> Variable:
 
 def _integer(
     name: str,
-    causality: str,
+    causality: Literal["output", "parameter"],
     text: str,
     start: int,
     low: int | None = None,
     high: int | None = None,
 ) -> Variable:
-    kind = "output" if causality == "output" else "parameter"
-    return Variable(name, kind, text, None, start, "Integer", minimum=low, maximum=high)  # type: ignore[arg-type]
+    return Variable(name, causality, text, None, start, "Integer", minimum=low, maximum=high)
 
 
 def _numbered(names: Sequence[str]) -> str:

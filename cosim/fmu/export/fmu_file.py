@@ -95,7 +95,7 @@ def checked_name(name: str) -> str:
     fits = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and not keyword.iskeyword(name)
     if not fits or len(name) > LONGEST_NAME:
         raise InputError(
-            "this is not a valid model name",
+            "this is no model name",
             where="--name",
             expected=f"ASCII letters, digits, _; a letter first; at most {LONGEST_NAME}",
             got=name,

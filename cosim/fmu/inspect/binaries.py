@@ -112,7 +112,7 @@ def _binary(model: DeclaredModel, binary: Binary, beside: set[str]) -> Iterator[
     if image is None:
         if expected is not None:
             built = ", ".join(
-                f"{p.architecture} {p.system}" for p in (i.platform for i in binary.images)
+                f"{i.platform.architecture} {i.platform.system}" for i in binary.images
             )
             yield finding("binary-platform", where, f"{binary.images[0].format} for {built}")
         image = binary.images[0]

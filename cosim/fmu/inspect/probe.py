@@ -4,7 +4,7 @@
 
 REQUEST is a JSON file (see `run.request`). Each event is appended to EVENTS as one line of
 JSON and flushed at once, so that the last line shows where the FMU ended the process. This file
-imports nothing of the project.
+imports nothing of the project, and no other process loads the FMU.
 """
 
 from __future__ import annotations
