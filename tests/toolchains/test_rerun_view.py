@@ -102,7 +102,7 @@ def test_pose_is_the_recorded_one(chunks: dict[str, list[Any]]) -> None:
     assert np.allclose(2 * np.arctan2(z, w), rows["eta.psi"], atol=1e-6)
 
 
-def test_limits_age_losses_and_log_are_shown(chunks: dict[str, list[Any]]) -> None:
+def test_limits_age_losses_and_log_are_displayed(chunks: dict[str, list[Any]]) -> None:
     """The limit of the heave force, the designed age, a mark per lost message, the log's lines."""
     assert {v[0] for v in column(chunks["/limits/plant-force.z/0"], "scalars")[1]} == {2500.0}
     assert {v[0] for v in column(chunks["/limits/age/0"], "scalars")[1]} == {1.25}
