@@ -112,7 +112,7 @@ class FmuDescription:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not number or value != value // 1 or value < 0:
                 raise InputError(
-                    f"{name} is not a length of an array",
+                    f"{name} is no length of an array",
                     where=str(self.path),
                     expected="an integer, not negative",
                     got=repr(value),

@@ -163,7 +163,7 @@ def test_arrays_follow_structural_parameters(described: FmuDescription) -> None:
     assert longer.ports["Float64.reversed"].size == 12
     assert longer.ports["Int8.row"].shape == (2,)
     assert described.resized({"gain": 2.0}) is described
-    with pytest.raises(InputError, match="n is not a length of an array"):
+    with pytest.raises(InputError, match="n is no length of an array"):
         described.resized({"n": 2.5})
     matrix = np.arange(12.0).reshape(4, 3)
     with started(described, n=4) as slave:
