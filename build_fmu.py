@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Build the FMUs of fmu_src/ into fmus/FLAVOUR/NAME.fmu; two builds give the same bytes.
 
-Native FMUs (FMI 2.0 and 3.0) hold a binary for this machine, made by its C compiler; with
---platforms all they hold one for each of linux and macOS on x86_64 and aarch64 and windows on
-x86_64, cross-compiled (pip install 'auv-cosim[cross]'). Their sources are inside for any other.
+Native FMUs (FMI 2.0 and 3.0) contain a binary for this machine, made by its C compiler; with
+--platforms all they contain one for each of linux and macOS on x86_64 and aarch64 and windows on
+x86_64, cross-compiled (pip install 'auv-cosim[cross]'). For other platforms they contain sources.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cosim.fmu import CATALOGUE, FMI_VERSION, PLATFORMS, ensure_all, platforms_n
 
 
 def main() -> int:
-    """Parse the command line, build, print a line per FMU."""
+    """Build the FMUs of the command line and print a line for each."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -51,7 +51,7 @@ def main() -> int:
                 digest = hashlib.sha256(built.path.read_bytes()).hexdigest()
                 print(f"{digest}  {built.path}", flush=True)
     except BrokenPipeError:
-        # the reader of our output is gone: nothing is left to say it to
+        # the reader of our output has closed it: keep the interpreter from writing to it at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except CosimError as error:

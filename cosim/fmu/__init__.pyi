@@ -16,7 +16,6 @@ from .export.controller import (
     ControllerFmu as ControllerFmu,
     export_controller as export_controller,
 )
-from .export.decimals import round_below as round_below
 from .export.fmu_file import (
     Flavour as Flavour,
     FmuTarget as FmuTarget,
@@ -25,7 +24,10 @@ from .export.native.platforms import (
     PLATFORMS as PLATFORMS,
     platforms_named as platforms_named,
 )
-from .export.page.loop import loop_scenario as loop_scenario
+from .export.page.loop import (
+    loop_scenario as loop_scenario,
+    round_below as round_below,
+)
 from .export.plant import (
     PlantFmu as PlantFmu,
     export_plant as export_plant,
@@ -33,10 +35,11 @@ from .export.plant import (
 from .export.python.delay_plant import DelayPlant as DelayPlant
 from .export.spec import (
     CERTIFICATE as CERTIFICATE,
+    UNITS as UNITS,
     ComponentSpec as ComponentSpec,
     Variable as Variable,
+    solver_step as solver_step,
 )
-from .export.units import UNITS as UNITS
 from .inspect import (
     Inspection as Inspection,
     inspect_fmu as inspect_fmu,
@@ -48,13 +51,11 @@ from .inspect.findings import (
 from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.run import run_findings as run_findings
 from .messages import LogSink as LogSink
-from .phase import (
-    describe_settable as describe_settable,
-    may_be_set as may_be_set,
-)
 from .port import (
     Port as Port,
     SignalKind as SignalKind,
+    describe_settable as describe_settable,
+    may_be_set as may_be_set,
 )
 from .slave import (
     FmuSlave as FmuSlave,

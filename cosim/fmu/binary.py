@@ -1,4 +1,4 @@
-"""The shared library of an FMU: where it lies, and its functions with their C types."""
+"""The shared library of an FMU: its path, and its functions with their C types."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import fmpy
 from cosim.core import ComponentError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.inspect.platforms import FMI2, this_machine
-from cosim.fmu.port import FmiVersion
+from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion
 
 PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType({"2.0": "fmi2", "3.0": "fmi3"})
 _TYPES: Final[Mapping[str, Any]] = MappingProxyType(
@@ -27,11 +27,14 @@ _TYPES: Final[Mapping[str, Any]] = MappingProxyType(
         "-": None,
     }
 )
-_FMI2_TYPES = ("Real", "Integer", "Boolean", "String")
-_FMI3_TYPES = (
-    *("Float64", "Float32", "Boolean", "String"),
-    *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)),
-)
+
+
+def _accessors(version: FmiVersion, signature: str) -> dict[str, str]:
+    """The functions that get and set variables, one pair per type that is exchanged."""
+    kinds = [m.getter_type for m in TYPE_MAPPINGS[version].values() if m.kind is not None]
+    return {f"{way}{kind}": signature for way in ("Get", "Set") for kind in kinds}
+
+
 _SIGNATURES: Final[Mapping[FmiVersion, Mapping[str, str]]] = MappingProxyType(
     {
         "2.0": {
@@ -43,7 +46,7 @@ _SIGNATURES: Final[Mapping[FmiVersion, Mapping[str, str]]] = MappingProxyType(
             "ExitInitializationMode": "i<p",
             "Terminate": "i<p",
             "Reset": "i<p",
-            **{f"{way}{kind}": "i<ppzp" for way in ("Get", "Set") for kind in _FMI2_TYPES},
+            **_accessors("2.0", "i<ppzp"),
             "DoStep": "i<pddi",
             "GetBooleanStatus": "i<pip",
             "GetFMUstate": "i<pp",
@@ -63,7 +66,7 @@ _SIGNATURES: Final[Mapping[FmiVersion, Mapping[str, str]]] = MappingProxyType(
             "ExitInitializationMode": "i<p",
             "Terminate": "i<p",
             "Reset": "i<p",
-            **{f"{way}{kind}": "i<ppzpz" for way in ("Get", "Set") for kind in _FMI3_TYPES},
+            **_accessors("3.0", "i<ppzpz"),
             "DoStep": "i<pddbpppp",
             "GetFMUState": "i<pp",
             "SetFMUState": "i<pp",
@@ -76,13 +79,13 @@ _SIGNATURES: Final[Mapping[FmiVersion, Mapping[str, str]]] = MappingProxyType(
 )
 """FMI version -> name without prefix -> result < arguments, each a letter of `_TYPES`."""
 _ALTERED_SEARCH_PATH = 0x8
-"""Windows looks for the libraries that a library needs beside it."""
+"""Makes Windows look beside a library for those that it needs."""
 
 
 class LoadedLibrary:
-    """The functions of a loaded library; what it lacks is said when it is asked for.
+    """The functions of a loaded library, looked up on first use.
 
-    A foreign FMU may leave out functions that nobody calls, though the standard wants them all.
+    So a foreign FMU may lack functions that are not called, though the standard asks for all.
     """
 
     def __init__(self, library: Path, version: FmiVersion) -> None:
@@ -92,7 +95,7 @@ class LoadedLibrary:
         self._functions: dict[str, Any] = {}
 
     def function(self, name: str) -> Any:
-        """The function of that name, without prefix.
+        """Return a function, named without prefix.
 
         Raises
         ------
@@ -108,21 +111,21 @@ class LoadedLibrary:
         return found
 
     def address(self, name: str) -> int:
-        """Address of the function of that name."""
+        """Return the address of a function, named without prefix."""
         return int(ctypes.cast(self.function(name), ctypes.c_void_p).value or 0)
 
     def unload(self) -> None:
-        """Give the library back to the system; nothing of it may be called any more."""
+        """Unload the library; none of its functions may be called afterwards."""
         self._functions.clear()
-        fmpy.freeLibrary(self._dll._handle)  # noqa: SLF001 - ctypes has no other name for it
+        fmpy.freeLibrary(self._dll._handle)  # noqa: SLF001 - ctypes has no public name
 
 
 def load_binary(description: FmuDescription, folder: Path, component: str) -> LoadedLibrary:
-    """The functions of an FMU that is unpacked in `folder`.
+    """Load the library of an FMU that is unpacked in `folder`.
 
     Raises
     ------
-    ComponentError : no library for this machine, one of another name, or one that does not load.
+    ComponentError : no library for this machine, one of another name, or it does not load.
     """
     try:
         return LoadedLibrary(_library_of(description, folder), description.version)
@@ -139,7 +142,7 @@ def load_binary(description: FmuDescription, folder: Path, component: str) -> Lo
 
 
 def _library_of(description: FmuDescription, folder: Path) -> Path:
-    """The library for this machine; an `OSError` with what there is instead, if there is none."""
+    """Return the library for this machine, or raise an `OSError` that lists what there is."""
     identifier = description.model.coSimulation.modelIdentifier
     here = this_machine()
     tuple_name = f"{here.architecture}-{here.system}"

@@ -1,4 +1,4 @@
-"""An FMU from the outside: what it declares, without loading its binary."""
+"""Read what an FMU declares, without loading its binary."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _HARMLESS = re.compile(
     r"contains an illegal (carriage|line|tab)|"
     r"^Exactly one independent variable"
 )
-"""Problems of a description, in fmpy's words, with which the FMU runs all the same. PythonFMU
-leaves out the variability of an Integer, unless it is given one: it is "discrete" then."""
+"""Messages of fmpy about faults of a description that do not keep the FMU from running. PythonFMU
+leaves out the variability of an Integer unless it is given one; "discrete" is meant."""
 
 
 @dataclass(frozen=True, slots=True)
 class FmuDescription:
-    """What an FMU declares.
+    """The declarations of an FMU: its model description and variables.
 
     Attributes
     ----------
@@ -47,8 +47,8 @@ class FmuDescription:
     model : fmpy's model description.
     ports : variable name -> Port; FMI 3's aliases are variables of their own.
     xml : modelDescription.xml as it stands in the FMU.
-    version : of FMI; a 3.0.1 is a 3.0.
-    departures : where the description breaks the standard in ways that do no harm here.
+    version : of FMI; 3.0.1 counts as 3.0.
+    departures : harmless breaks of the standard in the description.
     """
 
     path: Path
@@ -86,26 +86,22 @@ class FmuDescription:
 
     @property
     def needs_execution_tool(self) -> bool:
-        """Whether it is a way to another program, which must be there."""
+        """Whether it only runs with another program, which must be installed."""
         return bool(self.model.coSimulation.needsExecutionTool)
 
     def port(self, name: str, *, where: str) -> Port:
-        """The variable `name`; an `InputError` with the nearest names if there is none."""
+        """Return the variable `name`; an `InputError` lists the nearest names if there is none."""
         found = self.ports.get(name)
         if found is None:
             raise InputError.unknown("variable", name, self.ports, where=where)
         return found
 
     def resized(self, parameters: Mapping[str, Any]) -> FmuDescription:
-        """The description whose arrays have the lengths that structural parameters give them.
-
-        Parameters
-        ----------
-        parameters : values of variables; those that are no structural parameter do not matter.
+        """Return the description with the array lengths that structural `parameters` give.
 
         Raises
         ------
-        InputError : a length that is no natural number.
+        InputError : a length that is not a natural number.
         """
         lengths = {d for p in self.ports.values() for d in p.dimensions if isinstance(d, str)}
         if not lengths & set(parameters):
@@ -131,9 +127,8 @@ def describe_fmu(path: Path) -> FmuDescription:
 
     Raises
     ------
-    InputError : no such file, not an FMU, an archive or a model identifier that reaches out of
-        its folder, a model description that breaks the standard, or an FMI version or type that
-        is not supported.
+    InputError : no such file, not an FMU, an archive or model identifier that leaves its folder,
+        a model description that breaks the standard, or an FMI version or type not supported here.
     """
     if not path.is_file():
         raise InputError("no such FMU", where=str(path), hint="build it: python build_fmu.py")
@@ -147,7 +142,7 @@ def describe_fmu(path: Path) -> FmuDescription:
         ports = declared_ports(model, xml, version)
     except InputError:
         raise
-    except Exception as error:  # fmpy and zipfile raise many kinds; each means the same here
+    except Exception as error:  # fmpy and zipfile raise many kinds: all mean this
         raise InputError(
             "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
         ) from error
@@ -158,7 +153,7 @@ def describe_fmu(path: Path) -> FmuDescription:
 
 
 def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
-    """Fmpy's model description, and where it departs from the standard without harm."""
+    """Return fmpy's model description and its harmless breaks of the standard."""
     try:
         return read_model_description(io.BytesIO(content)), ()
     except ValidationError as error:
@@ -169,7 +164,7 @@ def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:
 
 
 def _version(model: Any, path: Path) -> FmiVersion:
-    """The FMI version of an FMU that can be run here."""
+    """Return the FMI version, or refuse an FMU that cannot be run here."""
     if model.fmiVersion == "1.0":
         raise InputError(
             "an FMU of FMI 1.0 cannot be run",

@@ -1,4 +1,4 @@
-"""One instance of an FMU: loaded, called, heard and freed; what its calls mean is the slave's."""
+"""One instance of an FMU: load it, call its functions, take its messages, free it."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from cosim.fmu.messages import (
     unregister_sink,
     with_names,
 )
-from cosim.fmu.phase import Phase
+from cosim.fmu.port import Phase
 from cosim.fmu.unpacking import unpack_fmu
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 """fmi2Status and fmi3Status; 0 is OK."""
 _STATUS: Final = MappingProxyType({2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"})
 _CLAIM: Final = "logStatus"
-"""How the standard's categories begin that say what a call returns. Some exporters, PythonFMU
-among them, cannot return what they say there, so it is believed. An error in another category
-claims nothing: there are tools that log their progress so."""
+"""Prefix of the standard's log categories for the status of a call. Some exporters, PythonFMU among
+them, log an error there and return OK: the message counts. Errors in other categories do not, since
+some tools log their progress as errors."""
 _PYTHONFMU: Final = "slavemodule.txt"
-"""What PythonFMU puts into the resources. It hands its messages on as if they were formats: a
-per cent sign in one would be followed by what happens to lie in memory, or by a crash. And every
-step that it could not make it calls the end that the slave wants."""
+"""A file that PythonFMU puts into the resources. PythonFMU passes messages as formats without
+arguments: formatting a per cent sign would read memory at random, or crash. And it reports every
+failed step as a slave that asks for the end."""
 _CO_SIMULATION = 1
 _open_instances: WeakSet[Instance] = WeakSet()
 
@@ -48,10 +48,9 @@ class Instance:
     description : of the FMU; array shapes follow the structural parameters once they are set.
     version : of FMI.
     component : address of the instance.
-    phase : where it stands.
+    phase : of its life cycle.
     last_error : the last message with a status beyond Warning since the last call from here.
-    _logged_error : the last message that claims an error, until the call that it belongs to is
-    over.
+    _logged_error : the last message that counts as an error of the present call.
     """
 
     def __init__(
@@ -179,7 +178,7 @@ class Instance:
         return None
 
     def address(self, way: Literal["get", "set", "step"], getter_type: str = "") -> int:
-        """Address of fmiNGet..., fmiNSet... for variables of a type, or of fmiNDoStep.
+        """Return the address of fmiNGet... or fmiNSet... for a type, or of fmiNDoStep.
 
         Raises
         ------
@@ -192,18 +191,18 @@ class Instance:
             raise self._lacks(error) from error
 
     def call(self, what: str, function: str, *arguments: Any) -> None:
-        """Call an FMI function, named without prefix, on this instance.
+        """Call an FMI function, named without prefix, with this instance.
 
         Raises
         ------
-        ComponentError : a status beyond Warning, or nothing may be called any more.
+        ComponentError : a status beyond Warning, or a call after the end.
         """
         status = self.status_of(function, *arguments)
         if status > WARNING:
             raise self.refused(what, status)
 
     def status_of(self, function: str, *arguments: Any) -> int:
-        """The status that an FMI function returns for this instance."""
+        """Call an FMI function with this instance and return its status."""
         if self._fatal or self.phase in ("failed", "closed"):
             raise ComponentError(
                 f"{PREFIX[self.version]}{function} is called after the end",
@@ -218,9 +217,9 @@ class Instance:
             raise self._lacks(error) from error
 
     def refused(self, what: str, status: int) -> ComponentError:
-        """The error that a refusal stands for; only `close` is allowed after it.
+        """Return the error of a refused call; only `close` is allowed after it.
 
-        After Fatal no instance of the FMU is called any more.
+        After Fatal no instance of the FMU may be called.
         """
         self.phase = "failed"
         if status == FATAL:
@@ -241,18 +240,18 @@ class Instance:
         )
 
     def abandon(self) -> None:
-        """Call nothing of this instance any more: one of its FMU has reported Fatal."""
+        """Stop calling this instance: one of the same FMU has returned Fatal."""
         self._fatal = True
 
     def end(self, *, terminate: bool) -> None:
-        """Give the instance and its library back."""
+        """Free the instance and unload its library."""
         self.phase = "closed"
         try:
             if terminate and not self._fatal:
                 status = self._binary.function("Terminate")(self.component)
                 if status > WARNING:
                     self._log("warning", f"terminating the slave: status {status}", "")
-            if not self._fatal:  # it may have died in the meantime
+            if not self._fatal:  # Terminate may have called `abandon`
                 if self.component:
                     self._binary.function("FreeInstance")(self.component)
                 self._binary.unload()

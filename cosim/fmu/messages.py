@@ -1,8 +1,8 @@
-"""What FMUs say: one C callback per FMI version and process, which finds whose message it is.
+"""Log messages of FMUs: one C callback per FMI version passes each to the sink of its instance.
 
-FMI 2 passes a format and its arguments, which neither ctypes nor cffi can read; FMPy brings a
-small library that puts them together. It knows one receiver per process, hence a copy of it
-that is ours alone, and the number of the instance as its environment.
+An FMI 2 message is a format with C arguments, which neither ctypes nor cffi can read; FMPy ships a
+small library that formats it. That library has one receiver per process, so a copy of it is loaded
+here, and the number of the instance is passed as its environment.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from fmpy import fmi2, fmi3
 from cosim.fmu.unpacking import own_folder
 
 LogSink = Callable[[str, str, str], None]
-"""Takes (level, message, category): level is debug, info, warning, error or fatal; the category
-is the FMU's own, "" for none."""
+"""Takes (level, message, category): level is debug, info, warning, error or fatal; the category is
+the FMU's own, or ""."""
 MessageSink = Callable[[int, str, str], None]
 """Takes (status, category, message)."""
 
@@ -35,22 +35,29 @@ _numbers = count(1)
 
 
 def register_sink(name: str, sink: MessageSink) -> int:
-    """Hear what the instance of that name says; its environment is the number given back."""
+    """Pass the messages of an instance to `sink`; return the number to use as its environment."""
     number = next(_numbers)
     _sinks[number] = (name, sink)
     return number
 
 
 def unregister_sink(number: int) -> None:
-    """Hear nothing more."""
+    """Stop passing messages to the sink of this number."""
     _sinks.pop(number, None)
+
+
+@fmi2.fmi2CallbackLoggerTYPE  # type: ignore[untyped-decorator]
+def _fmi2_logger(
+    environment: int | None, name: bytes, status: int, category: bytes, text: bytes
+) -> None:
+    _dispatch(environment, name, status, category, text)
 
 
 def _dispatch(
     environment: int | None, name: bytes, status: int, category: bytes, text: bytes
 ) -> None:
     found = _sinks.get(environment or 0)
-    if found is None:  # some FMUs pass on anything but their environment
+    if found is None:  # some FMUs do not pass the environment that they were given
         called = _text(name)
         found = next((one for one in _sinks.values() if one[0] == called), None)
     if found is not None:
@@ -61,22 +68,15 @@ def _text(raw: bytes | None) -> str:
     return raw.decode("utf-8", "replace") if raw else ""
 
 
-@fmi2.fmi2CallbackLoggerTYPE  # type: ignore[untyped-decorator]
-def _fmi2_logger(
-    environment: int, name: bytes, status: int, category: bytes, message: bytes
-) -> None:
-    _dispatch(environment, name, status, category, message)
-
-
 @fmi3.fmi3LogMessageCallback  # type: ignore[untyped-decorator]
 def fmi3_logger(environment: int, status: int, category: bytes, message: bytes) -> None:
-    """fmi3LogMessageCallback, for all instances."""
+    """Receive the messages of all FMI 3 instances (fmi3LogMessageCallback)."""
     _dispatch(environment, b"", status, category, message)
 
 
 @cache
 def _formatting(folder: Path) -> Any:
-    """Our copy of the library that puts messages together; the folder is this process's."""
+    """Load a copy of FMPy's formatting library from `folder`, which belongs to this process."""
     source = Path(fmpy.logging.logging._name)  # noqa: SLF001 - where it was loaded from
     copy = folder / f"logger{source.suffix}"
     shutil.copyfile(source, copy)
@@ -84,9 +84,9 @@ def _formatting(folder: Path) -> Any:
 
 
 def fmi2_callbacks(environment: int, *, formats: bool) -> Any:
-    """fmi2CallbackFunctions of an instance; to be kept as long as it lives.
+    """Make the fmi2CallbackFunctions of an instance; keep them as long as it lives.
 
-    `formats` says whether its messages are formats with arguments, or texts.
+    `formats`: whether its messages are formats with arguments, or plain texts.
     """
     callbacks = fmi2.fmi2CallbackFunctions()
     callbacks.logger = _fmi2_logger
@@ -107,7 +107,7 @@ _FMI2_LETTERS: Final = MappingProxyType(
 
 
 def with_names(message: str, names: Callable[[str, int], str | None]) -> str:
-    """A message of FMI 2 with the names of the variables that it writes as #r12#."""
+    """Replace references such as #r12# in a message of FMI 2 by the names of the variables."""
 
     def written(found: re.Match[str]) -> str:
         if found[0] == "##":

@@ -1,4 +1,4 @@
-"""A variable of an FMU as the master sees it: what it means, and how C moves it."""
+"""A variable of an FMU: its meaning, its C type, and when it may be set."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SignalKind = Literal["float", "int", "bool", "string"]
 
 
 class TypeMapping(NamedTuple):
-    """How an FMI type is moved: its meaning, the function's name, the C type of an element."""
+    """How an FMI type is exchanged: kind of value, name in the functions, C type of an element."""
 
     kind: SignalKind | None
     getter_type: str
@@ -46,25 +46,35 @@ TYPE_MAPPINGS: Mapping[FmiVersion, Mapping[str, TypeMapping]] = MappingProxyType
         },
     }
 )
-"""FMI version -> type in the model description -> how it is moved."""
+"""FMI version -> type in the model description -> how it is exchanged."""
+
+Phase = Literal["instantiated", "initialising", "stepping", "failed", "closed"]
+PHASE_TEXT: Mapping[Phase, str] = MappingProxyType(
+    {
+        "instantiated": "before the initialisation",
+        "initialising": "during the initialisation",
+        "stepping": "after the initialisation",
+    }
+)
+"""Phase of a slave in which variables may be set -> how messages name it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A variable.
+    """A variable of an FMU.
 
     Attributes
     ----------
     reference : value reference.
     kind : what its values are; enumerations are "int"; None for what cannot be exchanged here
         (Binary, Clock).
-    start : as declared, None where nothing is; a number, truth value or text; for an array a
-        tuple of `size` of them, the last index running fastest.
+    start : as declared, or None; a number, truth value or text; for an array a tuple of `size`
+        of them, the last index running fastest.
     minimum, maximum : of a number, its own or else its type's.
-    feedthrough : an output that some input reaches without delay.
-    getter_type : what the FMI functions that move it are called: fmi3Get + getter_type.
-    c_type : numpy's name of an element as C moves it; "S" for texts.
-    shape : () for a scalar; dimensions that structural parameters give are at their values.
+    feedthrough : an output with direct feedthrough from some input.
+    getter_type : type in the names of its functions: fmi3Get + getter_type.
+    c_type : numpy's name of the C type of an element; "S" for texts.
+    shape : () for a scalar; structural parameters at their present values.
     dimensions : as declared: a number, or the name of a structural parameter.
     initial : "exact", "approx", "calculated", or None.
     items : the values that an enumeration may have.
@@ -94,10 +104,9 @@ class Port:
         return prod(self.shape)
 
     def resized(self, lengths: Mapping[str, int]) -> Port:
-        """The same variable where its dimensions' structural parameters have these values.
+        """Return the variable with these values of the structural parameters in its dimensions.
 
-        Start values that differ from one another are those of the declared shape alone: in
-        another one they are unknown.
+        Start values that differ from each other hold for the declared shape only: None in another.
         """
         shape = tuple(d if isinstance(d, int) else lengths[d] for d in self.dimensions)
         if shape == self.shape:
@@ -108,7 +117,7 @@ class Port:
 
 
 def parse_start(kind: SignalKind | None, texts: Sequence[str], shape: tuple[int, ...]) -> Any:
-    """A start value from its words in the XML; one word is every element of an array."""
+    """Return a start value from its words in the XML; one word sets all elements of an array."""
     if not texts or kind is None:
         return None
     values = tuple(parse_value(kind, text) for text in texts)
@@ -118,14 +127,37 @@ def parse_start(kind: SignalKind | None, texts: Sequence[str], shape: tuple[int,
 
 
 def parse_value(kind: SignalKind, text: str) -> Any:
-    """A value as XML schema writes it.
+    """Return a value from its text in XML schema.
 
     Raises
     ------
-    ValueError : the text is no such value.
+    ValueError : a text that is not one of a number.
     """
     if kind == "string":
         return text
     if kind == "bool":
         return {"true": True, "1": True, "false": False, "0": False}[text.strip()]
     return float(text) if kind == "float" else int(text)
+
+
+def may_be_set(port: Port, phase: Phase) -> bool:
+    """Whether the standard lets a variable be set in a phase (FMI 2.0.4 4.2.4, FMI 3.0 2.3.1).
+
+    Structural parameters have a mode of their own, entered before the initialisation.
+    """
+    if port.variability == "constant" or port.causality == "independent":
+        return False
+    if phase == "instantiated":
+        return port.initial in ("exact", "approx") or port.causality == "input"
+    if port.causality == "structuralParameter":
+        return False
+    if phase == "initialising":
+        return port.initial == "exact" or port.causality == "input"
+    tunable = port.causality == "parameter" and port.variability == "tunable"
+    return phase == "stepping" and (tunable or port.causality == "input")
+
+
+def describe_settable(port: Port) -> str:
+    """Say in words when a variable may be set."""
+    when = [text for phase, text in PHASE_TEXT.items() if may_be_set(port, phase)]
+    return f"{port.variability} {port.causality}: {' and '.join(when) or 'never'}"

@@ -1,4 +1,4 @@
-"""The variables that a model description declares, as ports."""
+"""Make ports of the variables that a model description declares."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from lxml import etree
 
-from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion, Port, parse_start, parse_value
+from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion, Port, SignalKind, parse_start, parse_value
 
 
 def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Port]:
-    """Every variable by name, from fmpy's model description and the XML that it was read from.
+    """Return every variable by name, from fmpy's model description and its XML.
 
     Raises
     ------
@@ -24,8 +24,7 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
     ports = {}
     for variable in model.modelVariables:
         type_mapping = TYPE_MAPPINGS[version][variable.type]
-        number = type_mapping.kind in ("float", "int")
-        low, high = _range(variable, words) if number else (None, None)
+        low, high = _range(variable, words, type_mapping.kind)
         declared = variable.declaredType
         shape = tuple(variable.shape or ())
         start = [] if variable.start is None else [str(variable.start)]
@@ -45,12 +44,8 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
             kind=type_mapping.kind,
             unit=variable.unit or (declared.unit if declared is not None else None),
             start=parse_start(type_mapping.kind, start, shape),
-            minimum=None
-            if low is None or type_mapping.kind is None
-            else parse_value(type_mapping.kind, low),
-            maximum=None
-            if high is None or type_mapping.kind is None
-            else parse_value(type_mapping.kind, high),
+            minimum=low,
+            maximum=high,
             description=variable.description,
             feedthrough=(variable.name if version == "2.0" else variable.valueReference) in direct,
             getter_type=type_mapping.getter_type,
@@ -67,7 +62,7 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
 
 
 class _Words:
-    """What fmpy's reader leaves out of an FMI 3 description, from the XML itself."""
+    """Attributes of an FMI 3 description that fmpy does not read, from the XML itself."""
 
     def __init__(self, xml: bytes) -> None:
         parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
@@ -75,12 +70,12 @@ class _Words:
         self._elements = {} if found is None else {v.get("name"): v for v in found}
 
     def get(self, variable: Any, attribute: str) -> str | None:
-        """An attribute of a variable, or of the one that it is an alias of."""
+        """Return an attribute of a variable, or of the one that it is an alias of."""
         value = self._element(variable).get(attribute)
         return None if value is None else str(value)
 
     def start(self, variable: Any, shape: tuple[int, ...]) -> list[str]:
-        """Every start value: texts stand in elements of their own, numbers in one attribute."""
+        """Return the words of all start values: an element per text, one attribute of numbers."""
         element = self._element(variable)
         if variable.type == "String":
             return [str(s.get("value")) for s in element.findall("Start")]
@@ -93,8 +88,12 @@ class _Words:
         return self._elements[(variable.alias or variable).name]
 
 
-def _range(variable: Any, words: _Words | None) -> tuple[str | None, str | None]:
-    """The least and greatest value, of the variable or else of its type."""
+def _range(
+    variable: Any, words: _Words | None, kind: SignalKind | None
+) -> tuple[float | None, float | None]:
+    """Return the least and greatest value of a number, its own or else its type's."""
+    if kind not in ("float", "int"):
+        return None, None
     low, high = variable.min, variable.max
     if words is not None:
         low, high = words.get(variable, "min"), words.get(variable, "max")
@@ -102,7 +101,10 @@ def _range(variable: Any, words: _Words | None) -> tuple[str | None, str | None]
     if declared is not None:
         low = declared.min if low is None else low
         high = declared.max if high is None else high
-    return low, high
+    return (
+        None if low is None else parse_value(kind, low),
+        None if high is None else parse_value(kind, high),
+    )
 
 
 def _items(variable: Any) -> tuple[int, ...]:
@@ -113,7 +115,7 @@ def _items(variable: Any) -> tuple[int, ...]:
 
 
 def _direct(model: Any) -> set[Any]:
-    """Outputs with a direct dependency on an input; undeclared dependencies mean all.
+    """Return the outputs with direct feedthrough; undeclared dependencies mean all inputs.
 
     By name in FMI 2, where two variables may share a reference; by reference in FMI 3.
     """

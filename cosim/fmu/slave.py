@@ -5,13 +5,11 @@ Life cycle, each step once and in this order:
     FmuSlave(...)  ->  set_start  ->  enter_initialisation  ->  exit_initialisation
                    ->  step ...   ->  close
 
-`initialise` is the three in the middle in a row. `write` is allowed from the start and `read`
-from `enter_initialisation` on, as far as the standard lets the variable. After an error only
-`close` is allowed. `close` may be called at any time and any number of times; it terminates the
-slave and frees it.
+`initialise` does the three in the middle. `write` is allowed from the start and `read` from
+`enter_initialisation` on, if the standard allows it for the variable. After an error only `close`
+is allowed. `close` terminates and frees the slave; it may be called at any time, repeatedly.
 
-An FMI 3 slave runs without event mode, early return and intermediate updates, which are offers
-that an importer need not take.
+An FMI 3 slave runs without event mode, early return and intermediate updates, which are optional.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ _TERMINATED = 3
 
 
 class StepResults(ctypes.Structure):
-    """What fmi3DoStep tells: three C bools at 0, 1 and 2, a double at 8; 16 bytes."""
+    """The results of fmi3DoStep: three C bools at 0, 1 and 2, a double at 8; 16 bytes."""
 
     _fields_ = (
         ("event_handling_needed", ctypes.c_bool),
@@ -42,20 +40,20 @@ class StepResults(ctypes.Structure):
 
 
 class FmuSlave(StateAccess):
-    """A slave between instantiation and the end; see the module for its life cycle.
+    """A running slave; see the module for its life cycle.
 
     Parameters
     ----------
     name : of the component, in every message.
-    log : takes what the FMU says.
-    categories : of the log messages wanted, as the FMU declares them; None: all. What it says
-        with a status beyond Warning is always passed on.
+    log : receives the FMU's messages.
+    categories : of the log messages wanted, as the FMU declares them; None: all. Messages with a
+        status beyond Warning are always passed on.
 
     Raises
     ------
     InputError : a second instance of an FMU that allows one, an unknown log category, a file
         that cannot be unpacked.
-    ComponentError : no library for this machine, one that does not load, or refuses.
+    ComponentError : no library for this machine, one that does not load, or a refusal.
     """
 
     def __init__(
@@ -82,7 +80,7 @@ class FmuSlave(StateAccess):
         self.exit_initialisation()
 
     def reset(self) -> None:
-        """Go back to where instantiation ended.
+        """Return to the state after instantiation.
 
         Raises
         ------
@@ -92,7 +90,7 @@ class FmuSlave(StateAccess):
         self.phase = "instantiated"
 
     def enter_initialisation(self, start: float, stop: float | None) -> None:
-        """Enter initialization mode of a run from `start` to `stop` [s], None: without end."""
+        """Enter initialization mode of a run from `start` to `stop` [s]; None: no end."""
         has_stop, end = stop is not None, stop if stop is not None else 0.0
         what = "entering the initialisation"
         if self.version == "2.0":
@@ -108,9 +106,8 @@ class FmuSlave(StateAccess):
 
         Raises
         ------
-        InputError : the slave does not begin with a start value that it was given.
-        ComponentError : the slave refuses, or has logged an error on the way; some exporters
-            have no other way to tell it.
+        InputError : the slave does not start with a start value that it was given.
+        ComponentError : the slave refuses or has logged an error, the only way some exporters have.
         """
         self.call("the initialisation", "ExitInitializationMode")
         if self._logged_error is not None:
@@ -122,7 +119,7 @@ class FmuSlave(StateAccess):
         self._check_taken()
 
     def step(self, time: float, size: float) -> None:
-        """Advance from `time` by `size` [s]; whether it asks for the end: `asked_to_end`.
+        """Advance from `time` by `size` [s]; `asked_to_end` tells whether the slave wants to stop.
 
         Raises
         ------
@@ -155,9 +152,9 @@ class FmuSlave(StateAccess):
     def asked_to_end(self) -> bool:
         """Whether the slave wants the run to end with the last step.
 
-        In FMI 2 a slave asks by Discard; a caller of fmi2DoStep itself asks here after that only.
-        One that has logged an error on the way does not ask, it has failed; nor does one of
-        PythonFMU, which says so of every step that could not be made.
+        In FMI 2 it asks by Discard; a caller of fmi2DoStep itself calls this after Discard only.
+        After a logged error the step has failed instead; so it has with PythonFMU, which reports
+        every failed step as such a wish.
         """
         if self.version == "3.0":
             return bool(self._results.terminate_simulation)
@@ -167,10 +164,10 @@ class FmuSlave(StateAccess):
         error = self.last_error
         try:
             status = self.status_of("GetBooleanStatus", _TERMINATED, ctypes.byref(value))
-        except ComponentError:  # it has no such function, or is at its end already
+        except ComponentError:  # no such function, or already at its end
             return False
         finally:
-            self.last_error = error  # it belongs to the step
+            self.last_error = error  # keep the error of the step
         return status <= WARNING and bool(value.value)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Saved states of an instance: taken, restored, freed, turned into bytes and back."""
+"""Save, restore, free and serialise states of an instance."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import InputError
-from cosim.fmu.phase import Phase
+from cosim.fmu.port import Phase
 from cosim.fmu.variables import VariableAccess
 
 
 @dataclass(eq=False, slots=True)
 class FmuState:
-    """A state that an instance keeps; only that instance can do something with it.
+    """A saved state, which belongs to the instance that saved it.
 
     Attributes
     ----------
@@ -26,19 +26,19 @@ class FmuState:
 
     @property
     def freed(self) -> bool:
-        """Whether it is gone."""
+        """Whether it has been freed."""
         return not self.pointer
 
 
 class StateAccess(VariableAccess):
-    """An instance that can go back, if its FMU can."""
+    """An instance whose state can be saved and restored, if its FMU supports that."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._states: list[FmuState] = []
 
     def snapshot(self) -> FmuState:
-        """Save the whole state of the slave; to be freed when it is of no more use.
+        """Save the whole state of the slave; free it when it is not needed any more.
 
         Raises
         ------
@@ -53,13 +53,13 @@ class StateAccess(VariableAccess):
         return self._kept(FmuState(pointer, self.phase))
 
     def restore(self, state: FmuState) -> None:
-        """Go back to a saved state, which remains."""
+        """Return to a saved state, which stays saved."""
         self._check_own(state)
         self.call("restoring a state", self._stateful("Set{}"), state.pointer)
         self.phase = state.phase
 
     def free(self, state: FmuState) -> None:
-        """Give up a saved state; a second time is no matter."""
+        """Free a saved state; freeing it again does nothing."""
         if not state.freed:
             self._check_own(state)
             self.call("freeing a state", self._stateful("Free{}"), ctypes.byref(state.pointer))
@@ -67,7 +67,7 @@ class StateAccess(VariableAccess):
             self._states.remove(state)
 
     def serialise(self, state: FmuState) -> bytes:
-        """A saved state as bytes."""
+        """Return a saved state as bytes."""
         self._check_serialises()
         self._check_own(state)
         size = ctypes.c_size_t()
@@ -78,7 +78,7 @@ class StateAccess(VariableAccess):
         return buffer.raw
 
     def deserialise(self, content: bytes) -> FmuState:
-        """A saved state from bytes that an instance of the same FMU made in the same phase."""
+        """Make a saved state from the bytes of one of the same FMU, saved in the same phase."""
         self._check_serialises()
         pointer = ctypes.c_void_p()
         name = "DeSerializeFMUstate" if self.version == "2.0" else "DeserializeFMUState"
@@ -114,7 +114,7 @@ class StateAccess(VariableAccess):
             )
 
     def _free_all(self) -> None:
-        """Give up every saved state, before the instance goes."""
+        """Free every saved state, before the instance is freed."""
         for state in self._states:
             if not self._fatal:
                 self._binary.function(self._stateful("Free{}"))(

@@ -1,8 +1,7 @@
-"""FMUs unpacked once per process, by the hash of their bytes.
+"""Unpack each FMU once per process, into a folder named by the hash of its bytes.
 
-Every process has a folder of its own among the temporary files, named by its number and the
-time, and locked for as long as it lives. It is removed when the process ends; what a process
-that was killed has left is removed by the next one.
+Every process has its own temporary folder, named by process number and time and locked as long as
+the process lives. It is removed at exit; the folder of a killed process is removed by the next one.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ _LOCK = "in-use"
 
 
 class _ProcessFolder:
-    """The folder of this process."""
+    """The temporary folder of one process."""
 
     def __init__(self) -> None:
         self.process = os.getpid()
         self.parent = Path(tempfile.gettempdir())
         _remove_stale(self.parent)
-        # locked before it bears the name that a sweep looks for
+        # locked before it gets the name that `_remove_stale` looks for
         draft = Path(tempfile.mkdtemp(prefix="cosim-new-", dir=self.parent))
         self._lock = (draft / _LOCK).open("w")
         _locked(self._lock)
@@ -43,7 +42,7 @@ class _ProcessFolder:
 
     @property
     def is_own(self) -> bool:
-        """Whether it is still there, and this process not a fork of the one that made it."""
+        """Whether it still exists and this process made it, not the one that it was forked from."""
         return (
             self.process == os.getpid()
             and self.parent == Path(tempfile.gettempdir())
@@ -51,7 +50,7 @@ class _ProcessFolder:
         )
 
     def remove_unpacked(self) -> None:
-        """Remove it; a fork of its process leaves it alone."""
+        """Remove it, unless this process is a fork of the one that made it."""
         self._lock.close()
         if self.process == os.getpid():
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -62,7 +61,7 @@ _guard = threading.Lock()
 
 
 def own_folder() -> Path:
-    """The folder of this process, made when it is first asked for."""
+    """Return the folder of this process; the first call makes it."""
     global _process_folder  # noqa: PLW0603 - there is one process
     if _process_folder is None or not _process_folder.is_own:
         if _process_folder is not None:
@@ -74,7 +73,7 @@ def own_folder() -> Path:
 
 
 def remove_unpacked() -> None:
-    """Remove what this process has unpacked; it is unpacked anew if it is needed again."""
+    """Remove what this process has unpacked; it is unpacked again when needed."""
     global _process_folder  # noqa: PLW0603 - there is one process
     if _process_folder is not None:
         _process_folder.remove_unpacked()
@@ -82,11 +81,11 @@ def remove_unpacked() -> None:
 
 
 def unpack_fmu(description: FmuDescription) -> Path:
-    """The folder with the files of an FMU, shared by all its instances; read only.
+    """Unpack an FMU and return its folder, which all its instances share; read only.
 
     Raises
     ------
-    InputError : the file is not what was described any more, or cannot be unpacked.
+    InputError : the file has changed since it was described, or cannot be unpacked.
     """
     with _guard:
         folder = own_folder() / description.sha256
@@ -97,7 +96,7 @@ def unpack_fmu(description: FmuDescription) -> Path:
         try:
             with open_archive(description.path) as archive:
                 archive.unpack(draft)
-            (draft / "resources").mkdir(exist_ok=True)  # FMUs are told where it is
+            (draft / "resources").mkdir(exist_ok=True)  # FMUs get its path
             draft.rename(folder)
         except OSError as error:
             raise InputError(
@@ -124,9 +123,9 @@ def _check_unchanged(description: FmuDescription) -> None:
 
 
 def _remove_stale(parent: Path) -> None:
-    """Remove the folders of processes that are gone."""
+    """Remove the folders of processes that have ended."""
     for folder in parent.glob(f"{PREFIX}*"):
-        with contextlib.suppress(OSError):  # somebody else's, or swept by somebody else just now
+        with contextlib.suppress(OSError):  # another user's, or being removed by another process
             with (folder / _LOCK).open("r+") as lock:
                 gone = _locked(lock)
             if gone:
@@ -134,10 +133,10 @@ def _remove_stale(parent: Path) -> None:
 
 
 def _locked(lock: IO[str]) -> bool:
-    """Whether the lock could be taken, which its process holds while it lives."""
+    """Try to take a lock, which its process holds while it lives; return whether it was free."""
     try:
         if sys.platform == "win32":
-            import msvcrt  # noqa: PLC0415 - there alone
+            import msvcrt  # noqa: PLC0415 - on Windows only
 
             msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
         else:

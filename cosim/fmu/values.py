@@ -1,4 +1,4 @@
-"""Values of variables on their way to and from C: checked before an FMU sees them."""
+"""Convert values of variables to and from C, and check them before an FMU gets them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ _EXPECTED = {"float": "a number", "int": "an integer", "bool": "true or false", 
 
 
 def checked_scalars(port: Port, value: Any, where: str) -> list[Any]:
-    """The scalars of a value in C's order, each of the port's type and in its range.
+    """Return the scalars of a value in C's order, each of the port's type and in its range.
 
-    Parameters
-    ----------
-    value : for an array nested sequences of its shape, or one flat sequence of all elements.
+    The `value` of an array is nested sequences of its shape, or one flat sequence.
 
     Raises
     ------
@@ -58,7 +56,9 @@ def _shape(value: Any) -> tuple[int, ...]:
     if isinstance(value, str | bytes) or not isinstance(value, Sequence):
         return ()
     inner = {_shape(item) for item in value}
-    return (len(value), *(inner.pop() if len(inner) == 1 else () if not inner else (-1,)))
+    if len(inner) > 1:
+        return (len(value), -1)
+    return (len(value), *(inner.pop() if inner else ()))
 
 
 def _leaves(value: Any, depth: int) -> Iterator[Any]:
@@ -97,7 +97,7 @@ def _checked(port: Port, value: Any, where: str) -> Any:
 
 
 def _check_range(port: Port, value: float, where: str) -> None:
-    """Refuse what the model description rules out, before the slave has to."""
+    """Refuse a value that the model description does not allow."""
     low, high = port.minimum, port.maximum
     if port.items and value not in port.items:
         expected = "one of " + ", ".join(map(str, port.items))
@@ -113,7 +113,7 @@ def _check_range(port: Port, value: float, where: str) -> None:
 
 
 def _fits_c_type(port: Port, value: float) -> bool:
-    """Whether the C type holds a value; what is not finite it does."""
+    """Whether the C type can hold a value; infinities and NaN fit every float."""
     if port.kind == "int":
         limits = np.iinfo(port.c_type)
         return bool(limits.min <= value <= limits.max)
@@ -121,34 +121,26 @@ def _fits_c_type(port: Port, value: float) -> bool:
 
 
 def to_c(port_type: str, values: Sequence[Any]) -> Any:
-    """A C array of scalars of one type; texts keep their bytes alive with it."""
+    """Make a C array of scalars of one type; it keeps the bytes of texts alive."""
     if port_type == "S":
         return (ctypes.c_char_p * len(values))(*(text.encode() for text in values))
     return np.array(values, dtype=port_type)
 
 
 def empty_array(c_type: str, size: int) -> Any:
-    """A C array to be filled."""
+    """Make a C array to read values into."""
     return (ctypes.c_char_p * size)() if c_type == "S" else np.zeros(size, c_type)
 
 
 def address_of(array: Any) -> int:
-    """Where a C array begins."""
+    """Return the address of a C array."""
     return int(array.ctypes.data) if isinstance(array, np.ndarray) else ctypes.addressof(array)
 
 
 def from_c(port: Port, array: Any, first: int) -> Any:
-    """The value of a port whose elements begin at `first`."""
+    """Return the value of a port whose elements begin at `first`."""
     part = array[first : first + port.size]
     if port.c_type == "S":
-        texts = [(raw or b"").decode("utf-8", "replace") for raw in part]
-        return _nested(texts, port.shape) if port.shape else texts[0]
+        part = np.array([(raw or b"").decode("utf-8", "replace") for raw in part], dtype=object)
     values: NDArray[Any] = part != 0 if port.kind == "bool" else part
     return values.reshape(port.shape).tolist()
-
-
-def _nested(values: list[Any], shape: tuple[int, ...]) -> Any:
-    if len(shape) == 1:
-        return values
-    step = len(values) // shape[0]
-    return [_nested(values[i * step : (i + 1) * step], shape[1:]) for i in range(shape[0])]

@@ -1,4 +1,4 @@
-"""The variables of an instance by name: read and set at any time the standard allows."""
+"""Read and set the variables of an instance by name, where the standard allows it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import numpy as np
 from cosim.core import ComponentError, InputError
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD, WARNING, Instance
-from cosim.fmu.phase import PHASE_TEXT, describe_settable, may_be_set
-from cosim.fmu.port import Port
+from cosim.fmu.port import PHASE_TEXT, Port, describe_settable, may_be_set
 from cosim.fmu.values import address_of, checked_scalars, empty_array, from_c, to_c
 
 CheckedValue = tuple[Port, list[Any]]
-"""A variable and the scalars that it is to have."""
+"""A variable and the scalars to set it to."""
 
 
 class VariableAccess(Instance):
-    """An instance whose variables have names."""
+    """An instance whose variables are read and set by name."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -27,15 +26,15 @@ class VariableAccess(Instance):
 
     @property
     def _input(self) -> str:
-        """Where bad input is, in messages."""
+        """The place that messages about wrong input name."""
         return f"component {self.name!r}"
 
     def read(self, names: Iterable[str]) -> dict[str, Any]:
-        """Values of variables: numbers, truth values, texts, nested lists of them for arrays.
+        """Read variables: numbers, truth values or texts, nested lists of them for arrays.
 
         Raises
         ------
-        InputError : an unknown variable, or one that cannot be exchanged; too early.
+        InputError : an unknown variable or type, or before the initialisation.
         ComponentError : the slave refuses.
         """
         ports = [self.description.port(name, where=self._input) for name in names]
@@ -59,7 +58,7 @@ class VariableAccess(Instance):
         return {port.name: found[port.name] for port in ports}
 
     def set_start(self, parameters: Mapping[str, Any]) -> None:
-        """Set parameters and start values; structural parameters first, in their own mode.
+        """Set parameters and start values; structural parameters first, in configuration mode.
 
         Raises
         ------
@@ -82,7 +81,7 @@ class VariableAccess(Instance):
                 self._set_computed(port, items)
 
     def _set_computed(self, port: Port, items: list[Any]) -> None:
-        """Set the start of what the FMU computes, which some do not take though they say so."""
+        """Set a start value of a variable that the FMU computes; some FMUs refuse it wrongly."""
         try:
             self._set([(port, items)])
         except ComponentError as error:
@@ -91,7 +90,7 @@ class VariableAccess(Instance):
             self._given.append((port, items))
 
     def _check_taken(self) -> None:
-        """See that the run begins with what was given as an exact start."""
+        """Check that the slave starts with the exact start values that it was given."""
         for port, items in self._given:
             begun = self.read([port.name])[port.name]
             if begun != from_c(port, to_c(port.c_type, items), 0):
@@ -107,12 +106,11 @@ class VariableAccess(Instance):
         )
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """Set variables; a value that does not fit is refused before any is set.
+        """Set variables; nothing is set if one value does not fit.
 
         Raises
         ------
-        InputError : an unknown variable, one that cannot be set now, a value of another type or
-            shape or out of range.
+        InputError : an unknown variable, one that cannot be set now, or a value that does not fit.
         ComponentError : the slave refuses.
         """
         if self.phase == "instantiated":
@@ -142,9 +140,9 @@ class VariableAccess(Instance):
             self._move("Set", members, array)
 
     def _move(self, way: Literal["Get", "Set"], ports: Sequence[Port], array: Any) -> None:
-        """Get or set variables of one type; a discarded value leaves the slave alive.
+        """Get or set variables of one type; after a discarded value the slave can go on.
 
-        A slave that logs an error has refused, though some exporters return OK all the same.
+        A logged error counts as a refusal, because some exporters return OK with it.
         """
         references = np.array([port.reference for port in ports], np.uint32)
         sizes = (len(array),) if self.version == "3.0" else ()
@@ -165,7 +163,7 @@ class VariableAccess(Instance):
 
 
 def _by_type(ports: Sequence[Port]) -> list[list[Port]]:
-    """Ports of one C function each, in order."""
+    """Group ports by the C function that moves them, in order."""
     groups: dict[str, list[Port]] = {}
     for port in ports:
         groups.setdefault(port.getter_type, []).append(port)

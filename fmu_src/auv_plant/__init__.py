@@ -1,1 +1,1 @@
-"""The delayed vehicle as a component."""
+"""The vehicle with an internal delay as a component."""

@@ -1,4 +1,4 @@
-"""AuvPlant between its FMI variables and the equations of `cosim.models.auv`."""
+"""Behaviour of AuvPlant: connects its FMI variables to the equations of `cosim.models.auv`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cosim.models import STATE, thrust_map, vehicle_conditions, vehicle_derivati
 
 
 class AuvPlant(DelayPlant):
-    """The vehicle between two communication points, inputs held."""
+    """The vehicle, with held inputs between communication points."""
 
     inputs = (
         *("force.x", "force.y", "force.z", "moment.z"),
@@ -22,17 +22,17 @@ class AuvPlant(DelayPlant):
         del constants  # nothing of the vehicle is fixed when the FMU is built
 
     def conditions(self, v: Any) -> list[tuple[Any, str]]:
-        """The mass matrix is positive definite."""
+        """Require a positive definite mass matrix."""
         return vehicle_conditions(v)
 
     def constants(self, v: Any) -> tuple[Any, Any]:
-        """Parameters and M^-1."""
+        """Return the parameters and M^-1."""
         return v, thrust_map(v)
 
     def rates(
         self, t: Any, x: Sequence[Any], late: list[Any], u: Sequence[Any], c: Any, ns: Any
     ) -> list[Any]:
-        """x' of the vehicle; only nu is delayed."""
+        """Compute x' of the vehicle; only nu is delayed."""
         del t
         parameters, b = c
         return vehicle_derivatives(x, late[0][4:], u[:4], u[4:], parameters, b, ns)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.fmu import ComponentSpec, Variable
+from cosim.fmu import ComponentSpec, Variable, solver_step
 from cosim.models import STATE, TABLE_1
 
-_UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
+STATE_UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
 _STATE_TEXT = (
     "position north, earth frame",
     "position east, earth frame",
@@ -39,7 +39,7 @@ def _variables() -> list[Variable]:
     ]
     table += [
         Variable(name, "output", text, unit)
-        for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True)
+        for name, unit, text in zip(STATE, STATE_UNITS, _STATE_TEXT, strict=True)
     ]
     for name, start in TABLE_1.items():
         if name in _PHYSICAL:
@@ -49,36 +49,30 @@ def _variables() -> list[Variable]:
             text = f"hydrodynamic derivative {name.removeprefix('hydro.')} (Table 1)"
             table.append(Variable(name, "parameter", text, None, start))
     for axis in "uvwr":
-        table.append(
-            Variable(
-                f"damping.{axis}",
-                "parameter",
-                f"gain of the onboard damping loop on nu.{axis}(t - delay.d)",
-                "1/s",
-                0.05,
-                minimum=0.0,
-            )
-        )
+        text = f"gain of the onboard damping loop on nu.{axis}(t - delay.d)"
+        table.append(Variable(f"damping.{axis}", "parameter", text, "1/s", 0.05, minimum=0.0))
     table.append(
         Variable("delay.d", "parameter", "age of the damping loop's data", "s", 0.5, minimum=0.0)
     )
-    for name, unit, text in zip(STATE, _UNITS, _STATE_TEXT, strict=True):
+    for name, unit, text in zip(STATE, STATE_UNITS, _STATE_TEXT, strict=True):
         table.append(Variable(f"initial.{name}", "parameter", f"{text}, for all t <= start", unit))
-    table.append(
-        Variable(
-            "solver.step",
-            "parameter",
-            "largest internal integration step",
-            "s",
-            0.05,
-            minimum=1e-6,
-        )
-    )
-    return table
+    return [*table, solver_step(0.05)]
 
 
-_SCENARIO = """\
-title = "Station keeping in a sea"
+_SEA = """
+[components.sea]
+fmu = "WaveField"
+
+[[connections]]
+from = "sea.disturbance"
+to = "plant.disturbance"
+"""
+
+
+def vehicle_scenario(title: str, controller: str, sea: str = "") -> str:
+    """Return the TOML of a run of the vehicle over a packet link; `sea` adds tables."""
+    return f"""\
+title = "{title}"
 
 [run]
 end = 60.0
@@ -86,19 +80,12 @@ step = 0.05
 
 [components.plant]
 fmu = "AuvPlant"
-parameters = { "initial.eta.x" = 0.5 }
+parameters = {{ "initial.eta.x" = 0.5 }}
 
 [components.controller]
-fmu = "HinfController"
-parameters = { "eta.x" = 0.5 }  # what it goes by until the first measurement arrives
-
-[components.sea]
-fmu = "WaveField"
-
-[[connections]]
-from = "sea.disturbance"
-to = "plant.disturbance"
-
+fmu = "{controller}"
+parameters = {{ "eta.x" = 0.5 }}  # used until the first measurement arrives
+{sea}
 [[connections]]
 from = "plant.eta"
 to = "controller.eta"
@@ -124,6 +111,7 @@ delay = 0.5
 loss = 0.05
 """
 
+
 SPEC = ComponentSpec(
     name="AuvPlant",
     description=(
@@ -141,5 +129,5 @@ SPEC = ComponentSpec(
     readme=Path(__file__).with_name("readme.md"),
     stop_time=60.0,
     step_size=0.05,
-    scenario=_SCENARIO,
+    scenario=vehicle_scenario("Station keeping in a sea", "HinfController", _SEA),
 )

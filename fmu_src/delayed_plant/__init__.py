@@ -1,1 +1,1 @@
-"""Eq. (7) with any matrices as a component."""
+"""A linear delay system, Eq. (7) with any matrices, as a component."""

@@ -1,4 +1,4 @@
-"""DelayedPlant between its FMI variables and the equations of `cosim.models.delayed_linear`."""
+"""Behaviour of DelayedPlant, with the equations of `cosim.models.delayed_linear`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cosim.models import linear_derivatives, linear_output
 
 
 class DelayedPlant(DelayPlant):
-    """Eq. (7) between two communication points, inputs held."""
+    """Eq. (7), with held inputs between communication points."""
 
     def __init__(self, constants: dict[str, Any]) -> None:
         self._shapes: dict[str, list[int]] = constants["shapes"]
@@ -23,7 +23,7 @@ class DelayedPlant(DelayPlant):
         self._uncertain = "E" in self._shapes
 
     def constants(self, v: Any) -> tuple[Any, Any]:
-        """The matrices by their letters; amplitude and angular frequency of F(t), if any."""
+        """Return the matrices by letter; amplitude and angular frequency of F(t), if any."""
         matrices = {
             letter: [[v[f"{letter}[{i + 1},{j + 1}]"] for j in range(columns)] for i in range(rows)]
             for letter, (rows, columns) in self._shapes.items()
@@ -33,12 +33,12 @@ class DelayedPlant(DelayPlant):
     def rates(
         self, t: Any, x: Sequence[Any], late: list[Any], u: Sequence[Any], c: Any, ns: Any
     ) -> list[Any]:
-        """x' of Eq. (7)."""
+        """Compute x' of Eq. (7)."""
         matrices, uncertainty = c
         m = self._m
         return linear_derivatives(t, x, late, u[:m], u[m:], matrices, uncertainty, ns)
 
     def outputs(self, x: Sequence[Any], u: Sequence[Any], c: Any) -> dict[str, Any]:
-        """The performance output z; it depends on u and w without delay."""
+        """Compute the performance output z, with direct feedthrough of u and w."""
         m = self._m
         return dict(zip(self._performance, linear_output(x, u[:m], u[m:], c[0]), strict=True))

@@ -1,4 +1,4 @@
-"""What the documentation page says of one plant: its sizes and where its delays are."""
+"""The documentation page's notes on a plant: its dimensions and the places of its delays."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from cosim.models import Delay, DelaySystem
 
 
 def notes(system: DelaySystem, delays: Sequence[Delay], named: Sequence[str], origin: str) -> str:
-    """Markdown: sizes, and where each delay of the system is found.
+    """Return the dimensions and the place of each delay of the system as Markdown.
 
     Parameters
     ----------
-    delays, named : those that belong to the plant, and their parameters.
-    origin : where the numbers are from, a sentence.
+    delays, named : those in the plant, and their parameters.
+    origin : a sentence on the origin of the numbers.
     """
     n, m = system.B.shape
     p, q = system.D1.shape
@@ -52,7 +52,7 @@ def _place(delay: Delay, parameters: dict[int, int], named: Sequence[str]) -> st
     if delay.feedback:
         parts.append(
             "between the plant and its controller: u = K x(t − d). It is **not** in this FMU, "
-            "where u acts at once; link, sampling and exchange together make it up"
+            "where u acts at once; link, sampling and exchange together cause it"
         )
     return "; and ".join(parts)
 

@@ -1,36 +1,36 @@
-"""FMI variables of DelayedPlant, for any system in the letters of Eq. (7).
+"""FMI variables of DelayedPlant, for any system in the form of Eq. (7).
 
-The default is the example of the paper's section 5. With one delay its matrices are A1, H1 and
-it is `delay.d`, as in the paper; with several they are A1, H1, `delay.d1`, A2, H2, `delay.d2`, ...
+The default is the example of the paper's section 5. A single delay has the matrices A1, H1 and the
+parameter `delay.d`, as in the paper; several have A1, H1, `delay.d1`, A2, H2, `delay.d2`, ...
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from cosim.fmu import ComponentSpec, Variable, loop_scenario
+from cosim.fmu import ComponentSpec, Variable, loop_scenario, round_below, solver_step
 from cosim.models import Delay, DelaySystem, paper_example, product
 
 from .page import notes
-from .step import default_step
 
 STEPS = 1000
 """Communication steps of the default experiment."""
 
+_SHARE = 0.16  # of the shortest time constant: the error of RK4 is then some 1e-6 of x per unit
+_LONGEST, _SHORTEST = 0.1, 1e-9  # [s]
+
 
 def plant_delays(system: DelaySystem) -> list[Delay]:
-    """The delays that belong to the plant.
-
-    One through which the control alone acts is the link's, and not among them.
-    """
+    """Return the delays in the plant; one through which only the control acts is the link's."""
     return [d for d in system.delays if not d.feedback or d.A.any() or d.H.any()]
 
 
 def delay_names(count: int) -> list[str]:
-    """The parameters that hold the delays."""
+    """Return the names of the delay parameters."""
     return ["delay.d"] if count == 1 else [f"delay.d{i}" for i in range(1, count + 1)]
 
 
@@ -44,17 +44,15 @@ def delayed_plant_spec(
     F: tuple[float, float] = (0.0, 1.0),
     origin: str = "",
 ) -> ComponentSpec:
-    """A plant of the given matrices; dimensions are fixed, numbers are start values.
+    """Specify a plant with the matrices as start values; their dimensions are fixed.
 
     Parameters
     ----------
-    system : the matrices; of a delay with `feedback` only its A and H, if it has any.
-    name : of the model.
-    plant, controller : what the page's example flies, files or built-in FMUs; by default
-        NAME.fmu and controller.fmu.
+    system : the matrices; of a delay with `feedback` only its A and H, if any.
+    plant, controller : files or built-in FMUs in the page's example; NAME.fmu by default.
     initial : x(t) for t <= start, length n; zero by default.
     F : amplitude, at most 1 in size, and angular frequency [rad/s] of the uncertainty F(t).
-    origin : where the numbers are from, a sentence for the page.
+    origin : a sentence for the page on the origin of the numbers.
     """
     n, m = system.B.shape
     q = system.C.shape[1]
@@ -84,35 +82,27 @@ def delayed_plant_spec(
     ]
     table += [
         Variable(
-            f"{letter}[{i},{j}]",
-            "parameter",
-            f"entry ({i},{j}) of {letter} in Eq. (7)",
-            None,
-            float(value),
+            f"{letter}[{i},{j}]", "parameter", f"entry ({i},{j}) of {letter} in Eq. (7)", None, x
         )
         for letter, matrix in matrices.items()
-        for (i, j), value in _entries(matrix)
+        for i, row in enumerate(matrix.tolist(), 1)
+        for j, x in enumerate(row, 1)
     ]
     table += [
         Variable(one, "parameter", f"delay {one[6:]} of Eq. (7)", "s", delay.d, minimum=0.0)
         for one, delay in zip(named, delays, strict=True)
     ]
     if "E" in matrices:
-        table += _uncertainty(F)
+        text = "F(t) = amplitude sin(omega t) on its main diagonal"
+        table += [
+            Variable("F.amplitude", "parameter", text, None, F[0], minimum=-1.0, maximum=1.0),
+            Variable("F.omega", "parameter", "angular frequency of F(t)", "rad/s", F[1]),
+        ]
     table += [
         Variable(f"initial.x[{i}]", "parameter", f"x[{i}] for all t <= start", None, float(value))
         for i, value in enumerate(start, 1)
     ]
-    table.append(
-        Variable(
-            "solver.step",
-            "parameter",
-            "largest internal integration step",
-            "s",
-            step,
-            minimum=min(1e-6, step),
-        )
-    )
+    table.append(solver_step(step))
     return ComponentSpec(
         name=name,
         description="Linear system with delay, disturbance and uncertainty, Eq. (7)",
@@ -144,7 +134,7 @@ def delayed_plant_spec(
 
 
 def plant_matrices(system: DelaySystem) -> dict[str, np.ndarray]:
-    """Every matrix of the plant by its letter; E, H, H1, ... only where something is uncertain."""
+    """Return the matrices of the plant by letter; E, H, H1, ... only if there is uncertainty."""
     delays = plant_delays(system)
     found = {"A": system.A}
     found |= {f"A{i}": delay.A for i, delay in enumerate(delays, 1)}
@@ -155,23 +145,15 @@ def plant_matrices(system: DelaySystem) -> dict[str, np.ndarray]:
     return found
 
 
-def _entries(matrix: np.ndarray) -> list[tuple[tuple[int, int], float]]:
-    return [((i + 1, j + 1), value) for (i, j), value in np.ndenumerate(matrix)]
+def default_step(matrices: Mapping[str, np.ndarray]) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten with step (|A| + |A1| + ...) <= 0.16 [s].
 
-
-def _uncertainty(F: tuple[float, float]) -> list[Variable]:
-    return [
-        Variable(
-            "F.amplitude",
-            "parameter",
-            "F(t) = amplitude sin(omega t) on its main diagonal",
-            None,
-            F[0],
-            minimum=-1.0,
-            maximum=1.0,
-        ),
-        Variable("F.omega", "parameter", "angular frequency of F(t)", "rad/s", F[1]),
-    ]
+    |.| is the Frobenius norm: no solution of x' = A x + A1 x(t-d) + ... moves faster. The example
+    of section 5 gets 0.01 s.
+    """
+    rate = sum(math.hypot(*M.ravel()) for letter, M in matrices.items() if letter[0] == "A")
+    longest = min(_LONGEST, max(_SHARE / rate, _SHORTEST)) if rate > 0 else _LONGEST
+    return round_below(longest)
 
 
 SPEC = delayed_plant_spec(

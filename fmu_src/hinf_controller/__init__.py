@@ -1,1 +1,1 @@
-"""Static state feedback, sampled, as a component."""
+"""Sampled static state feedback as a component."""

@@ -1,4 +1,4 @@
-"""Sampled state feedback between its FMI variables and `cosim.models.feedback`."""
+"""Behaviour of the sampled state feedback, with the equations of `cosim.models.feedback`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from cosim.models import clamped_command, feedback_command
 class StateFeedback:
     """u = map K (x - reference), limited, taken at t = k sample_time and held.
 
-    What is sampled at a communication point is seen at the next one: no output depends on
-    an input without delay. A sample time of 0 samples at every communication point.
+    A sample taken at a communication point changes the outputs at the next one: no output has
+    direct feedthrough. A sample time of 0 samples at every communication point.
     """
 
     def __init__(self, constants: dict[str, Any]) -> None:
@@ -24,7 +24,7 @@ class StateFeedback:
         self._mapped: bool = constants["mapped"]
 
     def constants(self, v: Any) -> tuple[Any, Any]:
-        """The gain K, and the map from commanded accelerations to forces or None."""
+        """Return the gain K, and the map from commanded accelerations to forces or None."""
         rows, columns = range(len(self._outputs)), range(len(self._measured))
         gain = [[v[f"K[{i + 1},{j + 1}]"] for j in columns] for i in rows]
         if not self._mapped:
@@ -32,7 +32,7 @@ class StateFeedback:
         return gain, [[v[f"thrust_map[{i + 1},{j + 1}]"] for j in rows] for i in rows]
 
     def law(self, v: Any, c: tuple[Any, Any], ns: Any) -> dict[str, Any]:
-        """Outputs for the inputs in `v`; `ns` provides `min` and `max`."""
+        """Compute the outputs for the inputs in `v`; `ns` provides `min` and `max`."""
         x = [v[name] for name in self._measured]
         reference = [0.0 if name is None else v[name] for name in self._reference]
         values = feedback_command(c[0], x, reference, c[1])
@@ -41,7 +41,7 @@ class StateFeedback:
         return dict(zip(self._outputs, values, strict=True))
 
     def initialise(self, v: dict[str, float], start: float) -> None:
-        """Take gain, map, limits and sample time from `v`; the outputs start at zero."""
+        """Read gain, map, limits and sample time from `v`; the outputs start at zero."""
         self._constants = self.constants(v)
         self._sample_time = v["sample_time"]
         self._time = self._start = start
@@ -50,9 +50,9 @@ class StateFeedback:
             v[name] = 0.0
 
     def advance(self, v: dict[str, float], end: float) -> None:
-        """Sample if a sample instant lies in [now, end); the outputs hold from there on."""
+        """Sample if a sample instant is in [now, end); the outputs are then held."""
         if self._sample_time > 0.0:
-            # an instant that rounding alone puts before `end` belongs to the next step
+            # an instant that is before `end` only by rounding belongs to the next step
             near = max(1e-9 * max(self._sample_time, 1e-3), 16.0 * math.ulp(end))
             taken = math.ceil((end - near - self._start) / self._sample_time)
             due = taken > self._samples
@@ -64,10 +64,10 @@ class StateFeedback:
         self._time = end
 
     def refresh(self, v: dict[str, float]) -> None:
-        """No output depends on an input without delay: nothing to do."""
+        """Do nothing: no output has direct feedthrough."""
 
     def snapshot(self) -> dict[str, Any]:
-        """Sampling clock; the held outputs are variables."""
+        """Return the sampling clock; the held outputs are variables."""
         return {"time": self._time, "start": self._start, "samples": self._samples}
 
     def restore(self, saved: dict[str, Any]) -> None:

@@ -1,7 +1,7 @@
 """FMI variables of the state feedback: HinfController for the vehicle, PaperController.
 
-The gain of HinfController is that of the design `auv-1.25s`, which the built-in scenarios fly;
-`paper.json` beside this file proves what the printed gain of section 5 guarantees.
+The gain of HinfController is that of the design `auv-1.25s`, which the built-in scenarios use;
+`paper.json` beside this file is the certificate of the gain printed in section 5.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from cosim.fmu import ComponentSpec, Variable, loop_scenario
+from cosim.fmu import ComponentSpec, Variable, component_module, loop_scenario
 from cosim.models import STATE, TABLE_1, inertia
 
+_VEHICLE = component_module("auv_plant.variables")
 LIMITS = (2500.0, 2500.0)
 """Largest thrust along each axis [N] and largest moment [N m] of the vehicle."""
 
@@ -26,56 +27,14 @@ _BEHAVIOUR = "cosim.components.hinf_controller.behaviour:StateFeedback"
 _README = Path(__file__).with_name("readme.md")
 _FORCE = (("force.x", "N"), ("force.y", "N"), ("force.z", "N"), ("moment.z", "N.m"))
 _STEP = 0.01  # [s], of the default experiment
-_UNITS = ("m", "m", "m", "rad", "m/s", "m/s", "m/s", "rad/s")
-
 
 _VEHICLE_NOTES = """
 ## From accelerations to forces
 
-The state is x = (`eta`, `nu`), and u is an acceleration. What leaves the controller is M u =
-(`force.x`, `force.y`, `force.z`, `moment.z`), each held within ± `limit.force` and
+The state is x = (`eta`, `nu`), and u is an acceleration. The outputs are M u =
+(`force.x`, `force.y`, `force.z`, `moment.z`), each limited to ± `limit.force` and
 ± `limit.moment`. M, the parameter `thrust_map`, is the mass matrix of the vehicle, added mass
 included.
-"""
-
-_SCENARIO = """\
-title = "Station keeping"
-
-[run]
-end = 60.0
-step = 0.05
-
-[components.plant]
-fmu = "AuvPlant"
-parameters = {{ "initial.eta.x" = 0.5 }}
-
-[components.controller]
-fmu = "{controller}"
-parameters = {{ "eta.x" = 0.5 }}  # what it goes by until the first measurement arrives
-
-[[connections]]
-from = "plant.eta"
-to = "controller.eta"
-link = "uplink"
-
-[[connections]]
-from = "plant.nu"
-to = "controller.nu"
-link = "uplink"
-
-[[connections]]
-from = "controller.force"
-to = "plant.force"
-
-[[connections]]
-from = "controller.moment"
-to = "plant.moment"
-
-[links.uplink]
-kind = "packet"
-sample_time = 0.2
-delay = 0.5
-loss = 0.05
 """
 
 
@@ -90,24 +49,16 @@ def _gain(K: Sequence[Sequence[float]]) -> list[Variable]:
 
 
 def _sample_time(start: float) -> Variable:
-    return Variable(
-        "sample_time",
-        "parameter",
-        "sampling period; 0 samples at every communication point",
-        "s",
-        start,
-        minimum=0.0,
-    )
+    text = "sampling period; 0 samples at every communication point"
+    return Variable("sample_time", "parameter", text, "s", start, minimum=0.0)
 
 
 def _limits(values: Sequence[float]) -> list[Variable]:
-    texts = (
-        ("limit.force", "largest thrust along each axis", "N"),
-        ("limit.moment", "largest moment", "N.m"),
-    )
+    force, moment = values
+    text = "largest thrust along each axis"
     return [
-        Variable(name, "parameter", text, unit, value, minimum=0.0)
-        for (name, text, unit), value in zip(texts, values, strict=True)
+        Variable("limit.force", "parameter", text, "N", force, minimum=0.0),
+        Variable("limit.moment", "parameter", "largest moment", "N.m", moment, minimum=0.0),
     ]
 
 
@@ -119,19 +70,19 @@ def vehicle_spec(
     limits: Sequence[float] = LIMITS,
     controller: str | None = None,
 ) -> ComponentSpec:
-    """A controller of the vehicle with the gain (4, 8) that `certificate` proves.
+    """Specify a controller of the vehicle with the gain (4, 8) that `certificate` proves.
 
-    `limits` : of each thrust [N] and of the moment [N m]; `sample_time` [s]; `controller` : what
-    the page's example flies, by default NAME.fmu.
+    `limits` are of each thrust [N] and of the moment [N m], `sample_time` is in [s], `controller`
+    is the FMU in the page's example, by default NAME.fmu.
     """
     table = [
         Variable(name, "input", f"measured {name}", unit, discrete=False)
-        for name, unit in zip(STATE, _UNITS, strict=True)
+        for name, unit in zip(STATE, _VEHICLE.STATE_UNITS, strict=True)
     ]
     reference = [f"reference.{axis}" for axis in ("x", "y", "z", "psi")]
     table += [
         Variable(name, "input", f"set point of eta.{name.removeprefix('reference.')}", unit)
-        for name, unit in zip(reference, _UNITS, strict=False)
+        for name, unit in zip(reference, _VEHICLE.STATE_UNITS, strict=False)
     ]
     table += [
         Variable(name, "output", f"commanded {name}, held between samples", unit, discrete=True)
@@ -168,7 +119,7 @@ def vehicle_spec(
         },
         certificate=certificate,
         notes=_VEHICLE_NOTES,
-        scenario=_SCENARIO.format(controller=controller or f"{name}.fmu"),
+        scenario=_VEHICLE.vehicle_scenario("Station keeping", controller or f"{name}.fmu"),
     )
 
 
@@ -183,13 +134,13 @@ def feedback_spec(
     plant: str = "plant.fmu",
     controller: str | None = None,
 ) -> ComponentSpec:
-    """A controller u = K x for a system in the letters of Eq. (7).
+    """Specify a controller u = K x for a system in the form of Eq. (7).
 
-    Its gain (m, n) is the one that `certificate` proves; `limits` holds one bound per command,
-    or nothing. `plant` and `controller` (by default NAME.fmu) are what the page's example flies.
+    Its gain (m, n) is the one that `certificate` proves; `limits` has one bound per command, or
+    none. `plant` and `controller` (by default NAME.fmu) are the FMUs in the page's example.
     """
     proved = json.loads(certificate)
-    K = proved["K"]
+    K, delays = proved["K"], proved["claim"]["delays"]
     m, n = len(K), len(K[0])
     measured = [f"x[{j}]" for j in range(1, n + 1)]
     outputs = [f"u[{i}]" for i in range(1, m + 1)]
@@ -224,10 +175,7 @@ def feedback_spec(
         scenario=loop_scenario(
             plant,
             controller or f"{name}.fmu",
-            feedback_delay=max(
-                (delay["d"] for delay in proved["claim"]["delays"] if delay["feedback"]),
-                default=0.0,
-            ),
+            feedback_delay=max((d["d"] for d in delays if d["feedback"]), default=0.0),
             step=_STEP,
             end=stop,
         ),
@@ -235,15 +183,15 @@ def feedback_spec(
 
 
 def _feedback_notes(m: int, n: int, *, with_limits: bool) -> str:
-    bounds = ", held within ± `limit.u[i]`" if with_limits else ", without limits"
+    bounds = ", each limited to ± `limit.u[i]`" if with_limits else ", without limits"
     return (
-        "\n## This controller\n\nFor a system in the letters of Eq. (7): "
+        "\n## This controller\n\nFor a system in the form of Eq. (7): "
         f"{n} measured state{'s' * (n != 1)} `x[j]`, {m} command{'s' * (m != 1)} `u[i]`{bounds}.\n"
     )
 
 
 def _designed(name: str) -> bytes:
-    """The certificate of a design of the package: `cosim.hinf.certificate_bytes`, but at once."""
+    """Return the certificate of a packaged design, as `cosim.hinf.certificate_bytes` but faster."""
     file = files("cosim").joinpath("scenario", "library", "designs", f"{name}.json")
     design = json.loads(file.read_bytes())
     del design["figures"]

@@ -1,1 +1,1 @@
-"""A link as a component: what other tools step in place of the project's own links."""
+"""A link as a component, for tools that do not have this project's links."""

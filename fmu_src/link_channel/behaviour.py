@@ -1,7 +1,7 @@
-"""What the C of a link has to know when it is built: how many signals pass, and under what name.
+"""What the C of a link needs when it is built: the number of signals and the link's name.
 
-What a link does is `cosim.network`; in an FMU it is c/packet_link.c and c/transport_link.c,
-which step it message by message. There is no flavour in Python.
+c/packet_link.c and c/transport_link.c do what `cosim.network` does, message by message. There is
+no flavour in Python.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import Any
 
 JITTERS = ("none", "uniform", "exponential", "normal")
-"""Kinds of jitter, by the number that the parameter `jitter.kind` has."""
+"""Kinds of jitter in the numbering of the parameter `jitter.kind`."""
 
 ORDERS = ("newest-wins", "fifo", "as-arrived")
-"""Orders of delivery, by the number that the parameter `order` has."""
+"""Orders of delivery in the numbering of the parameter `order`."""
 
 
 class LinkChannel:
-    """Signals u[1], u[2], ... in, the same ones y[1], y[2], ... out, as the link delivers them.
+    """A link: inputs u[1], u[2], ... and outputs y[1], y[2], ... as it delivers them.
 
     Attributes
     ----------

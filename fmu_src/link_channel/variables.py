@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from cosim.fmu import UNITS, ComponentSpec, Variable
 
@@ -18,11 +19,11 @@ MOST_BITS = 2.0**53
 
 @dataclass(frozen=True)
 class LinkSignal:
-    """A signal that passes the link.
+    """A signal that goes through the link.
 
-    unit : of the signal; one that `cosim.fmu.export.units` does not have is left out.
-    initial : what comes out until something else has arrived.
-    text : which signal it is.
+    unit : of the signal; left out if `UNITS` does not have it.
+    initial : output until the first message arrives.
+    text : names the signal in descriptions.
     """
 
     unit: str | None = None
@@ -37,14 +38,12 @@ def packet_spec(
     starts: dict[str, float],
     step: float = 0.05,
 ) -> ComponentSpec:
-    """A packet link.
+    """Specify a packet link.
 
     Parameters
     ----------
-    name : of the FMU.
-    link : of the link: its random streams depend on it.
-    signals : the signals.
-    starts : start values of parameters, those of `PACKET_PARAMETERS`.
+    name, link : of the FMU, and of the link: its random streams depend on it.
+    starts : start values of some of `PACKET_PARAMETERS`.
     step : of the default experiment [s].
     """
     table = _signal_variables(signals)
@@ -53,26 +52,14 @@ def packet_spec(
         _integer("sequence", "output", "number of the message in use; -1: none yet, -2: lost", -1),
         _integer("dropped", "output", "messages and copies dropped so far", 0),
     ]
-    table += [
-        Variable(
-            v.name,
-            v.causality,
-            v.description,
-            v.unit,
-            starts.get(v.name, v.start),
-            v.kind,
-            minimum=v.minimum,
-            maximum=v.maximum,
-        )
-        for v in PACKET_PARAMETERS
-    ]
+    table += [replace(v, start=starts.get(v.name, v.start)) for v in PACKET_PARAMETERS]
     return _spec(name, link, signals, table, "packet", step)
 
 
 def transport_spec(
     name: str, link: str, signals: Sequence[LinkSignal], delay: float, step: float = 0.05
 ) -> ComponentSpec:
-    """A transport link of a constant `delay` [s]; the others as for `packet_spec`."""
+    """Specify a transport link of a constant `delay` [s]; other arguments as for `packet_spec`."""
     table = _signal_variables(signals)
     table += [
         Variable("age", "output", "time since what is delivered was sent", "s"),
@@ -82,19 +69,14 @@ def transport_spec(
 
 
 def _signal_variables(signals: Sequence[LinkSignal]) -> list[Variable]:
-    known = [signal.unit if signal.unit in UNITS else None for signal in signals]
-    table = [
-        Variable(f"u[{i}]", "input", f"{signal.text}, as sent", unit, signal.initial)
-        for i, (signal, unit) in enumerate(zip(signals, known, strict=True), 1)
-    ]
-    table += [
-        Variable(f"y[{i}]", "output", f"{signal.text}, as received", unit, signal.initial)
-        for i, (signal, unit) in enumerate(zip(signals, known, strict=True), 1)
-    ]
-    return table + [
-        Variable(f"initial[{i}]", "parameter", f"y[{i}] until something arrives", u, signal.initial)
-        for i, (signal, u) in enumerate(zip(signals, known, strict=True), 1)
-    ]
+    inputs, outputs, initial = [], [], []
+    for i, signal in enumerate(signals, 1):
+        known = signal.unit if signal.unit in UNITS else None, signal.initial
+        inputs.append(Variable(f"u[{i}]", "input", f"{signal.text}, as sent", *known))
+        outputs.append(Variable(f"y[{i}]", "output", f"{signal.text}, as received", *known))
+        text = f"y[{i}] until something arrives"
+        initial.append(Variable(f"initial[{i}]", "parameter", text, *known))
+    return [*inputs, *outputs, *initial]
 
 
 def _time(name: str, text: str, start: float = 0.0, minimum: float = 0.0) -> Variable:
@@ -107,16 +89,19 @@ def _share(name: str, text: str, start: float = 0.0) -> Variable:
     return Variable(name, "parameter", text, None, start, minimum=0.0, maximum=1.0)
 
 
+def _bits(name: str, text: str) -> Variable:
+    return Variable(name, "parameter", text, minimum=0.0, maximum=MOST_BITS)
+
+
 def _integer(
     name: str,
-    causality: str,
+    causality: Literal["output", "parameter"],
     text: str,
     start: int,
     low: int | None = None,
     high: int | None = None,
 ) -> Variable:
-    kind = "output" if causality == "output" else "parameter"
-    return Variable(name, kind, text, None, start, "Integer", minimum=low, maximum=high)  # type: ignore[arg-type]
+    return Variable(name, causality, text, None, start, "Integer", minimum=low, maximum=high)
 
 
 def _numbered(names: Sequence[str]) -> str:
@@ -142,14 +127,8 @@ PACKET_PARAMETERS = (
     _integer("on_loss.hold", "parameter", "1: hold the last message, 0: on_loss.value", 1, 0, 1),
     Variable("on_loss.value", "parameter", "what comes out after a loss, without on_loss.hold"),
     Variable("quantization", "parameter", "step of the values sent; 0: none", minimum=0.0),
-    Variable(
-        "data_rate",
-        "parameter",
-        "bits per second, whole; 0: sending takes no time",
-        minimum=0.0,
-        maximum=MOST_BITS,
-    ),
-    Variable("frame_size", "parameter", "bits of a message", minimum=0.0, maximum=MOST_BITS),
+    _bits("data_rate", "bits per second, whole; 0: sending takes no time"),
+    _bits("frame_size", "bits of a message"),
     _integer(
         "queue_limit", "parameter", "messages that may wait; -1: any number", -1, -1, 2**31 - 1
     ),

@@ -1,1 +1,1 @@
-"""Signals given as a table: what drives inputs in tools that have no scenario."""
+"""Signals from a table as a component, to drive inputs in tools without scenarios."""

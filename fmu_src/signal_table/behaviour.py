@@ -1,4 +1,4 @@
-"""What the C of a table of signals has to know when it is built; see c/table.c."""
+"""What the C of a table of signals needs when it is built; see c/table.c."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from cosim.fmu import UNITS, ComponentSpec, Variable
 
 MOST_NUMBERS = 2_000_000
-"""Values that a table may have: they stand in the FMU's source."""
+"""Greatest number of values in a table: they are part of the FMU's C source."""
 
 
 def table_spec(
@@ -18,7 +18,7 @@ def table_spec(
     rows: Sequence[Sequence[float]],
     step: float,
 ) -> ComponentSpec:
-    """A table of signals.
+    """Specify a table of signals.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""WaveField between its FMI variables and the equations of `cosim.models.waves`."""
+"""Behaviour of WaveField, with the equations of `cosim.models.waves`."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ OUTPUTS = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
 
 
 class WaveField:
-    """Accelerations of the water at the present time; nothing depends on any step size."""
+    """Accelerations of the water at the present time, independent of any step size."""
 
     def __init__(self, constants: dict[str, Any]) -> None:
         self.slots: int = constants["slots"]
 
     @staticmethod
     def factors(v: Any) -> Gains:
-        """The factors on u, v, w, r of a field given outright."""
+        """Return the factors on u, v, w, r of explicit components."""
         return Gains(*(v[f"gain.{axis}"] for axis in "uvwr"))
 
     @classmethod
     def gains(cls, v: Any, ns: Any) -> Gains:
-        """The factors of a sea that travels in one direction; `ns` provides `sin`, `cos`."""
+        """Return the factors of a sea that travels in one direction; `ns` provides `sin`, `cos`."""
         by_direction = gains(v["direction"], v["yaw_gain"], ns)
         return Gains(*(a * b for a, b in zip(cls.factors(v), by_direction, strict=True)))
 
     def initialise(self, v: dict[str, float], start: float) -> None:
-        """Draw the sea, or take the explicit components; fills the outputs.
+        """Draw the sea or take the explicit components, and write the outputs.
 
         Raises
         ------
@@ -59,11 +59,11 @@ class WaveField:
         self._publish(v, start)
 
     def advance(self, v: dict[str, float], end: float) -> None:
-        """Accelerations at `end`."""
+        """Write the accelerations at `end`."""
         self._publish(v, end)
 
     def refresh(self, v: dict[str, float]) -> None:
-        """There are no inputs: nothing to do."""
+        """Do nothing: there are no inputs."""
 
     def _publish(self, v: dict[str, float], t: float) -> None:
         values = accelerations(t, self._components, self._gains)
@@ -71,8 +71,8 @@ class WaveField:
             v[name] = float(value)
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything follows from parameters and time."""
+        """Return an empty state: parameters and time determine everything."""
         return {}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Return to a `snapshot`: the outputs are variables already."""
+        """Do nothing: the outputs are restored with the variables."""

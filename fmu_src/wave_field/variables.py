@@ -8,11 +8,22 @@ from cosim.fmu import ComponentSpec, Variable
 from cosim.models import GRAVITY, accelerations, at_depth, gains, sea
 
 SLOTS = 8
-"""Explicit components that an FMU has room for."""
+"""Number of explicit components in an FMU."""
 
 _MOST = 200
 _SEA = {"Hs": 1.0, "Tp": 8.0, "depth": 30.0, "direction": 0.6, "yaw_gain": 0.02}
 _COUNT, _SEED = 20, 1
+
+
+def _real(
+    name: str,
+    text: str,
+    unit: str | None,
+    start: float = 0.0,
+    low: float | None = None,
+    high: float | None = None,
+) -> Variable:
+    return Variable(name, "parameter", text, unit, start, minimum=low, maximum=high)
 
 
 def _variables() -> list[Variable]:
@@ -37,45 +48,21 @@ def _variables() -> list[Variable]:
         Variable(n, "parameter", text, None, value, "Integer", minimum=low, maximum=high)
         for n, text, value, low, high in integer
     ]
+    heading = "towards which the waves travel, from the bow, starboard positive"
     table += [
-        Variable("Hs", "parameter", "significant wave height", "m", _SEA["Hs"], minimum=0.0),
-        Variable("Tp", "parameter", "peak period", "s", _SEA["Tp"], minimum=0.1),
-        Variable(
-            "peak_factor",
-            "parameter",
-            "peak factor of JONSWAP",
-            None,
-            3.3,
-            minimum=1.0,
-            maximum=10.0,
-        ),
-        Variable("depth", "parameter", "depth below the surface", "m", _SEA["depth"], minimum=0.0),
-        Variable(
-            "direction",
-            "parameter",
-            "towards which the waves travel, from the bow, starboard positive",
-            "rad",
-            _SEA["direction"],
-        ),
-        Variable(
-            "yaw_gain",
-            "parameter",
-            "yaw acceleration per sway acceleration",
-            "rad/m",
-            _SEA["yaw_gain"],
-        ),
-    ]
-    table += [
-        Variable(f"gain.{axis}", "parameter", f"factor on disturbance.{axis}", None, 1.0)
-        for axis in "uvwr"
+        _real("Hs", "significant wave height", "m", _SEA["Hs"], 0.0),
+        _real("Tp", "peak period", "s", _SEA["Tp"], 0.1),
+        _real("peak_factor", "peak factor of JONSWAP", None, 3.3, 1.0, 10.0),
+        _real("depth", "depth below the surface", "m", _SEA["depth"], 0.0),
+        _real("direction", heading, "rad", _SEA["direction"]),
+        _real("yaw_gain", "yaw acceleration per sway acceleration", "rad/m", _SEA["yaw_gain"]),
+        *(_real(f"gain.{axis}", f"factor on disturbance.{axis}", None, 1.0) for axis in "uvwr"),
     ]
     for k in range(1, SLOTS + 1):
         table += [
-            Variable(f"omega[{k}]", "parameter", f"frequency of component {k}", "rad/s", 1.0),
-            Variable(
-                f"amplitude[{k}]", "parameter", f"acceleration amplitude of component {k}", "m/s2"
-            ),
-            Variable(f"phase[{k}]", "parameter", f"phase of component {k} at t = 0", "rad"),
+            _real(f"omega[{k}]", f"frequency of component {k}", "rad/s", 1.0),
+            _real(f"amplitude[{k}]", f"acceleration amplitude of component {k}", "m/s2"),
+            _real(f"phase[{k}]", f"phase of component {k} at t = 0", "rad"),
         ]
     return table
 

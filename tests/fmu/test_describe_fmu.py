@@ -1,4 +1,4 @@
-"""FMUs from the outside: what is read off a file, and what is refused before it is loaded."""
+"""Descriptions of FMUs: what is read from a file, and what is refused before loading."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def test_ports_are_the_table_of_the_component(fmus: Path, name: str) -> None:
         assert found.xml == archive.read("modelDescription.xml")
 
 
-def test_undeclared_dependencies_mean_all(fmus: Path, tmp_path: Path) -> None:
-    """An FMU that says nothing of an output's dependencies has feedthrough, as FMI says."""
+def test_undeclared_dependencies_mean_feedthrough(fmus: Path, tmp_path: Path) -> None:
+    """As FMI defines, an output without declared dependencies depends on all inputs."""
     silent = altered(
         fmus / "AuvPlant.fmu",
         tmp_path / "AuvPlant.fmu",
@@ -75,16 +75,16 @@ def test_unknown_variable_suggests_the_nearest(fmus: Path) -> None:
     assert "eta.psi" in str(caught.value)
 
 
-def test_missing_file_says_how_to_build_it(tmp_path: Path) -> None:
-    """No such FMU; a folder is none either."""
+def test_error_of_a_missing_file_says_how_to_build_it(tmp_path: Path) -> None:
+    """Also for a folder in place of the file."""
     for path in (tmp_path / "None.fmu", tmp_path):
         with pytest.raises(InputError, match=r"python build_fmu\.py"):
             describe_fmu(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 cut short"])
-def test_what_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> None:
-    """Empty, text, a cut archive: one kind of error, with the path."""
+def test_file_that_is_not_an_archive_is_refused(tmp_path: Path, content: bytes) -> None:
+    """Empty, text, a cut archive: all give an error with the path."""
     path = tmp_path / "Broken.fmu"
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"Broken\.fmu: not a valid FMU"):
@@ -119,7 +119,7 @@ def test_description_that_breaks_the_standard_is_refused(
 
 
 def test_model_exchange_alone_cannot_be_run(fmus: Path, tmp_path: Path) -> None:
-    """An FMU for model exchange is valid but not for here, and the message says which it is."""
+    """Such an FMU is valid but refused, with a message that names its kind."""
     path = altered(
         fmus / "WaveField.fmu",
         tmp_path / "Exchange.fmu",

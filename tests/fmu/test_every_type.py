@@ -27,7 +27,7 @@ def talking(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
 
 
 def silent(_level: str, _message: str, _category: str) -> None:
-    """Hear nothing."""
+    """Ignore messages."""
 
 
 def started(described: FmuDescription, **parameters: Any) -> FmuSlave:
@@ -76,8 +76,8 @@ def test_all_types_at_once_in_the_order_asked_for(described: FmuDescription) -> 
     assert all(read[f"{kind}.out"] == EXTREMES[kind][1] for kind in TYPES)
 
 
-def test_what_is_not_finite_passes_through(described: FmuDescription) -> None:
-    """It is the FMU's to refuse."""
+def test_infinities_and_nan_pass_through(described: FmuDescription) -> None:
+    """Only the FMU may refuse them."""
     with started(described) as slave:
         for kind, value in itertools.product(("Float64", "Float32"), (math.inf, -math.inf)):
             slave.write({f"{kind}.in": value})
@@ -122,7 +122,7 @@ def test_what_is_not_finite_passes_through(described: FmuDescription) -> None:
 def test_values_that_do_not_fit_are_refused(
     described: FmuDescription, name: str, value: object, message: str
 ) -> None:
-    """Type, range, shape, time: in words, before the slave is touched, and it goes on."""
+    """Wrong type, range, shape or phase: refused before the slave is called; it goes on."""
     with started(described) as slave:
         before = slave.read(["Int16.out"])
         with pytest.raises(InputError) as caught:
@@ -155,7 +155,7 @@ def test_tunable_parameters_and_inputs_can_be_set_at_any_time(described: FmuDesc
 
 
 def test_arrays_follow_structural_parameters(described: FmuDescription) -> None:
-    """Described for other lengths, and run with them; rows by rows as C has them."""
+    """Describe and run with other lengths; the last index runs fastest, as in C."""
     longer = described.resized({"n": 4, "gain": 2.0})
     assert longer.ports["Float64.row"].shape == (4, 3)
     assert longer.ports["Float64.row"].start == (0.0,) * 12
@@ -204,8 +204,8 @@ def test_ports_of_fmi3(described: FmuDescription) -> None:
     assert not described.can_interpolate_inputs
 
 
-def test_what_cannot_be_exchanged_is_reported(described: FmuDescription) -> None:
-    """Binary and Clock variables; an unknown name with the nearest."""
+def test_types_that_cannot_be_exchanged_are_reported(described: FmuDescription) -> None:
+    """Binary and Clock variables; an unknown name with the nearest one."""
     with started(described) as slave:
         for name in ("blob", "clock"):
             with pytest.raises(InputError, match=f"{name} is of a type that cannot be exchanged"):
@@ -214,8 +214,8 @@ def test_what_cannot_be_exchanged_is_reported(described: FmuDescription) -> None
             slave.read(["Float64.oot"])
 
 
-def test_start_value_that_is_not_taken_is_reported(described: FmuDescription) -> None:
-    """An exact start is what the run begins with, or bad input."""
+def test_ignored_start_value_is_reported(described: FmuDescription) -> None:
+    """An exact start that the slave does not start with is bad input."""
     with started(described, x=6.5) as slave:
         assert slave.read(["x"]) == {"x": 6.5}
     with FmuSlave(described, "it", silent) as slave:

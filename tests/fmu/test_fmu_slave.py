@@ -1,4 +1,4 @@
-"""One slave behind fmpy: its life cycle, its rows, its errors, and what it leaves behind."""
+"""One slave: its life cycle, values and errors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cosim.fmu import FmuSlave, describe_fmu
 
 
 class Log:
-    """Collects what a slave says."""
+    """Collects the messages of a slave."""
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str, str]] = []
@@ -26,8 +26,8 @@ def slave(fmus: Path, name: str, log: Log | None = None) -> FmuSlave:
     return FmuSlave(describe_fmu(fmus / f"{name}.fmu"), name.lower(), log or Log())
 
 
-def test_values_go_in_and_come_out(fmus: Path) -> None:
-    """Reals and Integers in one call; twice closed is once."""
+def test_write_step_and_read(fmus: Path) -> None:
+    """Reals and Integers in one call; closing twice does nothing more."""
     with slave(fmus, "WaveField") as sea:
         given = {"Hs": 2.5, "seed": 7, "Tp": 9.0, "spectrum": 2, "components": 12}
         sea.write(given)
@@ -42,8 +42,8 @@ def test_values_go_in_and_come_out(fmus: Path) -> None:
         sea.close()
 
 
-def test_refused_value_is_a_component_error_in_its_words(fmus: Path) -> None:
-    """Component, file, call, and what the slave logged, though it returned OK; nothing follows."""
+def test_refused_value_raises_component_error_with_the_logged_reason(fmus: Path) -> None:
+    """It names component, file and call; the slave had returned OK; later calls are refused."""
     log = Log()
     with slave(fmus, "DelayedPlant", log) as plant:
         plant.initialise({}, 0.0, 1.0)
@@ -58,8 +58,8 @@ def test_refused_value_is_a_component_error_in_its_words(fmus: Path) -> None:
     assert ("error", "u[1] must be finite, got nan", "logStatusError") in log.lines
 
 
-def test_refused_step_is_a_component_error_in_its_words(fmus: Path) -> None:
-    """A step that PythonFMU discards, as if the slave had asked for the end, has failed."""
+def test_refused_step_raises_component_error_with_the_logged_reason(fmus: Path) -> None:
+    """PythonFMU reports a failed step by Discard, like a slave that asks for the end."""
     with slave(fmus, "DelayedPlant") as plant:
         plant.initialise({}, 0.0, 1.0)
         with pytest.raises(ComponentError, match=r"step from t = 5 s returned fmi2\w+") as caught:
@@ -68,7 +68,7 @@ def test_refused_step_is_a_component_error_in_its_words(fmus: Path) -> None:
 
 
 def test_unknown_and_unsettable_parameters(fmus: Path) -> None:
-    """A name that does not exist, an output: bad input, before the slave is touched."""
+    """An unknown name or an output is bad input, refused before the slave is called."""
     with slave(fmus, "AuvPlant") as auv:
         with pytest.raises(InputError, match=r"there is no variable 'delay\.e'"):
             auv.initialise({"delay.e": 1.0}, 0.0, 1.0)
@@ -77,8 +77,8 @@ def test_unknown_and_unsettable_parameters(fmus: Path) -> None:
         assert "output" in str(caught.value)
 
 
-def test_parameters_without_meaning_fail_the_initialisation(fmus: Path) -> None:
-    """The slave's reason comes through."""
+def test_invalid_parameters_fail_the_initialisation(fmus: Path) -> None:
+    """The error contains the slave's reason."""
     with slave(fmus, "AuvPlant") as auv, pytest.raises(ComponentError, match="mass plus added"):
         auv.initialise({"hydro.X_udot": 1.0}, 0.0, 1.0)
 

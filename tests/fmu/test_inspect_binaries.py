@@ -1,4 +1,4 @@
-"""What is read off a library's headers, against folders, linkers and nm that know better."""
+"""The headers of libraries as read here, compared with folders, linkers and nm."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def read(path: Path) -> Binary:
 
 @pytest.mark.parametrize("path", FOREIGN, ids=lambda p: f"{p.parent.name}-{p.name}")
 def test_architecture_is_that_of_the_folder(path: Path) -> None:
-    """FMPy sorts its own libraries into folders by platform: four systems, three formats."""
+    """FMPy's own libraries are in folders by platform: four systems, three formats."""
     found = read(path)
     assert found.damage is None
     assert named_by_tuple(path.parent.name) in [image.platform for image in found.images]
@@ -70,10 +70,10 @@ def without_symbols(content: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("spelling", ["datasize", "datassize"])
-def test_exports_of_a_new_mach_o_library_are_read_off_its_trie(
+def test_exports_of_a_stripped_mach_o_library_come_from_its_trie(
     monkeypatch: pytest.MonkeyPatch, spelling: str
 ) -> None:
-    """However macholib spells the size of it: releases differ. FMPy calls one function of it."""
+    """The field of the trie's size is read under both spellings that releases of macholib use."""
 
     class LinkEditData(Structure):  # type: ignore[misc]
         _fields_ = (("dataoff", p_uint32), (spelling, p_uint32))
@@ -93,10 +93,10 @@ def test_exports_of_a_new_mach_o_library_are_read_off_its_trie(
 @pytest.mark.parametrize(
     ("slip", "symbols"), [(None, "TypeError"), ({}.__getitem__, "KeyError")], ids=["type", "key"]
 )
-def test_a_mistake_of_a_reader_is_no_fault_of_the_file(
+def test_fault_of_a_reader_is_not_reported_as_damage(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slip: Any, symbols: str
 ) -> None:
-    """It is told as what it is, as a warning; a cut file is damaged all the same."""
+    """A fault of the reader is a warning of its own; a cut file is still damaged."""
     files = described(FMI3, "documentation/index.html")
     for folder in ("x86_64-darwin", "aarch64-darwin"):
         files[f"binaries/{folder}/New.dylib"] = LOGGER.read_bytes()
@@ -119,7 +119,7 @@ def test_functions_of_a_real_fmu_are_found_on_every_platform(path: Path) -> None
 
 
 def test_exports_and_imports_are_those_of_nm(tmp_path: Path) -> None:
-    """The linker's own reader says the same, name by name."""
+    """Compare name by name with nm."""
     nm = shutil.which("nm")
     if nm is None:
         pytest.skip("needs nm")
@@ -157,8 +157,8 @@ def packed(tmp_path: Path, library: Path, **beside: bytes) -> dict[str, list[str
     return found
 
 
-def test_a_complete_library_has_nothing_to_say(tmp_path: Path) -> None:
-    """Every function of FMI 2 for co-simulation, the C library alone."""
+def test_complete_library_has_no_findings(tmp_path: Path) -> None:
+    """It exports every function of FMI 2 for co-simulation and needs only the C library."""
     assert packed(tmp_path, compiled(tmp_path, EMPTY, "all")) == {}
 
 
@@ -206,8 +206,8 @@ def test_executable_stack_and_open_symbols(tmp_path: Path) -> None:
     assert found["symbols-open"] == ["it exports 30 symbols besides FMI's"]
 
 
-def test_program_and_object_file_are_no_libraries(tmp_path: Path) -> None:
-    """In the format of libraries, but of another kind."""
+def test_program_and_object_file_are_not_libraries(tmp_path: Path) -> None:
+    """Both have a library's format but another type."""
     found = packed(tmp_path, compiled(tmp_path, "int f(void) { return 1; }", "f", "-c"))
     assert found["binary-damaged"] == ["an ELF file of type ET_REL, not a shared object"]
 

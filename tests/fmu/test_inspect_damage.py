@@ -52,8 +52,8 @@ def found(path: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
-def test_our_own_have_neither_errors_nor_warnings(fmus: Path, name: str) -> None:
-    """What is left to say is said as notes: a Python host is needed, and told."""
+def test_built_in_fmus_have_neither_errors_nor_warnings(fmus: Path, name: str) -> None:
+    """Only notes are left: a Python host is needed and declared."""
     levels = found(fmus / f"{name}.fmu")
     assert set(levels.values()) == {"note"}
     assert {"needs-python", "needs-tool"} <= set(levels)
@@ -67,10 +67,10 @@ def test_our_own_have_neither_errors_nor_warnings(fmus: Path, name: str) -> None
         (FMI3, "documentation/index.html", {"binary-none"}),
     ],
 )
-def test_bases_of_the_damages_are_sound(
+def test_undamaged_bases_only_lack_a_binary(
     tmp_path: Path, xml: str, page: str, allowed: set[str]
 ) -> None:
-    """Without their damage, FMI 1 and 3 have nothing but no binary."""
+    """Before they are damaged, the FMUs of FMI 1 and 3 have no other finding."""
     path = pack(described(xml, page), tmp_path / "base.fmu")
     assert set(found(path)) == allowed
 
@@ -304,8 +304,8 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
 
 
 @pytest.mark.parametrize("name", FMI2_DAMAGE)
-def test_damage_of_an_fmi2_fmu_has_its_name(fmus: Path, tmp_path: Path, name: str) -> None:
-    """One change of the AuvPlant, its finding, its level."""
+def test_damage_of_an_fmi2_fmu_gives_its_finding(fmus: Path, tmp_path: Path, name: str) -> None:
+    """Each change of AuvPlant gives its finding at its level."""
     damage, code, level = FMI2_DAMAGE[name]
     files = files_of(fmus / "AuvPlant.fmu")
     damage(files)
@@ -376,8 +376,8 @@ FMI3_DAMAGE: dict[str, tuple[Damage, str, str]] = {
 
 
 @pytest.mark.parametrize("name", FMI3_DAMAGE)
-def test_damage_of_an_fmi3_fmu_has_its_name(tmp_path: Path, name: str) -> None:
-    """What FMI 3 adds: arrays, clocks, one time, more files with schemas."""
+def test_damage_of_an_fmi3_fmu_gives_its_finding(tmp_path: Path, name: str) -> None:
+    """Cover what FMI 3 adds: arrays, clocks, one time, more files with schemas."""
     damage, code, level = FMI3_DAMAGE[name]
     files = described(FMI3, "documentation/index.html")
     damage(files)
@@ -396,7 +396,7 @@ def test_fmi1_is_recognised_and_its_binary_has_its_own_names(tmp_path: Path) -> 
 
 
 def test_a_name_twice_in_the_archive(fmus: Path, tmp_path: Path) -> None:
-    """Which of two entries a tool takes is its own secret."""
+    """It is reported, because tools differ in the entry that they take."""
     path = tmp_path / "twice.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in files_of(fmus / "WaveField.fmu").items():
@@ -406,8 +406,8 @@ def test_a_name_twice_in_the_archive(fmus: Path, tmp_path: Path) -> None:
     assert found(path)["entry-twice"] == "error"
 
 
-def test_links_and_other_packings(fmus: Path, tmp_path: Path) -> None:
-    """A symbolic link, an entry packed with bzip2."""
+def test_symbolic_link_and_bzip2_are_reported(fmus: Path, tmp_path: Path) -> None:
+    """An FMU may have files only, stored or deflated."""
     path = tmp_path / "packed.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in files_of(fmus / "WaveField.fmu").items():
@@ -429,7 +429,7 @@ def test_entry_without_a_name(fmus: Path, tmp_path: Path) -> None:
 
 
 def test_encrypted_entry(fmus: Path, tmp_path: Path) -> None:
-    """The flag alone is enough to refuse; nobody is asked for a password."""
+    """The flag alone is refused; no password is asked for."""
     content = bytearray(pack(files_of(fmus / "WaveField.fmu"), tmp_path / "a.fmu").read_bytes())
     place = content.index(b"PK\x01\x02")
     content[place + 8] |= 1
@@ -439,7 +439,7 @@ def test_encrypted_entry(fmus: Path, tmp_path: Path) -> None:
 
 
 def test_changed_byte_in_an_entry(fmus: Path, tmp_path: Path) -> None:
-    """The checksum tells which file is damaged."""
+    """The checksum shows which file is damaged."""
     path = pack(files_of(fmus / "WaveField.fmu"), tmp_path / "a.fmu")
     with zipfile.ZipFile(path) as archive:
         info = archive.getinfo("binaries/linux64/WaveField.so")
@@ -486,8 +486,8 @@ def test_xml_of_entities_does_not_grow(fmus: Path, tmp_path: Path) -> None:
     "content",
     [b"", b"no archive", b"PK\x03\x04 cut short", b"PK\x05\x06" + bytes(18), bytes(1000)],
 )
-def test_what_is_no_fmu_is_an_input_error(tmp_path: Path, content: bytes) -> None:
-    """Empty, text, cut, a ZIP without entries: one kind of error, which names the file."""
+def test_file_that_is_not_an_fmu_is_an_input_error(tmp_path: Path, content: bytes) -> None:
+    """Empty, text, cut, a ZIP without entries: all give an error that names the file."""
     path = tmp_path / "nothing.fmu"
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"nothing\.fmu: not an FMU"):
@@ -503,8 +503,8 @@ def test_an_fmu_packed_with_its_folder_is_reported(fmus: Path, tmp_path: Path) -
         inspect_fmu(tmp_path)
 
 
-def test_a_flood_of_findings_is_counted_not_listed(tmp_path: Path) -> None:
-    """Ten thousand variables with the same mistake are 25 lines and a sum."""
+def test_many_findings_of_one_code_are_counted_not_listed(tmp_path: Path) -> None:
+    """Ten thousand variables with the same fault give 25 lines and a count."""
     many = "".join(
         f'<Float64 name="v{i}" valueReference="{i + 100}" min="2" max="1"/>' for i in range(10_000)
     )
@@ -543,8 +543,8 @@ def test_every_rule_says_why() -> None:
         assert len(rule.why) > 20, code
 
 
-def test_the_damages_are_many() -> None:
-    """At least thirty codes are provoked here, each different."""
+def test_at_least_thirty_codes_are_provoked() -> None:
+    """The tests above provoke at least thirty different codes."""
     codes = {code for _, code, _ in (*FMI2_DAMAGE.values(), *FMI3_DAMAGE.values())}
     assert len(codes) >= 45
     assert codes <= set(RULES)

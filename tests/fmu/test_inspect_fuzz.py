@@ -1,4 +1,4 @@
-"""Damaged at random: an answer or an input error, in bounded time, never anything else."""
+"""Randomly damaged FMUs give findings or an input error, in bounded time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An FMU run in a process of its own: what goes well, and every way to go wrong."""
+"""FMUs run in a process of their own: sound ones, and every kind of failure."""
 
 from __future__ import annotations
 
@@ -116,8 +116,8 @@ def run(path: Path, seconds: float = PATIENCE_S) -> list[Finding]:
 
 
 @pytest.mark.parametrize("name", ["AuvPlant", "PaperController", "WaveField"])
-def test_our_own_run_without_a_word(fmus: Path, name: str) -> None:
-    """Set up, stepped, saved, restored, serialised, reset, ended: all equal to the last bit."""
+def test_built_in_fmus_run_without_findings(fmus: Path, name: str) -> None:
+    """Set up, step, save, restore, serialise, reset, end: all equal to the last bit."""
     assert name in CATALOGUE
     (done,) = run(fmus / f"{name}.fmu")
     assert done.code == "run-done"
@@ -125,16 +125,16 @@ def test_our_own_run_without_a_word(fmus: Path, name: str) -> None:
         assert stage in done.what
 
 
-def test_sound_library_runs_without_a_word(tmp_path: Path) -> None:
-    """The same source without its flaws."""
+def test_sound_library_runs_without_findings(tmp_path: Path) -> None:
+    """The source of the flawed libraries has no finding without its flaws."""
     assert [f.code for f in run(tiny(tmp_path, "NONE"))] == ["run-done"]
 
 
 @pytest.mark.parametrize("flaw", FLAWS)
-def test_each_flaw_has_its_finding(
+def test_each_flaw_gives_its_finding(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flaw: str
 ) -> None:
-    """It is found, the time limit holds, and nothing is left on disk."""
+    """Each flaw is found within the time limit, and no file is left behind."""
     code, level, words = FLAWS[flaw]
     path = tiny(tmp_path, flaw)
     scratch = tmp_path / "scratch"
@@ -146,7 +146,7 @@ def test_each_flaw_has_its_finding(
 
 
 def test_only_a_run_loads_the_binary(tmp_path: Path) -> None:
-    """A library that leaves a mark when it is loaded leaves none for an inspection."""
+    """A library that writes a file when it is loaded writes none during an inspection."""
     mark = tmp_path / "loaded"
     trap = f"""
 #include <stdio.h>

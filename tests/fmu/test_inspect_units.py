@@ -7,13 +7,13 @@ import math
 import pytest
 from scipy import constants
 
-from cosim.fmu.export.units import UNITS
+from cosim.fmu.export.spec import UNITS
 from cosim.fmu.inspect.units import BASES, si_of_name
 
 
 @pytest.mark.parametrize("name", sorted(UNITS))
 def test_units_of_our_components_mean_what_they_declare(name: str) -> None:
-    """The exponents that the FMUs are built with."""
+    """Compare with the exponents that the FMUs are built with."""
     found = si_of_name(name)
     assert found is not None
     declared = UNITS[name]
@@ -49,6 +49,6 @@ def test_factors_and_offsets(name: str, factor: float, offset: float) -> None:
 @pytest.mark.parametrize(
     "name", ["", "g", "C", "F", "pH", "kg/m/s", "m/s.kg", "furlong", "m**2", "T" * 100, "mm9.mm9/0"]
 )
-def test_names_that_may_mean_anything_say_nothing(name: str) -> None:
-    """No guess: ambiguous, unknown, or overlong."""
+def test_ambiguous_unit_names_are_not_read(name: str) -> None:
+    """Ambiguous, unknown or overlong names give None."""
     assert si_of_name(name) is None

@@ -34,7 +34,7 @@ class Percent(Fmi2Slave):
 
 
 class Log:
-    """Collects what a slave says."""
+    """Collects the messages of a slave."""
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str, str]] = []
@@ -43,7 +43,7 @@ class Log:
         self.lines.append((level, message, category))
 
 
-def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
+def test_plain_pythonfmu_slave_runs(tmp_path: Path) -> None:
     """An Integer without variability, a per cent sign in a message; False is a failed step."""
     script = tmp_path / "percent.py"
     script.write_text(_SCRIPT)
@@ -67,8 +67,8 @@ def test_slave_of_pythonfmu_as_anybody_would_write_it(tmp_path: Path) -> None:
     assert messages == [("info", "100 %s %d %n %s%s", "logAll")] * 3
 
 
-def test_slave_that_does_not_pass_its_environment_on(tmp_path: Path) -> None:
-    """Its messages are found by the name of the instance."""
+def test_messages_without_environment_are_found_by_instance_name(tmp_path: Path) -> None:
+    """Some slaves do not pass the environment to the logger."""
     text = source_of("talker_fmi2.c")
     given = "(m)->calls->componentEnvironment, (m)->name"
     assert given in text
@@ -97,7 +97,7 @@ def test_slave_that_does_not_pass_its_environment_on(tmp_path: Path) -> None:
 def test_description_that_departs_from_the_standard(
     tmp_path: Path, old: str, new: str, *, harmless: bool
 ) -> None:
-    """Read where it does no harm, and said; refused where nobody knows what is meant."""
+    """Harmless departures are logged; those with an unknown meaning are refused."""
     text = talker()
     assert old in text
     path = c_fmu("talker_fmi2.c", text.replace(old, new), tmp_path)
@@ -110,8 +110,8 @@ def test_description_that_departs_from_the_standard(
     assert described.ports["y"].feedthrough
 
 
-def test_output_that_the_structure_leaves_out_may_depend_on_every_input(tmp_path: Path) -> None:
-    """So it is taken where nothing is declared."""
+def test_output_missing_in_model_structure_has_feedthrough(tmp_path: Path) -> None:
+    """Undeclared dependencies mean all inputs."""
     text = talker().replace('<Outputs><Unknown index="2"/>', "<Outputs>")
     described = describe_fmu(c_fmu("talker_fmi2.c", text, tmp_path))
     assert described.ports["y"].feedthrough

@@ -1,4 +1,4 @@
-"""Which FMUs can be instantiated here, and one clear sentence about those that cannot."""
+"""Which FMUs can be instantiated here, and the messages about those that cannot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cosim.fmu import FmuSlave, describe_fmu
 
 
 def silent(_level: str, _message: str, _category: str) -> None:
-    """Hear nothing."""
+    """Ignore messages."""
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def _no_code(files: Files) -> None:
 def test_library_that_does_not_load_is_reported(
     intact: Path, tmp_path: Path, damage: Callable[[Files], None], got: str, hint: str | None
 ) -> None:
-    """None for this machine, one of another name, none at all, one that is no library."""
+    """None for this machine, one of another name, none at all, a file that is not a library."""
     files = files_of(intact)
     damage(files)
     with pytest.raises(ComponentError, match="the FMU cannot be loaded") as caught:
@@ -75,7 +75,7 @@ def test_damaged_content_is_reported(intact: Path, tmp_path: Path) -> None:
 
 
 def test_fmu_that_changed_since_it_was_read_is_reported(intact: Path, tmp_path: Path) -> None:
-    """What runs is what was described; a file that is gone is said too."""
+    """Also one that was removed since."""
     path = tmp_path / "x.fmu"
     files = files_of(intact)
     described = describe_fmu(pack({**files, "one": b"1"}, path))
@@ -88,7 +88,7 @@ def test_fmu_that_changed_since_it_was_read_is_reported(intact: Path, tmp_path: 
 
 
 def test_refusal_to_be_instantiated_names_the_tool(intact: Path, tmp_path: Path) -> None:
-    """An FMU that only leads to another program, which is not there."""
+    """An FMU that needs another program, which is not installed."""
     source = (
         "#include <stddef.h>\n"
         'const char *fmi2GetVersion(void) { return "2.0"; }\n'
@@ -121,8 +121,8 @@ def test_fmi_1_is_refused_by_name(tmp_path: Path) -> None:
         describe_fmu(path)
 
 
-def test_fmu_that_allows_one_instance_has_one(tmp_path: Path) -> None:
-    """A second one is bad input while the first one lives, and no matter afterwards."""
+def test_second_instance_is_refused_where_one_is_allowed(tmp_path: Path) -> None:
+    """After the first one is closed, another is allowed."""
     flags = 'canBeInstantiatedOnlyOncePerProcess="true"'
     described = describe_fmu(c_fmu("talker_fmi2.c", talker(flags=flags), tmp_path))
     for _ in range(2):
@@ -136,7 +136,7 @@ def test_fmu_that_allows_one_instance_has_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("which", ["talker", "every"])
 def test_hundreds_of_instances_leave_nothing(tmp_path: Path, which: str) -> None:
-    """No memory, no open file, no library: instantiated, run, freed; a refused one as well."""
+    """No memory, open file or library is left after run and free, nor after a refusal."""
     source, text = {
         "talker": ("talker_fmi2.c", talker()),
         "every": ("every_fmi3.c", every()),

@@ -13,7 +13,7 @@ from cosim.fmu import FmuSlave, describe_fmu
 
 
 def silent(_level: str, _message: str, _category: str) -> None:
-    """Hear nothing."""
+    """Ignore messages."""
 
 
 def outputs_of_steps(slave: FmuSlave, first: int, last: int) -> list[dict[str, float]]:
@@ -55,8 +55,8 @@ def test_restored_slave_goes_on_bit_for_bit(
             one.restore(two.snapshot())
 
 
-def test_slave_is_informed_that_a_state_may_be_restored(tmp_path: Path) -> None:
-    """As long as a state is kept; what is kept to the end is freed then."""
+def test_step_declares_whether_a_state_may_be_restored(tmp_path: Path) -> None:
+    """As long as a state is saved; those left at the end are freed."""
     lines = []
     described = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
     with FmuSlave(described, "it", lambda *line: lines.append(line[1])) as slave:
@@ -74,8 +74,8 @@ def test_slave_is_informed_that_a_state_may_be_restored(tmp_path: Path) -> None:
     assert lines.count("a state is freed") == 3
 
 
-def test_state_of_a_phase_brings_the_phase_back(tmp_path: Path) -> None:
-    """A state saved during the initialisation goes back into it."""
+def test_restored_state_restores_the_phase(tmp_path: Path) -> None:
+    """A state saved during the initialisation returns to it."""
     described = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
     with FmuSlave(described, "it", silent) as slave:
         slave.enter_initialisation(0.0, None)
@@ -98,7 +98,7 @@ def test_state_of_a_phase_brings_the_phase_back(tmp_path: Path) -> None:
 def test_fmu_that_cannot_restore_a_state_is_reported(
     tmp_path: Path, flags: str, capability: str
 ) -> None:
-    """With its name and the capability that is missing."""
+    """With its name and the missing capability."""
     described = describe_fmu(c_fmu("talker_fmi2.c", talker(flags=flags), tmp_path))
     with FmuSlave(described, "it", silent) as slave:
         attempt = slave.snapshot if not flags else lambda: slave.deserialise(b"")

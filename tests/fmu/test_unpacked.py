@@ -33,11 +33,11 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def silent(_level: str, _message: str, _category: str) -> None:
-    """Hear nothing."""
+    """Ignore messages."""
 
 
-def test_instances_share_what_is_unpacked(described: FmuDescription, scratch: Path) -> None:
-    """One folder per FMU, while the process lives; unpacked anew if somebody cleans up."""
+def test_instances_share_unpacked_files(described: FmuDescription, scratch: Path) -> None:
+    """One folder per FMU while the process lives; unpacked again if it is removed."""
     with FmuSlave(described, "one", silent), FmuSlave(described, "two", silent):
         (room,) = scratch.iterdir()
         assert room.name.startswith(f"{PREFIX}{os.getpid()}-")
@@ -78,8 +78,10 @@ def other_process(described: FmuDescription, scratch: Path, what: str) -> subpro
     return process
 
 
-def test_what_a_process_unpacked_goes_with_it(described: FmuDescription, scratch: Path) -> None:
-    """At its end, by a signal that it handles; after it was killed, at the next one's start."""
+def test_unpacked_files_are_removed_with_their_process(
+    described: FmuDescription, scratch: Path
+) -> None:
+    """At its end or a handled signal; after it was killed, at the start of the next process."""
     ended = other_process(described, scratch, "ends")
     handling = other_process(described, scratch, "waits")
     killed = other_process(described, scratch, "waits")
@@ -120,7 +122,7 @@ sys.exit(code if folder.exists() else 2)
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_fork_leaves_the_files_of_its_parent(described: FmuDescription, scratch: Path) -> None:
-    """It unpacks for itself, and removes what is its own."""
+    """A forked process unpacks for itself and removes only its own folder."""
     line = [sys.executable, "-c", _FORK, str(described.path)]
     environment = {**os.environ, "TMPDIR": str(scratch)}
     done = subprocess.run(line, env=environment, check=False)  # noqa: S603 - ourselves

@@ -14,7 +14,7 @@ from packed import XML, pack
 
 from cosim.core.errors import InputError
 from cosim.fmu import FmuSlave, describe_fmu
-from cosim.fmu.phase import Phase, may_be_set
+from cosim.fmu.port import Phase, may_be_set
 from cosim.master import Component, Session, System, make_schedule
 from cosim.trace import Trace
 
@@ -97,7 +97,7 @@ def described(version: str, folder: Path) -> Any:
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
-def test_what_may_be_set_when_is_what_the_standard_says(version: str, tmp_path: Path) -> None:
+def test_settable_phases_follow_the_standard(version: str, tmp_path: Path) -> None:
     """Each kind of variable, in each phase."""
     ports = described(version, tmp_path)
     for number, (kind, phases) in enumerate(ALLOWED.items()):

@@ -1,4 +1,4 @@
-"""The gains that controllers start with: still proved, still about the built-in systems."""
+"""The default gains of the controllers are certified for the built-in systems."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ def certificate_of(name: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_the_proof_holds(name: str) -> None:
-    """Checked again from its bytes: rational arithmetic, no solver."""
+def test_certificate_is_valid(name: str) -> None:
+    """Checked from its bytes in rational arithmetic, without a solver."""
     data = json.loads(certificate_of(name))
     assert check_certificate(data).valid
     assert certificate_of(name) == certificate_bytes(data)  # one certificate, one SHA-256
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_the_start_values_are_the_gain_of_the_proof(name: str) -> None:
+def test_start_values_are_the_certified_gain(name: str) -> None:
     """K[i,j] of the specification, double by double."""
     K = json.loads(certificate_of(name))["K"]
     starts = {v.name: v.start for v in CATALOGUE[name].variables if v.name.startswith("K[")}
@@ -50,8 +50,8 @@ def test_the_start_values_are_the_gain_of_the_proof(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_it_is_about_the_built_in_system(name: str) -> None:
-    """Every matrix and delay, to the last digits that libraries may differ in."""
+def test_certificate_describes_the_built_in_system(name: str) -> None:
+    """Every matrix and delay, up to the last digits, in which libraries may differ."""
     proved = system_from_json(json.loads(certificate_of(name))["system"])
     own = system_by_name(CONTROLLERS[name]).system
     for letter in ("A", "B", "C", "D", "D1", "D2", "E", "H"):
@@ -65,8 +65,8 @@ def test_it_is_about_the_built_in_system(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_the_exact_norm_lies_below_gamma(name: str) -> None:
-    """By means that do not know the inequality: roots to the left, norm of the nominal loop."""
+def test_norm_of_the_nominal_loop_is_below_gamma(name: str) -> None:
+    """Computed without the LMI: stable roots, and the H-infinity norm."""
     data = json.loads(certificate_of(name))
     loop = close(system_by_name(CONTROLLERS[name]).system, data["K"])
     norm = hinf_norm(loop)
@@ -84,8 +84,8 @@ def test_the_paper_controller_has_the_printed_gain() -> None:
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_the_fmu_contains_it_and_its_page_says_so(fmus: Path, name: str) -> None:
-    """resources/certificate.json byte by byte; gamma, delays, hash and what voids it in words."""
+def test_fmu_and_page_contain_the_certificate(fmus: Path, name: str) -> None:
+    """resources/certificate.json byte by byte; gamma, delays, hash and conditions on the page."""
     with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
         embedded = archive.read("resources/certificate.json")
         page = archive.read("documentation/index.html").decode()
@@ -101,15 +101,15 @@ def test_the_fmu_contains_it_and_its_page_says_so(fmus: Path, name: str) -> None
 
 
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - set(CONTROLLERS)))
-def test_nothing_else_contains_one(fmus: Path, name: str) -> None:
-    """A plant or a sea claims nothing."""
+def test_other_fmus_contain_no_certificate(fmus: Path, name: str) -> None:
+    """Neither plants nor the sea have one."""
     with zipfile.ZipFile(fmus / f"{name}.fmu") as archive:
         assert "resources/certificate.json" not in archive.namelist()
         assert "What is certified" not in archive.read("documentation/index.html").decode()
 
 
 def test_a_bound_is_never_printed_too_small() -> None:
-    """1/3 more than 5 is no double and is rounded up; 5.05 as a double is printed as it is."""
+    """5 + 1/3 is not a double and is rounded up; 5.05 as a double is printed as it is."""
     data = json.loads(certificate_of("PaperController"))
     data["claim"]["gamma"] = "16/3"
     assert "gamma = 5.333333334<" in certified_section(json.dumps(data).encode(), "x.fmu")
@@ -124,7 +124,7 @@ def test_a_bound_is_never_printed_too_small() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", certified_gains.MADE_BY)
-def test_made_anew_it_promises_the_same(file: str) -> None:
+def test_regenerated_certificate_has_the_same_gamma(file: str) -> None:
     """The program that writes the files finds gamma again within 1e-3."""
     old = json.loads((certified_gains.ROOT / file).read_bytes())
     new = certified_gains.MADE_BY[file]()

@@ -63,8 +63,8 @@ def test_an_installed_package_builds_the_same_fmus(tmp_path: Path) -> None:
         assert path.read_bytes() == other.read_bytes()
 
 
-def test_a_component_that_is_not_there_says_so() -> None:
-    """By its module's name, or by that of a component to be built."""
+def test_missing_component_is_reported() -> None:
+    """By the name of its module, or of the component to build."""
     with pytest.raises(ModuleNotFoundError, match="submarine"):
         component_module("submarine.variables")
     with pytest.raises(InputError, match="no component 'Submarine'"):

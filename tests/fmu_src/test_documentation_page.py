@@ -1,4 +1,4 @@
-"""The page inside an FMU: whole, offline, set, exact, and its programs run."""
+"""The documentation page inside an FMU: complete and offline, and its programs run."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def programs(page: str, language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_page_needs_nothing_from_elsewhere(name: str) -> None:
-    """No address but the name of MathML; every link leads into the page or to the licence."""
+def test_page_loads_nothing_external(name: str) -> None:
+    """The only address is the MathML namespace; links lead into the page or to the licence."""
     page = page_of(name)
     assert set(re.findall(r"https?://[^\"\s<]+", page)) == {"http://www.w3.org/1998/Math/MathML"}
     anchors = set(re.findall(r'id="([^"]+)"', page))
@@ -42,8 +42,8 @@ def test_the_page_needs_nothing_from_elsewhere(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_equations_are_set(name: str) -> None:
-    """MathML that parses, and nothing of LaTeX or Markdown left over in the text."""
+def test_equations_become_mathml(name: str) -> None:
+    """MathML that parses, and no LaTeX or Markdown left in the text."""
     page = page_of(name)
     equations = re.findall(r"<math .*?</math>", page, re.DOTALL)
     assert equations
@@ -66,15 +66,15 @@ def test_a_dotted_letter_and_a_matrix_are_readable_without_a_mathematical_font()
     assert "[" not in re.sub("<[^>]*>", "", page)
 
 
-def test_html_in_a_text_is_text() -> None:
-    """No markup gets from a component's words into the page."""
+def test_html_in_a_text_is_escaped() -> None:
+    """A component's text cannot add markup to the page."""
     page = to_html("<script>alert(1)</script>\n\n    <b>\n\n```toml\n</code><i>\n```\n")
     assert not re.search("<(script|b|i)>", page)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_start_value_can_be_read_off_exactly(name: str) -> None:
-    """Entries of a matrix carry their double; a table shows six digits or all there are."""
+def test_every_start_value_can_be_read_exactly(name: str) -> None:
+    """Entries of a matrix have their double as a title; a table shows six digits or all."""
     page = page_of(name)
     page = page[page.index('<h2 id="variables">') :]
     for v in CATALOGUE[name].variables:
@@ -90,7 +90,7 @@ def test_every_start_value_can_be_read_off_exactly(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_fmpy_program_runs(name: str, native_fmus: Path) -> None:
-    """As it stands, beside the FMU: two numbers, and the first is the end."""
+    """Unchanged, beside the FMU: it prints two numbers, the first of them the end time."""
     (program,) = programs(page_of(name), "python")
     done = subprocess.run(  # noqa: S603 - what the page tells people to type
         [sys.executable, "-W", "error", "-c", program],
@@ -107,7 +107,7 @@ def test_the_fmpy_program_runs(name: str, native_fmus: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_scenario_runs(name: str, fmus: Path, tmp_path: Path) -> None:
-    """As it stands but for a second of it, with the built-in FMUs that it names."""
+    """Unchanged except for a shorter end, with the built-in FMUs that it names."""
     (scenario,) = programs(page_of(name), "toml")
     short = re.sub(r"end = [\d.]+", "end = 1.0", scenario)
     (tmp_path / "my-scenario.toml").write_text(short, "utf-8")

@@ -19,8 +19,7 @@ from fmpy.validation import validate_fmu
 from cosim.fmu.export.build import ensure_fmu
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.python import package
-from cosim.fmu.export.spec import Variable
-from cosim.fmu.export.units import UNITS
+from cosim.fmu.export.spec import UNITS, Variable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -64,8 +63,8 @@ def description(path: Path) -> ET.Element:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_fmpy_finds_nothing_to_complain_about(fmus: Path, name: str) -> None:
-    """The validator of another tool has no remark on any FMU."""
+def test_fmpy_validator_has_no_objections(fmus: Path, name: str) -> None:
+    """FMPy's validator reports no problem for any FMU."""
     assert validate_fmu(str(fmus / f"{name}.fmu")) == []
 
 
@@ -165,7 +164,7 @@ def test_units_have_the_right_base_exponents(fmus: Path, name: str) -> None:
 
 
 def test_every_unit_is_checked() -> None:
-    """The second spelling above leaves none out."""
+    """The table above has every unit."""
     assert set(FACTORS) == set(UNITS)
 
 
@@ -269,7 +268,7 @@ def test_guid_changes_with_what_is_generated(monkeypatch: pytest.MonkeyPatch) ->
     assert package.guid(spec) != before
 
 
-def test_guid_has_the_form_of_one_and_stands_in_the_file(fmus: Path) -> None:
+def test_guid_is_well_formed_and_in_the_file(fmus: Path) -> None:
     """The file's GUID is the component's, {8-4-4-4-12} hexadecimal digits."""
     for name in NAMES:
         guid = description(fmus / f"{name}.fmu").attrib["guid"]
@@ -297,8 +296,8 @@ def test_only_what_is_out_of_date_is_built(tmp_path: Path) -> None:
     ]
 
 
-def test_building_leaves_no_trace_in_the_process(tmp_path: Path) -> None:
-    """The builder imports what it builds; path and modules are as before afterwards."""
+def test_building_leaves_sys_path_and_modules_unchanged(tmp_path: Path) -> None:
+    """The builder imports the module that it builds; both are as before afterwards."""
     path, modules = list(sys.path), set(sys.modules)
     ensure_fmu("AuvPlant", tmp_path)
     assert sys.path == path

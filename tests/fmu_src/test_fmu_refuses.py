@@ -120,8 +120,8 @@ def abused(fmus: Path, script: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_abuse_is_refused_in_words(fmus: Path, case: str) -> None:
-    """The message says what; nothing is changed; the next step fails; nothing crashes."""
+def test_wrong_calls_are_refused_with_a_message(fmus: Path, case: str) -> None:
+    """Nothing changes, the next step fails, and nothing crashes."""
     abuse, message = REFUSED[case]
     result = abused(fmus, f"{PREPARE}\nraw = fresh(); result = {{}}\n{abuse}\n{LEAVE}")
     assert message in result["messages"]
@@ -170,8 +170,8 @@ print(json.dumps(result))
     assert result["step"] == "status 2"
 
 
-def test_mass_without_meaning_is_refused(fmus: Path) -> None:
-    """An added mass that outweighs the vehicle leaves no positive definite inertia."""
+def test_indefinite_mass_matrix_is_refused(fmus: Path) -> None:
+    """An added mass greater than the vehicle's makes the mass matrix indefinite."""
     script = f"""{PREPARE}
 raw = RawFmu(folder / "AuvPlant.fmu").initialise({{"hydro.X_udot": 1.0}}); result = {{}}
 result["step"] = attempt(raw.step, 0.0, 0.1)
@@ -205,8 +205,8 @@ print(json.dumps(result))
     assert result["x"] == pytest.approx([5.275960814032278], rel=1e-9)
 
 
-def test_explosion_and_unpayable_delay_end_the_step_in_words(fmus: Path) -> None:
-    """A state beyond the numbers, or a delay that would cost millions of steps."""
+def test_overflow_and_too_costly_delay_fail_the_step(fmus: Path) -> None:
+    """A state that overflows, or a delay that would need millions of internal steps."""
     script = f"""{PREPARE}
 result = {{}}
 for key, parameters in (("explosion", {{"A[1,1]": 5000.0}}), ("tiny", {{"delay.d": 1e-12}})):
@@ -221,7 +221,7 @@ print(json.dumps(result))
     assert "use a shorter communication step" in result["tiny"][1]
 
 
-def test_saved_state_brings_a_refused_instance_back(fmus: Path) -> None:
+def test_saved_state_restores_a_failed_instance(fmus: Path) -> None:
     """A host that saved before its mistake can go on."""
     script = f"""{PREPARE}
 raw = fresh(); result = {{}}

@@ -25,6 +25,7 @@ from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.native import compiler
 from cosim.fmu.export.native.package import guid
 from cosim.fmu.export.native.platforms import PLATFORMS, host
+from cosim.fmu.inspect.platforms import this_machine
 
 NAMES = sorted(CATALOGUE)
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,8 +45,8 @@ def description(path: Path) -> ET.Element:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_fmpy_finds_nothing_to_complain_about(flavour: tuple[str, Path], name: str) -> None:
-    """The validator of another tool has no remark on any FMU."""
+def test_fmpy_validator_has_no_objections(flavour: tuple[str, Path], name: str) -> None:
+    """FMPy's validator reports no problem for any FMU."""
     assert validate_fmu(str(flavour[1] / f"{name}.fmu")) == []
 
 
@@ -350,3 +351,17 @@ def test_all_platforms_in_one_file(tmp_path: Path) -> None:
     assert validate_fmu(str(first)) == []
     with started(first.parent, "PaperController") as raw:
         assert drive(raw, "PaperController", 0, 10)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names a Linux machine")
+@pytest.mark.parametrize(
+    ("machine", "name"),
+    [("x86_64", "x86_64-linux"), ("i686", "x86-linux"), ("ppc64le", "ppc64-linux")],
+)
+def test_host_has_the_name_that_a_slave_is_loaded_by(
+    monkeypatch: pytest.MonkeyPatch, machine: str, name: str
+) -> None:
+    """The folder that a build writes is the one that FMI 3 names and the loader looks into."""
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    here = this_machine()
+    assert host().tuple_name == f"{here.architecture}-{here.system}" == name

@@ -161,7 +161,7 @@ REFUSED: dict[str, tuple[Callable[[RawFmu3], Any], str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_abuse_is_an_error_in_words(native_fmus_of_fmi3: Path, case: str) -> None:
+def test_wrong_calls_are_refused_with_a_message(native_fmus_of_fmi3: Path, case: str) -> None:
     """Status and message; the instance is failed until it is reset."""
     abuse, message = REFUSED[case]
     with RawFmu3(native_fmus_of_fmi3 / "DelayedPlant.fmu").initialise({}) as raw:
@@ -174,8 +174,8 @@ def test_abuse_is_an_error_in_words(native_fmus_of_fmi3: Path, case: str) -> Non
         assert raw.get("x[1]") == pytest.approx([5.275960814032278], rel=1e-9)
 
 
-def test_discarded_step_tells_the_last_successful_time(native_fmus_of_fmi3: Path) -> None:
-    """And leaves the instance there."""
+def test_discarded_step_returns_the_last_successful_time(native_fmus_of_fmi3: Path) -> None:
+    """The instance stays at that time."""
     with RawFmu3(native_fmus_of_fmi3 / "DelayedPlant.fmu").initialise({"A[1,1]": 5000.0}) as raw:
         flags = [ctypes.c_bool(True) for _ in range(3)]  # noqa: FBT003
         last = ctypes.c_double(-1.0)
@@ -194,8 +194,8 @@ def test_discarded_step_tells_the_last_successful_time(native_fmus_of_fmi3: Path
         assert raw.get("x[1]", "time") == [10.0, 0.0]
 
 
-def test_event_mode_and_other_types_give_no_instance(native_fmus_of_fmi3: Path) -> None:
-    """Asked for what it is not, the FMU says what it is."""
+def test_event_mode_and_other_kinds_are_refused(native_fmus_of_fmi3: Path) -> None:
+    """The message says what the FMU supports."""
     with RawFmu3(native_fmus_of_fmi3 / "WaveField.fmu") as raw:
         kept = raw.fmu.component
         name, token = b"it", raw.model.guid.encode()

@@ -120,7 +120,7 @@ REFUSED: dict[str, tuple[Callable[[RawFmu], Any], str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_abuse_is_an_error_in_words(native_fmus: Path, case: str) -> None:
+def test_wrong_calls_are_refused_with_a_message(native_fmus: Path, case: str) -> None:
     """Status and message; values stay; steps fail; a saved state or a reset brings it back."""
     abuse, message = REFUSED[case]
     with fresh(native_fmus) as raw, fresh(native_fmus) as other:
@@ -182,8 +182,8 @@ def test_integer_out_of_bounds_is_refused(native_fmus: Path) -> None:
         assert raw.fmu.getInteger([reference]) == [1]
 
 
-def test_mass_without_meaning_is_refused(native_fmus: Path) -> None:
-    """An added mass that outweighs the vehicle leaves no positive definite inertia."""
+def test_indefinite_mass_matrix_is_refused(native_fmus: Path) -> None:
+    """An added mass greater than the vehicle's makes the mass matrix indefinite."""
     with RawFmu(native_fmus / "AuvPlant.fmu") as raw:
         assert attempt(raw.initialise, {"hydro.X_udot": 1.0}) == ERROR
         assert "mass plus added mass must be positive" in raw.messages
@@ -191,8 +191,8 @@ def test_mass_without_meaning_is_refused(native_fmus: Path) -> None:
         assert attempt(raw.initialise, {"length": 1e200}) == ERROR
 
 
-def test_condition_of_any_component_is_written_as_it_is(tmp_path: Path) -> None:
-    """Quotes, percent signs, comment ends and umlauts of a message pass through C unharmed."""
+def test_messages_of_conditions_are_escaped_in_c(tmp_path: Path) -> None:
+    """Quotes, percent signs, comment ends and umlauts are kept."""
     path = build_native_fmu(two_delays.SPEC, tmp_path, "2.0")
     with RawFmu(path) as raw:
         assert attempt(raw.initialise, {"gain": 0.2}) == ERROR

@@ -114,8 +114,8 @@ def test_equal_operations_are_done_once() -> None:
     assert text.count(" - ") == 2
 
 
-def test_what_depends_on_parameters_alone_is_found() -> None:
-    """The largest such parts that feed what varies, not those inside them."""
+def test_parts_that_depend_on_parameters_alone_are_found() -> None:
+    """The largest such parts that varying values use, not those inside them."""
     tape = Tape()
     p, q = tape.symbol("p", FIXED), tape.symbol("q", FIXED)
     x = tape.symbol("x")
@@ -125,7 +125,7 @@ def test_what_depends_on_parameters_alone_is_found() -> None:
 
 
 def test_branching_on_a_value_is_refused() -> None:
-    """One run of the equation cannot speak for both branches."""
+    """Recording one run covers only one branch."""
     tape = Tape()
     x = tape.symbol("x")
     for question in (lambda: bool(x), lambda: x < 1, lambda: x == 1, lambda: float(x)):

@@ -1,4 +1,4 @@
-"""FMUs in C of nobody's making, compiled on the spot: what other exporters are free to do."""
+"""FMUs in C as other exporters may write them, compiled by the tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TYPES = (
 
 
 def c_fmu(source: str, description: str, folder: Path, *, text: str | None = None) -> Path:
-    """The FMU of a C file beside this one; the test is skipped where there is no compiler.
+    """Build the FMU of a C file beside this one; the test is skipped without a compiler.
 
     `text` is compiled in place of the file.
     """

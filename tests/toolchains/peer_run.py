@@ -1,4 +1,4 @@
-"""One coupled flight as plain data, flown by a foreign tool in a process of its own.
+"""One coupled run as plain data, executed by a foreign tool in a process of its own.
 
 Every tool stands in `TOOLS` and has a file `by_NAME.py` beside this one: a function from a
 `PeerRun` to the rows of every watched variable, and a last line `serve(run_tool)`. A tool runs in
@@ -54,7 +54,7 @@ TOOLS = MappingProxyType(
 
 @dataclass(frozen=True)
 class Part:
-    """An FMU and what it is told before it starts; an int is an Integer, a float a Real."""
+    """An FMU and its start values; an int is an Integer, a float a Real."""
 
     fmu: str
     parameters: Mapping[str, float | int]
@@ -62,7 +62,7 @@ class Part:
 
 @dataclass(frozen=True)
 class PeerRun:
-    """What is flown.
+    """The run that a tool executes.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ def label(part: str, variable: str) -> str:
 
 
 def run_peer(tool: Tool, peer_run: PeerRun, folder: Path) -> dict[str, NDArray[np.float64]]:
-    """Fly with a tool; the test is skipped if the tool is not installed.
+    """Run with a tool; the test is skipped if the tool is not installed.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def installed(name: str) -> bool:
 
 
 def serve(run_tool: Callable[[PeerRun], Rows]) -> None:
-    """What a tool's file does when it is run: read the question, fly, write the answer."""
+    """Read the request, run it and write the answer, when a tool's file is run."""
     question, answer = map(Path, sys.argv[1:])
     plain = json.loads(question.read_text("utf-8"))
     plain["parts"] = {name: Part(**part) for name, part in plain["parts"].items()}

@@ -1,4 +1,4 @@
-"""An archive of SSP as a foreign tool flies it, in a process of its own.
+"""An SSP archive, run by a foreign tool in a process of its own.
 
 Every tool has a file `ssp_by_NAME.py`: a function from an `Archive` to the rows of what is
 watched, and a last line `serve(run_tool)`, as for `toolchains.peer_run`.
@@ -48,7 +48,7 @@ PEERS = MappingProxyType(
 
 @dataclass(frozen=True)
 class Archive:
-    """What is flown.
+    """The archive that a tool runs.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def label(element: str, variable: str) -> str:
 
 
 def run_peer(peer: Peer, archive: Archive, folder: Path) -> dict[str, NDArray[np.float64]]:
-    """Fly with a tool; the test is skipped if the tool is not installed.
+    """Run with a tool; the test is skipped if the tool is not installed.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def run_peer(peer: Peer, archive: Archive, folder: Path) -> dict[str, NDArray[np
 
 
 def serve(run_tool: Callable[[Archive], Rows]) -> None:
-    """What a tool's file does when it is run: read the question, fly, write the answer."""
+    """Read the request, run it and write the answer, when a tool's file is run."""
     question, answer = map(Path, sys.argv[1:])
     plain = json.loads(question.read_text("utf-8"))
     plain["watch"] = tuple(tuple(row) for row in plain["watch"])

@@ -87,8 +87,8 @@ def test_every_number_is_the_recorded_one(
     assert static(pieces, "SeriesLines:interpolation_mode") == [mode]
 
 
-def test_the_vehicle_moves_as_it_did(chunks: dict[str, list[Any]]) -> None:
-    """Place and turn about z of the frame, to the four bytes that Rerun has."""
+def test_pose_is_the_recorded_one(chunks: dict[str, list[Any]]) -> None:
+    """Position and rotation about z, to the four bytes that Rerun has."""
     rows = Trace(trace_of("auv-acoustic")).read("/plant/output")
     pieces = chunks["/world/vehicle"]
     times, places = column(pieces, "Transform3D:translation")
@@ -102,7 +102,7 @@ def test_the_vehicle_moves_as_it_did(chunks: dict[str, list[Any]]) -> None:
     assert np.allclose(2 * np.arctan2(z, w), rows["eta.psi"], atol=1e-6)
 
 
-def test_limits_age_losses_and_log_are_there(chunks: dict[str, list[Any]]) -> None:
+def test_limits_age_losses_and_log_are_displayed(chunks: dict[str, list[Any]]) -> None:
     """The limit of the heave force, the designed age, a mark per lost message, the log's lines."""
     assert {v[0] for v in column(chunks["/limits/plant-force.z/0"], "scalars")[1]} == {2500.0}
     assert {v[0] for v in column(chunks["/limits/age/0"], "scalars")[1]} == {1.25}
@@ -134,15 +134,15 @@ def test_the_layout_shows_what_is_recorded(saved: Path, chunks: dict[str, list[A
 
 
 def test_the_same_trace_gives_the_same_recording(saved: Path, tmp_path: Path) -> None:
-    """The number of the recording is that of its content."""
+    """The identifier of the recording is that of its content."""
     again = rerun_view.view_in_rerun(trace_of("auv-acoustic"), tmp_path / "again.rrd")
     assert again.output is not None
     ours, theirs = (chunk.RrdReader(p).recordings()[0] for p in (saved, again.output))
     assert ours.recording_id == theirs.recording_id
 
 
-def test_a_trace_without_a_pose_and_with_wild_numbers(tmp_path: Path) -> None:
-    """No view in space for the paper's example; numbers beyond all numbers do no harm."""
+def test_a_trace_without_a_pose_and_with_infinite_numbers(tmp_path: Path) -> None:
+    """The paper's example has no view in space; infinite numbers are drawn without failing."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "trace" / "report"))
     try:
         from report_files import foreign, wild  # noqa: PLC0415
@@ -161,24 +161,24 @@ def test_a_trace_without_a_pose_and_with_wild_numbers(tmp_path: Path) -> None:
 
 
 def test_usage_figures_are_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The viewer itself says so, for the environment in which it is started."""
+    """The viewer itself reports it, in the environment in which it is started."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     quiet = rerun_view.quiet_environment(tmp_path / "settings")
     assert '"analytics_enabled": false' in rerun_view._ask(quiet, "config")
     assert not (tmp_path / "home" / ".config").exists()
 
 
-def test_a_viewer_that_will_not_be_quiet_is_not_started(
+def test_viewer_is_not_started_unless_usage_figures_are_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What cannot be verified is refused."""
+    """It is refused if this cannot be verified."""
     monkeypatch.setattr(rerun_view, "_ask", lambda *_: '"analytics_enabled": true')
     with pytest.raises(InputError, match="could not be switched off"):
         rerun_view.quiet_environment(tmp_path)
 
 
-def test_without_a_display_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At once, with the way out; a viewer that fails is told too."""
+def test_missing_display_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At once, with a hint; a viewer that fails is reported too."""
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -191,7 +191,7 @@ def test_without_a_display_it_says_so(tmp_path: Path, monkeypatch: pytest.Monkey
     assert failed.error["what"] == "the Rerun viewer ended with an error"
 
 
-def test_what_cannot_be_saved_is_refused(tmp_path: Path) -> None:
+def test_recording_that_cannot_be_saved_is_refused(tmp_path: Path) -> None:
     """A folder in the place of the file; no trace."""
     refused = cosim("trace", "view", trace_of("paper-example"), "--save", ".", cwd=tmp_path)
     assert refused.code == 2

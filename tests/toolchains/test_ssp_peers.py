@@ -1,4 +1,4 @@
-"""Exported archives in tools that no one here wrote, against our own master.
+"""Exported archives in foreign tools, compared with our own master.
 
 What OMSimulator asks of an archive could not be run here; its own examples and documentation
 say: prefixes free, connectors for what is connected, and an annotation org.openmodelica with the
@@ -97,7 +97,7 @@ def scenario(name: str, *, linked: bool) -> str:
 def exported(
     text: str, links: Links, fmus: Path, folder: Path
 ) -> tuple[Archive, dict[str, NDArray[np.float64]]]:
-    """The archive, and what our own master makes of the scenario at the end of each step."""
+    """Export the archive, and run the scenario by our own master."""
     loaded = parse(text, name="peer", where="peer.toml", folder=folder)
     prepared = prepare(loaded, FmuCache(fmus.parent, folder, flavour="native"))
     ssp = folder / "peer.ssp"
@@ -149,8 +149,10 @@ def test_vehicle_over_its_acoustic_links_runs_elsewhere_as_here(
     assert_equal(run_peer(peer, archive, tmp_path), {label(*w): run.signal(*w)[1:] for w in watch})
 
 
-def test_annotated_links_are_wires_to_others(native_fmus: Path, tmp_path: Path) -> None:
-    """What the warning says: the archive flies, and as if there were no links."""
+def test_other_tools_run_annotated_links_as_direct_connections(
+    native_fmus: Path, tmp_path: Path
+) -> None:
+    """As the warning of the export says: the archive runs as if there were no links."""
     archive, linked = exported(
         scenario("from rest", linked=True), "annotate", native_fmus, tmp_path
     )

@@ -1,4 +1,4 @@
-"""Our FMUs in tools that no one here wrote, against our own master without links."""
+"""Our FMUs in foreign tools, compared with our own master without links."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ ALONE: Mapping[str, Mapping[str, float]] = {
 
 
 def taken(flavour: str, tool: Tool) -> tuple[Path, Path]:
-    """The folders that a tool and our master fly; skipped if FMI's version is not the tool's.
+    """The FMU folders of a tool and our master; skipped if FMI's version is not the tool's.
 
     Our master takes FMI 2: of what is built for FMI 3 it flies the same core for FMI 2.
     """
@@ -95,7 +95,7 @@ def peer_run(
     steps: int,
     first: Mapping[str, float] | None = None,
 ) -> PeerRun:
-    """Parts by name, every output watched; `first` is also told to the first part."""
+    """Parts by name, every output recorded; `first` are further start values of the first part."""
     reported = {n: dict(PARTS[n][1]) for n in names}
     reported[names[0]] |= first or {}
     return PeerRun(
@@ -108,7 +108,7 @@ def peer_run(
 
 
 def ours(peer_run: PeerRun) -> dict[str, NDArray[np.float64]]:
-    """The same by this project's master: every connection a wire."""
+    """Run the same by this project's master, with direct connections."""
     end_ns = peer_run.step_ns * peer_run.steps
     system = System(
         components={
@@ -140,8 +140,8 @@ def assert_equal(
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
 @pytest.mark.parametrize("flavour", FLAVOURS)
 @pytest.mark.parametrize("loop", COUPLED)
-def test_loop_is_that_of_our_master(tmp_path: Path, tool: Tool, flavour: str, loop: str) -> None:
-    """Plant, controller and disturbance, each tool with its own loop."""
+def test_loop_agrees_with_our_master(tmp_path: Path, tool: Tool, flavour: str, loop: str) -> None:
+    """Plant, controller and disturbance, each tool with its own algorithm."""
     names, wires = COUPLED[loop]
     step = {"section 5": 10_000_000, "vehicle": 50_000_000}[loop]
     theirs, own = taken(flavour, tool)
@@ -152,7 +152,7 @@ def test_loop_is_that_of_our_master(tmp_path: Path, tool: Tool, flavour: str, lo
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
 @pytest.mark.parametrize("flavour", FLAVOURS)
 @pytest.mark.parametrize("name", PARTS)
-def test_fmu_alone_is_that_of_our_master(
+def test_single_fmu_agrees_with_our_master(
     tmp_path: Path, tool: Tool, flavour: str, name: str
 ) -> None:
     """Each FMU by itself, from its own start and inputs."""
@@ -161,8 +161,8 @@ def test_fmu_alone_is_that_of_our_master(
     assert_equal(found, ours(peer_run(own, (name,), (), 20_000_000, 50, ALONE.get(name))))
 
 
-def test_comparison_notices_a_millionth(fmus: Path) -> None:
-    """A delay or a wire that differs a little gives another flight: the tolerance is not wide."""
+def test_comparison_detects_a_change_of_a_millionth(fmus: Path) -> None:
+    """A slightly different delay or connection fails: the tolerance is tight enough."""
     names, wires = COUPLED["section 5"]
     plain = ours(peer_run(fmus, names, wires, 10_000_000, 200))
     for other in (
@@ -173,8 +173,8 @@ def test_comparison_notices_a_millionth(fmus: Path) -> None:
             assert_equal(other, plain)
 
 
-def test_host_without_python_fails_where_the_check_says_so(fmus: Path, tmp_path: Path) -> None:
-    """An FMU that is said to need a Python host ends a program that has none."""
+def test_host_without_python_fails_as_the_check_reports(fmus: Path, tmp_path: Path) -> None:
+    """An FMU that is reported to need a Python host ends a program that has none."""
     fmu = fmus / "WaveField.fmu"
     assert "needs-python" in [each.code for each in inspect_fmu(fmu).findings]
     assert ecos_program.simulate(fmu, 0.02, 1.0, tmp_path).code != 0
@@ -182,8 +182,8 @@ def test_host_without_python_fails_where_the_check_says_so(fmus: Path, tmp_path:
 
 @pytest.mark.parametrize("flavour", [f for f in FLAVOURS if f != "python"])
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
-def test_host_without_python_runs_the_native(tmp_path: Path, flavour: str, name: str) -> None:
-    """A program in C++ on the file alone: the same figures, as far as it prints them."""
+def test_host_without_python_runs_native_fmus(tmp_path: Path, flavour: str, name: str) -> None:
+    """A program in C++ gives the same figures, to the digits that it prints."""
     fmu = fmu_folder(flavour) / f"{name}.fmu"
     assert all(each.level == "note" for each in inspect_fmu(fmu).findings)
     done = ecos_program.simulate(fmu, 0.02, 1.0, tmp_path)

@@ -1,1 +1,1 @@
-"""FMUs made here: components, their variables and equations, packed for FMI 2.0 and 3.0."""
+"""Export FMUs: components, their variables and equations, packed for FMI 2.0 and 3.0."""

@@ -1,4 +1,4 @@
-"""An FMU archive whose bytes depend on its content alone."""
+"""Write archives whose bytes depend on their content alone."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def deterministic_zip(files: Mapping[str, bytes], destination: Path) -> Path:
-    """Write the files, sorted, with a fixed date and forward slashes; replaces atomically.
+    """Write the files, sorted and with a fixed date; replace `destination` atomically.
 
-    Stored, not deflated: what a compressor makes of the same bytes differs between builds
-    of zlib, and an FMU is unpacked before use anyway.
+    Stored, not deflated: builds of zlib compress the same bytes differently, and an FMU is
+    unpacked before use anyway.
     """
     destination.parent.mkdir(parents=True, exist_ok=True)
     partial = destination.with_suffix(f".{os.getpid()}.partial")

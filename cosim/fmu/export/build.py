@@ -1,4 +1,4 @@
-"""Build FMUs into a folder: fmus/<flavour>/NAME.fmu, what is up to date left alone."""
+"""Build FMUs into a folder as <flavour>/NAME.fmu, unless they are up to date."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cosim.fmu.export.python.package import build_python_fmu, guid as python_gui
 from cosim.fmu.export.spec import ComponentSpec
 
 DEFAULT_FLAVOUR = "python"
-"""The flavour that is meant where none is named."""
+"""The flavour where none is named."""
 
 FMI_VERSION = {"native": "2.0", "native-fmi3": "3.0", "python": "2.0"}
-"""Every flavour, by the name of its folder, with its version of FMI."""
+"""Flavour, which is the name of its folder -> version of FMI."""
 
 
 @dataclass(frozen=True)
 class Built:
-    """An FMU that is there now, and whether it had to be made."""
+    """An FMU that exists now, and whether it was built for this call."""
 
     name: str
     path: Path
@@ -40,15 +40,14 @@ def ensure_fmu(
     platforms: Sequence[Platform] = (),
     force: bool = False,
 ) -> Built:
-    """The FMU `name` of the catalogue under `root`/`flavour`, built if missing or out of date.
+    """Return the FMU `name` of the catalogue below `root`/`flavour`; build it if out of date.
 
-    `platforms` are those to cross-compile a native FMU for; none means this machine, by its
-    own compiler.
+    `platforms`: those to cross-compile a native FMU for; none: this machine, by its own compiler.
 
     Raises
     ------
     KeyError : no such component or flavour.
-    InputError : a native FMU has to be built and there is no compiler.
+    InputError : no compiler for a native FMU that has to be built.
     """
     path = root / flavour / f"{name}.fmu"
     if not force and path.is_file() and _up_to_date(path, name, flavour, platforms):
@@ -79,11 +78,9 @@ def build_fmu(
     if flavour not in FMI_VERSION:
         raise InputError.unknown("flavour", flavour, FMI_VERSION, where="build_fmu")
     spec = CATALOGUE[component] if isinstance(component, str) else component
-    folder = Path(folder)
-    version = FMI_VERSION[flavour]
     if flavour == "python":
-        return build_python_fmu(spec, folder)
-    return build_native_fmu(spec, folder, version, platforms)
+        return build_python_fmu(spec, Path(folder))
+    return build_native_fmu(spec, Path(folder), FMI_VERSION[flavour], platforms)
 
 
 def ensure_all(
@@ -94,7 +91,7 @@ def ensure_all(
     platforms: Sequence[Platform] = (),
     force: bool = False,
 ) -> list[Built]:
-    """`ensure_fmu` for the names given, all of the catalogue by default."""
+    """Call `ensure_fmu` for the names given, by default all of the catalogue."""
     return [
         ensure_fmu(name, root, flavour=flavour, platforms=platforms, force=force)
         for name in (names or CATALOGUE)
@@ -111,13 +108,13 @@ def _up_to_date(path: Path, name: str, flavour: str, platforms: Sequence[Platfor
 
 @functools.cache
 def _guid(name: str, flavour: str) -> str:
-    """What today's code gives: the same while a process lives, and half of a short run's time."""
+    """Return the GUID of a build by the present code; cached, for it takes half of a short run."""
     spec = CATALOGUE[name]
     return python_guid(spec) if flavour == "python" else native_guid(spec, FMI_VERSION[flavour])
 
 
 def _inside(path: Path) -> tuple[str, set[str]]:
-    """GUID or instantiation token, and the names of all entries; of what is no FMU, none."""
+    """Return the GUID or token and the names of all entries; empty for what is not an FMU."""
     try:
         with zipfile.ZipFile(path) as archive:
             text = archive.read("modelDescription.xml").decode("utf-8", "replace")

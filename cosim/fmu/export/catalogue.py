@@ -1,4 +1,4 @@
-"""All components by the name of their FMU."""
+"""All built-in components by the name of their FMU."""
 
 from __future__ import annotations
 

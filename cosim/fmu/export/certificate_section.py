@@ -1,4 +1,4 @@
-"""What the certificate of a controller says, for the FMU's documentation page."""
+"""The section of the documentation page about a controller's certificate."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _UP = Context(prec=10, rounding=ROUND_CEILING)
 
 
 def certified_section(certificate: bytes, file: str) -> str:
-    """HTML: the claim in words, what it rests on, and how anyone checks it.
+    """Return HTML: the claim, its conditions, and the command that checks it.
 
     Parameters
     ----------
-    certificate : its JSON, as it lies in the FMU.
-    file : name of the FMU, for the command that checks it.
+    certificate : the bytes of its JSON in the FMU.
+    file : name of the FMU.
     """
     data = json.loads(certificate)
     items = "".join(f"<li>{html.escape(line)}</li>\n" for line in _claims(data))
@@ -58,7 +58,7 @@ def _claims(data: dict[str, Any]) -> list[str]:
 
 
 def _not_below(value: Fraction) -> str:
-    """A double as what it is, any other number rounded up."""
+    """Format a double exactly, any other number rounded up."""
     if Fraction(float(value)) == value:
         return repr(float(value))
     return str(_UP.divide(Decimal(value.numerator), Decimal(value.denominator)))

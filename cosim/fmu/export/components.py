@@ -1,7 +1,6 @@
-"""The folders of components, `fmu_src/` in a checkout and `cosim/components/` once installed.
+"""Load the components, from `fmu_src/` in a checkout or `cosim/components/` once installed.
 
-They are loaded by folder under one name, `cosim.components`, so that what is built from them is
-the same in both places.
+Both are loaded under the name `cosim.components`, so that both give the same FMUs.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ _ROOT = Path(__file__).parents[3]
 
 
 def components_folder() -> Path:
-    """The folder that holds one folder per component.
+    """Return the folder that has one folder per component.
 
     Raises
     ------

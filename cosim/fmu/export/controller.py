@@ -1,4 +1,4 @@
-"""From a saved design to a controller FMU: gain, limits, certificate and page baked in."""
+"""Export a saved design as a controller FMU with gain, limits, certificate and page."""
 
 from __future__ import annotations
 
@@ -20,19 +20,18 @@ from cosim.models import DelaySystem
 _VARIABLES = component_module("hinf_controller.variables")
 
 Form = Literal["vehicle", "system"]
-"""Measured eta, nu to thrust; or measured x[j] to u[i], in the letters of Eq. (7)."""
+"""Inputs and outputs: measured eta, nu to thrust; or measured x[j] to u[i], as in Eq. (7)."""
 
 
 @dataclass(frozen=True)
 class ControllerFmu:
-    """A controller FMU that was made.
+    """An exported controller FMU.
 
     Attributes
     ----------
-    path : the file.
-    name : its model name.
+    path, name : the file and its model name.
     kind : flavour and platforms.
-    form : which variables it has.
+    form : its inputs and outputs.
     K : (m, n) its gain.
     claim : what its certificate proves.
     sha256 : of its certificate.
@@ -57,23 +56,23 @@ def export_controller(
     sample_time: float | None = None,
     limits: Sequence[float] | None = None,
 ) -> ControllerFmu:
-    """Write the FMU of a proved gain.
+    """Write the FMU of a gain after checking its proof.
 
     Parameters
     ----------
-    data : a design or certificate, as JSON values; its proof is checked first.
-    path : the FMU to be written.
-    where : where `data` is from, for messages.
+    data : a design or certificate, as JSON values.
+    path : the FMU to write.
+    where : the origin of `data`, for messages.
     name : of the model; by default the stem of `path`.
     sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
         point) for any other system.
-    limits : the vehicle: of each thrust [N] and of the moment [N m]; otherwise one per command,
-        none by default.
+    limits : for the vehicle, of each thrust [N] and of the moment [N m]; otherwise one per
+        command, by default none.
 
     Raises
     ------
-    InputError : no certificate, a proof that does not hold, nothing to feed back, numbers that
-        do not fit, no compiler, or a file that cannot be written.
+    InputError : no certificate, a proof that does not hold, no control input, a sample time or
+        limits that do not fit, no compiler, or a file that cannot be written.
     """
     proof = check_certificate(data)
     if not proof.valid:
@@ -89,11 +88,18 @@ def export_controller(
             "there is no gain to pack",
             where=where,
             expected="a system with a control input (B)",
-            got="the analysis of a system as it is",
+            got="the analysis of a system without control",
         )
     form: Form = "vehicle" if is_vehicle(system) else "system"
     chosen = model_name(path) if name is None else checked_name(name)
-    spec = _spec(form, chosen, data, _checked(sample_time, limits, form, m))
+    settings = _settings(sample_time, limits, form, m)
+    spec: ComponentSpec
+    if form == "vehicle":
+        spec = _VARIABLES.vehicle_spec(chosen, certificate_bytes(data), **settings)
+    else:
+        about = "Sampled state feedback with a certified gain, Eq. (8)"
+        certificate = certificate_bytes(data)
+        spec = _VARIABLES.feedback_spec(chosen, certificate, description=about, **settings)
     write_fmu(spec, path, kind)
     return ControllerFmu(
         path, spec.name, kind, form, data["K"], proof.claim, certificate_hash(data)
@@ -110,15 +116,10 @@ def is_vehicle(system: DelaySystem) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class _Settings:
-    sample_time: float
-    limits: tuple[float, ...]
-
-
-def _checked(
+def _settings(
     sample_time: float | None, limits: Sequence[float] | None, form: Form, m: int
-) -> _Settings:
+) -> dict[str, Any]:
+    """Check sample time and limits, and return them with their defaults."""
     usual = (0.05, tuple(_VARIABLES.LIMITS)) if form == "vehicle" else (0.0, ())
     chosen = usual[0] if sample_time is None else sample_time
     bounds = usual[1] if limits is None else tuple(limits)
@@ -137,22 +138,4 @@ def _checked(
             else f"{m} numbers >= 0, one per command",
             got=", ".join(map(repr, bounds)),
         )
-    return _Settings(chosen, bounds)
-
-
-def _spec(form: Form, name: str, data: dict[str, Any], settings: _Settings) -> ComponentSpec:
-    certificate = certificate_bytes(data)
-    spec: ComponentSpec
-    if form == "vehicle":
-        spec = _VARIABLES.vehicle_spec(
-            name, certificate, sample_time=settings.sample_time, limits=settings.limits
-        )
-        return spec
-    spec = _VARIABLES.feedback_spec(
-        name,
-        certificate,
-        description="Sampled state feedback with a certified gain, Eq. (8)",
-        sample_time=settings.sample_time,
-        limits=settings.limits,
-    )
-    return spec
+    return {"sample_time": chosen, "limits": bounds}

@@ -1,4 +1,4 @@
-"""documentation/ of an FMU: one page that needs nothing from anywhere else, and the licence."""
+"""Write documentation/ of an FMU: a page that needs no other file, and the licence."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.fmu.export.spec import CERTIFICATE, ComponentSpec
 
 
 def documentation_files(spec: ComponentSpec) -> dict[str, bytes]:
-    """Archive path -> content: documentation/index.html, the licence, and model.png."""
+    """Return by archive path documentation/index.html, the licence and model.png."""
     licence = components_folder().joinpath("LICENSE").read_bytes()
     picture = spec.readme.with_name("model.png").read_bytes()
     return {
@@ -67,6 +67,6 @@ def _licence(spec: ComponentSpec) -> str:
     proof = f", the proof in <code>{CERTIFICATE}</code>" if spec.certificate is not None else ""
     return (
         'MIT licence: <a href="licenses/license.txt">license.txt</a>. The FMU is a zip archive; '
-        "what it computes with lies in it as text, in <code>sources/</code> or "
+        "the code that it runs is inside as text, in <code>sources/</code> or "
         f"<code>resources/</code>{proof}."
     )

@@ -1,4 +1,4 @@
-"""A component as an FMU file: its model name, its flavour, one atomic write."""
+"""Write a component as one FMU file: its model name, flavour and platforms."""
 
 from __future__ import annotations
 
@@ -12,26 +12,24 @@ from pathlib import Path
 from typing import Literal
 
 from cosim.core import InputError
-from cosim.fmu.export.build import FMI_VERSION
-from cosim.fmu.export.native.package import build_native_fmu
+from cosim.fmu.export.build import FMI_VERSION, build_fmu
 from cosim.fmu.export.native.platforms import Platform
-from cosim.fmu.export.python.package import build_python_fmu
 from cosim.fmu.export.spec import ComponentSpec
 
 Flavour = Literal["native", "native-fmi3", "python"]
 
 LONGEST_NAME = 80
-"""Characters of a model name: it is a file's name inside the FMU."""
+"""Greatest length of a model name, which is a file name inside the FMU."""
 
 
 @dataclass(frozen=True)
 class FmuTarget:
-    """Which FMU is made of a component.
+    """The kind of FMU to make of a component.
 
     Attributes
     ----------
-    flavour : `native` is FMI 2.0 and `native-fmi3` FMI 3.0, in C; `python` a pythonfmu slave.
-    platforms : of a native FMU, to cross-compile for; none is this machine, by its own compiler.
+    flavour : `native` (FMI 2.0 in C), `native-fmi3` (FMI 3.0 in C) or `python` (pythonfmu).
+    platforms : to cross-compile a native FMU for; none: this machine, by its own compiler.
     """
 
     flavour: Flavour = "native"
@@ -48,7 +46,7 @@ class FmuTarget:
 
     @property
     def text(self) -> str:
-        """For people: what it is, and its version of FMI."""
+        """The version of FMI and the flavour in words."""
         what = "pythonfmu, needs a Python host" if self.flavour == "python" else "native"
         return f"FMI {FMI_VERSION[self.flavour]}, {what}"
 
@@ -62,11 +60,7 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
     """
     try:
         with tempfile.TemporaryDirectory(prefix="cosim-fmu-") as folder:
-            if kind.flavour == "python":
-                built = build_python_fmu(spec, Path(folder, "fmu"))
-            else:
-                version = FMI_VERSION[kind.flavour]
-                built = build_native_fmu(spec, Path(folder, "fmu"), version, kind.platforms)
+            built = build_fmu(spec, Path(folder, "fmu"), kind.flavour, kind.platforms)
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(built, path)
     except OSError as error:
@@ -74,11 +68,11 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
 
 
 def model_name(path: Path) -> str:
-    """The stem of a path as a name that FMI, C and Python take.
+    """Make a model name of the stem of a path, valid in FMI, C and Python.
 
     Raises
     ------
-    InputError : nothing is left of it, or too much.
+    InputError : nothing is left of it, or it is too long.
     """
     name = re.sub(r"[^A-Za-z0-9]+", "_", path.stem).strip("_")
     if not name:
@@ -92,11 +86,11 @@ def model_name(path: Path) -> str:
 
 
 def checked_name(name: str) -> str:
-    """A model name that is given as such.
+    """Return a model name after checking it.
 
     Raises
     ------
-    InputError : FMI, C or Python would not take it.
+    InputError : not valid in FMI, C or Python.
     """
     fits = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and not keyword.iskeyword(name)
     if not fits or len(name) > LONGEST_NAME:

@@ -1,8 +1,8 @@
-"""modelDescription.xml of a component for co-simulation in FMI 2.0 and 3.0.
+"""Write modelDescription.xml of a component for co-simulation in FMI 2.0 and 3.0.
 
-Outputs are declared `initial="exact"` with a start, and every output states its direct
-feedthrough, empty where there is none: an importer that is told nothing must assume that
-every output depends on every input, and sees algebraic loops that are not there.
+Outputs are declared `initial="exact"` with a start, and every output declares its direct
+feedthrough, empty if it has none: otherwise an importer must assume that it depends on every
+input, and finds algebraic loops that do not exist.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from cosim.fmu.export.spec import ComponentSpec, Variable
-from cosim.fmu.export.units import UNITS
+from cosim.fmu.export.spec import UNITS, ComponentSpec, Variable
 
 LOG_CATEGORIES = {
     "logStatusWarning": "Something was unusual, the result stands.",
@@ -31,28 +30,17 @@ def fmi2_xml(
     derivatives: bool = False,
     sources: Sequence[str] = (),
 ) -> bytes:
-    """The model description of FMI 2.0 as UTF-8 XML.
+    """Return the model description of FMI 2.0 as UTF-8 XML.
 
     Parameters
     ----------
-    spec : the component.
-    guid : its hash, `ComponentSpec.guid`.
+    guid : `ComponentSpec.guid`.
     tool : generationTool, with its version.
     needs_tool : whether a Python host is needed.
     derivatives : whether directional derivatives are provided.
     sources : files of sources/ to compile for a platform that has no binary.
     """
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=spec.name,
-        guid=guid,
-        description=spec.description,
-        version="1",
-        license="MIT",
-        generationTool=tool,
-        variableNamingConvention="structured",
-    )
+    root = _root(spec, "2.0", "guid", guid, tool)
     simulation = ET.SubElement(
         root,
         "CoSimulation",
@@ -74,29 +62,22 @@ def fmi2_xml(
     _units(root, spec)
     _categories_and_experiment(root, spec)
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(spec.variables):
-        _variable(variables, reference, variable)
-    _structure(root, spec)
+    for reference, v in enumerate(spec.variables):
+        element = _variable(variables, "ScalarVariable", reference, v)
+        _type_attributes(ET.SubElement(element, v.kind), v)
+    structure = ET.SubElement(root, "ModelStructure")
+    if any(v.causality == "output" for v in spec.variables):
+        _outputs(ET.SubElement(structure, "Outputs"), "Unknown", "index", spec, first=1)
     return as_bytes(root)
 
 
 def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
-    """The model description of FMI 3.0 as UTF-8 XML, for a native FMU.
+    """Return the model description of FMI 3.0 as UTF-8 XML, for a native FMU.
 
-    Beside the table of variables it has `time`, the independent variable that FMI 3.0 asks
-    for, with the value reference after the last.
+    After the table of variables comes `time`, the independent variable that FMI 3.0 requires,
+    with the next value reference.
     """
-    root = ET.Element(
-        "fmiModelDescription",
-        fmiVersion="3.0",
-        modelName=spec.name,
-        instantiationToken=token,
-        description=spec.description,
-        version="1",
-        license="MIT",
-        generationTool=tool,
-        variableNamingConvention="structured",
-    )
+    root = _root(spec, "3.0", "instantiationToken", token, tool)
     ET.SubElement(
         root,
         "CoSimulation",
@@ -115,8 +96,9 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
     _units(root, spec)
     _categories_and_experiment(root, spec)
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(spec.variables):
-        _variable_of_fmi3(variables, reference, variable)
+    for reference, v in enumerate(spec.variables):
+        tag = {"Real": "Float64", "Integer": "Int32"}[v.kind]
+        _type_attributes(_variable(variables, tag, reference, v), v)
     ET.SubElement(
         variables,
         "Float64",
@@ -126,22 +108,27 @@ def fmi3_xml(spec: ComponentSpec, token: str, *, tool: str) -> bytes:
         causality="independent",
         variability="continuous",
     )
-    structure = ET.SubElement(root, "ModelStructure")
-    reference_of = {v.name: i for i, v in enumerate(spec.variables)}
-    for v in spec.variables:
-        if v.causality == "output":
-            _unknown(
-                ET.SubElement(structure, "Output", valueReference=str(reference_of[v.name])),
-                sorted(reference_of[n] for n in v.depends_on),
-            )
+    _outputs(ET.SubElement(root, "ModelStructure"), "Output", "valueReference", spec, first=0)
     return as_bytes(root)
 
 
 def as_bytes(root: ET.Element) -> bytes:
-    """UTF-8 XML, indented, with a final newline."""
+    """Return UTF-8 XML, indented, with a final newline."""
     ET.indent(root)
     xml: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
     return xml + b"\n"
+
+
+def _root(spec: ComponentSpec, version: str, identity: str, value: str, tool: str) -> ET.Element:
+    return ET.Element(
+        "fmiModelDescription",
+        {"fmiVersion": version, "modelName": spec.name, identity: value},
+        description=spec.description,
+        version="1",
+        license="MIT",
+        generationTool=tool,
+        variableNamingConvention="structured",
+    )
 
 
 def _categories_and_experiment(root: ET.Element, spec: ComponentSpec) -> None:
@@ -171,10 +158,10 @@ def _units(root: ET.Element, spec: ComponentSpec) -> None:
         ET.SubElement(unit, "BaseUnit", {k: str(e) for k, e in UNITS[name].items()})
 
 
-def _variable(parent: ET.Element, reference: int, v: Variable) -> None:
+def _variable(parent: ET.Element, tag: str, reference: int, v: Variable) -> ET.Element:
     element = ET.SubElement(
         parent,
-        "ScalarVariable",
+        tag,
         name=v.name,
         valueReference=str(reference),
         description=v.description,
@@ -183,22 +170,7 @@ def _variable(parent: ET.Element, reference: int, v: Variable) -> None:
     )
     if v.causality != "input":
         element.set("initial", "exact")  # an input's is exact by definition, and not written
-    _type_attributes(ET.SubElement(element, v.kind), v)
-
-
-def _variable_of_fmi3(parent: ET.Element, reference: int, v: Variable) -> None:
-    element = ET.SubElement(
-        parent,
-        {"Real": "Float64", "Integer": "Int32"}[v.kind],
-        name=v.name,
-        valueReference=str(reference),
-        description=v.description,
-        causality=v.causality,
-        variability=v.variability,
-    )
-    if v.causality != "input":
-        element.set("initial", "exact")
-    _type_attributes(element, v)
+    return element
 
 
 def _type_attributes(kind: ET.Element, v: Variable) -> None:
@@ -210,20 +182,14 @@ def _type_attributes(kind: ET.Element, v: Variable) -> None:
             kind.set(attribute, convert(float(value)))
 
 
-def _structure(root: ET.Element, spec: ComponentSpec) -> None:
-    structure = ET.SubElement(root, "ModelStructure")
-    index = {v.name: i + 1 for i, v in enumerate(spec.variables)}
-    produced = [v for v in spec.variables if v.causality == "output"]
-    if not produced:
-        return
-    unknowns = ET.SubElement(structure, "Outputs")
-    for v in produced:
-        _unknown(
-            ET.SubElement(unknowns, "Unknown", index=str(index[v.name])),
-            sorted(index[n] for n in v.depends_on),
-        )
-
-
-def _unknown(element: ET.Element, dependencies: Sequence[int]) -> None:
-    element.set("dependencies", " ".join(str(i) for i in dependencies))
-    element.set("dependenciesKind", " ".join("dependent" for _ in dependencies))
+def _outputs(
+    parent: ET.Element, tag: str, attribute: str, spec: ComponentSpec, *, first: int
+) -> None:
+    """Add the outputs with their dependencies, numbered from `first` as the variables are."""
+    numbers = {v.name: number for number, v in enumerate(spec.variables, first)}
+    for v in spec.variables:
+        if v.causality == "output":
+            element = ET.SubElement(parent, tag, {attribute: str(numbers[v.name])})
+            known = sorted(numbers[name] for name in v.depends_on)
+            element.set("dependencies", " ".join(map(str, known)))
+            element.set("dependenciesKind", " ".join("dependent" for _ in known))

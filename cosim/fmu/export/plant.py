@@ -1,4 +1,4 @@
-"""From a system in the letters of Eq. (7) to a plant FMU."""
+"""Export a system in the form of Eq. (7) as a plant FMU."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ _PAPER_F = (paper_example.F_AMPLITUDE, paper_example.F_OMEGA)
 
 @dataclass(frozen=True)
 class PlantFmu:
-    """A plant FMU that was made.
+    """An exported plant FMU.
 
     Attributes
     ----------
-    path : the file.
-    name : its model name.
+    path, name : the file and its model name.
     kind : flavour and platforms.
-    system : what it was made from.
+    system : the exported system.
     delays : parameter -> its start value [s].
     step : start value of `solver.step` [s].
     """
@@ -51,14 +50,14 @@ def export_plant(
 
     Parameters
     ----------
-    system : a built-in one, or a `.toml` file.
-    path : the FMU to be written.
+    system : a built-in name, or a `.toml` file.
+    path : the FMU to write.
     name : of the model; by default the stem of `path`.
-    initial : x(t) for t <= start; zero by default, of `paper` the state of its section 5.
+    initial : x(t) for t <= start; by default zero, for `paper` the state of its section 5.
 
     Raises
     ------
-    InputError : no such system, a file that does not hold one, numbers that do not fit, no
+    InputError : no such system, a file without one, an initial state that does not fit, no
         compiler, or a file that cannot be written.
     """
     chosen = model_name(path) if name is None else checked_name(name)

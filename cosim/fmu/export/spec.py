@@ -1,4 +1,4 @@
-"""What a component is, apart from any FMI version: one table of variables, one behaviour.
+"""A component apart from any FMI version: a table of variables and a behaviour.
 
 Every flavour of an FMU (model description, pythonfmu slave, documentation page, native C) is
 generated from a `ComponentSpec`.
@@ -15,10 +15,31 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 CERTIFICATE = "resources/certificate.json"
-"""Where a controller carries the proof of its gain."""
+"""Path of the proof of a controller's gain inside its FMU."""
+
+UNITS = MappingProxyType(
+    {
+        "m": {"m": 1},
+        "m/s": {"m": 1, "s": -1},
+        "m/s2": {"m": 1, "s": -2},
+        "rad": {"rad": 1},
+        "rad/s": {"rad": 1, "s": -1},
+        "rad/s2": {"rad": 1, "s": -2},
+        "rad/m": {"rad": 1, "m": -1},
+        "1/s": {"s": -1},
+        "s": {"s": 1},
+        "kg": {"kg": 1},
+        "kg.m": {"kg": 1, "m": 1},
+        "kg.m2": {"kg": 1, "m": 2},
+        "kg/m3": {"kg": 1, "m": -3},
+        "N": {"kg": 1, "m": 1, "s": -2},
+        "N.m": {"kg": 1, "m": 2, "s": -2},
+    }
+)
+"""SI unit of variables -> exponents of kg, m, s, rad."""
 
 Causality = Literal["input", "output", "parameter"]
-FmuTarget = Literal["Real", "Integer"]
+FmiType = Literal["Real", "Integer"]
 
 
 @dataclass(frozen=True)
@@ -28,10 +49,10 @@ class Variable:
     Attributes
     ----------
     name : structured FMI name, such as `eta.x` or `K[1,3]`.
-    unit : a name of `cosim.fmu.export.units.UNITS`, or None for a pure number.
+    unit : a name of `UNITS`, or None for a pure number.
     start : start value; for an output, its value at the initial state.
     discrete : changes only at sample instants (or is not a Real).
-    depends_on : for an output, the inputs that reach it without delay.
+    depends_on : for an output, the inputs with direct feedthrough to it.
     """
 
     name: str
@@ -39,7 +60,7 @@ class Variable:
     description: str
     unit: str | None = None
     start: float = 0.0
-    kind: FmuTarget = "Real"
+    kind: FmiType = "Real"
     discrete: bool = False
     minimum: float | None = None
     maximum: float | None = None
@@ -55,7 +76,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class ComponentSpec:
-    """A component: its variables, and where its behaviour is written.
+    """A component: its variables, and the class of its behaviour.
 
     Attributes
     ----------
@@ -63,13 +84,13 @@ class ComponentSpec:
     variables : the table; value reference = position.
     behaviour : "module:Class" of the behaviour, numpy-free.
     sources : modules that the behaviour needs, copied into the FMU; behaviour included.
-    constants : what is fixed when the FMU is built (dimensions, name lists), JSON values.
-    resources : path below resources/ -> content of files that travel with the FMU.
+    constants : fixed when the FMU is built (dimensions, name lists), JSON values.
+    resources : path below resources/ -> content of files in the FMU.
     readme : the component's page, equations first.
-    notes : more of the page, about this one of its kind, as Markdown.
+    notes : further text of the page about this component, as Markdown.
     scenario : the page's example for this project's own master, a scenario as TOML.
     stop_time, step_size : default experiment [s].
-    certificate : JSON of the proof about the start values, for a controller that has one.
+    certificate : JSON of the proof about a controller's start values, if it has one.
     """
 
     name: str
@@ -98,28 +119,19 @@ class ComponentSpec:
                 raise ValueError(f"{self.name}: {v.name} depends on {unknown}, not inputs")
 
     def table(self) -> list[dict[str, Any]]:
-        """The variables as JSON values, in value-reference order."""
-        return [
-            {
-                "name": v.name,
-                "causality": v.causality,
-                "kind": v.kind,
-                "start": v.start,
-                "minimum": v.minimum,
-                "maximum": v.maximum,
-            }
-            for v in self.variables
-        ]
+        """Return the variables as JSON values, in value-reference order."""
+        keys = ("name", "causality", "kind", "start", "minimum", "maximum")
+        return [{key: getattr(v, key) for key in keys} for v in self.variables]
 
     def resource_files(self) -> dict[str, bytes]:
-        """Archive path -> content of `resources`, and the certificate."""
+        """Return by archive path the content of `resources` and the certificate."""
         found = {f"resources/{path}": content for path, content in self.resources.items()}
         if self.certificate is not None:
             found[CERTIFICATE] = self.certificate
         return found
 
     def guid(self, sources: Mapping[str, bytes]) -> str:
-        """Hash of everything the FMU is made of, in the form FMI gives a GUID."""
+        """Return the hash of everything in the FMU, written as a GUID."""
         digest = hashlib.sha256()
         units = [(v.unit, v.description, v.variability, v.depends_on) for v in self.variables]
         parts = [self.name, self.description, self.behaviour, self.stop_time, self.step_size]
@@ -131,6 +143,7 @@ class ComponentSpec:
         return f"{{{h[:8]}-{h[8:12]}-{h[12:16]}-{h[16:20]}-{h[20:32]}}}"
 
 
-def inputs(names: tuple[str, ...], unit: str | None, description: str) -> list[Variable]:
-    """Several inputs of one unit, starting at zero; `{}` in the description is the name."""
-    return [Variable(n, "input", description.format(n), unit) for n in names]
+def solver_step(start: float) -> Variable:
+    """Return the parameter of the internal integration step of a delay equation [s]."""
+    text = "largest internal integration step"
+    return Variable("solver.step", "parameter", text, "s", start, minimum=min(1e-6, start))

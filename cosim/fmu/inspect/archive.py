@@ -1,4 +1,4 @@
-"""The ZIP file of an FMU, read within bounds: nothing in it is trusted, nothing is unpacked."""
+"""Read the ZIP file of an FMU within limits: nothing in it is trusted."""
 
 from __future__ import annotations
 
@@ -23,31 +23,21 @@ _BOMB = f"at most {_BOMB_RATIO} times as many, where it is more than {_BOMB_BYTE
 _CHUNK = 1 << 20
 _ALLOWED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _LEADING = re.compile(r"^(?:[A-Za-z]:|[/\\])")
-# what zipfile raises for a damaged file, by what is damaged
+# what zipfile raises for damaged files
 BROKEN = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    EOFError,
-    OSError,
-    NotImplementedError,
-    RuntimeError,
-    ValueError,
-    KeyError,
-    IndexError,
-    OverflowError,
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, NotImplementedError),
+    *(RuntimeError, ValueError, KeyError, IndexError, OverflowError),
 )
 
 
 class Archive:
-    """An open FMU; `open_archive` makes it.
+    """The open archive of an FMU, from `open_archive`.
 
     Attributes
     ----------
     path : the file.
     entries : path inside -> entry, files only, the first of each name.
     findings : what is wrong with the ZIP itself.
-    may_be_unpacked : whether it may be unpacked.
     """
 
     def __init__(self, path: Path, zipped: zipfile.ZipFile) -> None:
@@ -76,16 +66,16 @@ class Archive:
             size = f"{len(every)} entries of {self.unpacked_bytes} bytes in all"
             limit = f"at most {MAX_ENTRIES} of {MOST_BYTES}"
             self.findings.append(finding("archive-bomb", path.name, f"{size}; {limit}"))
-        # no entry of many need be large
+        # many small entries can be a bomb together
         self.findings += _bomb(path.name, sum(i.compress_size for i in every), self.unpacked_bytes)
 
     @property
     def may_be_unpacked(self) -> bool:
-        """Whether nothing speaks against unpacking it."""
+        """Whether it is safe to unpack: no finding is an error."""
         return not any(each.level == "error" for each in self.findings)
 
     def read(self, name: str, most: int = MOST_BYTES) -> bytes | None:
-        """The content of an entry; None if it is damaged, encrypted or larger than `most` bytes."""
+        """Return the content of an entry; None if damaged, encrypted or over `most` bytes."""
         info = self.entries[name]
         if info.file_size > most:
             return None
@@ -97,7 +87,7 @@ class Archive:
         return content if len(content) <= most else None
 
     def read_all(self) -> None:
-        """Read every entry once, and find those that do not unpack to what was packed."""
+        """Read every entry once and report those that do not unpack to what was packed."""
         if not self.may_be_unpacked:
             return
         for name, info in self.entries.items():
@@ -112,11 +102,11 @@ class Archive:
                 self.findings.append(finding("entry-damaged", name, str(error)))
 
     def require_sound(self) -> None:
-        """Refuse what may not be unpacked.
+        """Refuse an archive that is not safe to unpack.
 
         Raises
         ------
-        InputError : it is not `may_be_unpacked`; names the entry, and the limit that it exceeds.
+        InputError : not `may_be_unpacked`; names the entry and the limit that it exceeds.
         """
         for wrong in self.findings:
             if wrong.level == "error":
@@ -127,7 +117,7 @@ class Archive:
 
         Raises
         ------
-        InputError : it is not `may_be_unpacked`, or an entry is damaged.
+        InputError : not `may_be_unpacked`, or an entry is damaged.
         """
         self.require_sound()
         try:
@@ -140,11 +130,11 @@ class Archive:
 
 @contextmanager
 def open_archive(path: Path) -> Iterator[Archive]:
-    """An FMU's archive, closed at the end.
+    """Open the archive of an FMU as a context, and close it.
 
     Raises
     ------
-    InputError : no such file, no ZIP file, or one without modelDescription.xml.
+    InputError : no such file, not a ZIP file, or one without modelDescription.xml.
     """
     where = str(path)
     if not path.is_file():
@@ -171,10 +161,10 @@ def open_archive(path: Path) -> Iterator[Archive]:
 
 
 def _instead(names: MappingProxyType[str, zipfile.ZipInfo]) -> str:
-    """What stands there instead of modelDescription.xml."""
+    """Say what the archive has instead of modelDescription.xml."""
     near = [n for n in names if n.lower().replace("\\", "/").endswith("modeldescription.xml")]
     if near:
-        return f"{printable(near[0])}: the archive was packed from the wrong folder or spelled so"
+        return f"{printable(near[0])}: packed from the wrong folder, or spelled differently"
     return f"{len(names)} files, none of this name"
 
 

@@ -1,4 +1,4 @@
-"""Checks of the binaries: where they are, what they are built for, what they need and offer."""
+"""Check the binaries: their folders, platforms, exported functions and needed libraries."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 
 from cosim.fmu.inspect.declared_model import DeclaredModel
-from cosim.fmu.inspect.findings import Finding, finding
+from cosim.fmu.inspect.findings import Finding, finding, first_few
 from cosim.fmu.inspect.fmi_functions import functions
 from cosim.fmu.inspect.image import Image
 from cosim.fmu.inspect.library import Binary
@@ -36,7 +36,7 @@ _OLD_LIBC = (2, 28)  # of systems that are still maintained in 2025
 
 
 def binary_entries(names: Iterable[str]) -> list[tuple[str, str]]:
-    """(folder, path) of every library in a folder of binaries, also in folders below."""
+    """Return (folder, path) of every library below binaries/<folder>/."""
     found = []
     for name in sorted(names):
         parts = name.split("/")
@@ -46,14 +46,20 @@ def binary_entries(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def platform_of(folder: str) -> Platform | None:
-    """What the name of a folder stands for, in the words of FMI 1 and 2 or of FMI 3."""
+    """Return the platform of a folder named as in FMI 1 and 2 or as in FMI 3."""
     return FMI2.get(folder) or named_by_tuple(folder)
+
+
+def missing_binary() -> str:
+    """Say for which machine there is no binary: this one."""
+    machine = this_machine()
+    return f"no binary for {machine.architecture} {machine.system}"
 
 
 def binary_findings(
     model: DeclaredModel, names: Sequence[str], binaries: Sequence[Binary], *, sources: bool
 ) -> Iterator[Finding]:
-    """Everything about the folders of binaries and their content."""
+    """Check the folders of binaries and their content."""
     inside: Mapping[str, set[str]] = defaultdict(set)
     for name in names:
         parts = name.split("/")
@@ -73,12 +79,10 @@ def binary_findings(
         wanted = {identifier + built_for.suffix for identifier in identifiers}
         here = here or (built_for == this_machine() and wanted <= files)
         for name in sorted(wanted - files):
-            got = ", ".join(sorted(files)[:5])
+            got = first_few(sorted(files))
             yield finding("binary-name", ROOT + folder, f"{name} is missing; there is {got}")
     if inside and not here:
-        machine = this_machine()
-        what = f"no binary for {machine.architecture} {machine.system}"
-        yield finding("binary-here", ROOT, what)
+        yield finding("binary-here", ROOT, missing_binary())
     for binary in binaries:
         yield from _binary(model, binary, inside[binary.folder])
 
@@ -90,9 +94,9 @@ def _folder(folder: str, major: int) -> Iterator[Finding]:
             what = f"FMI 3 calls it {FMI2[folder].architecture}-{FMI2[folder].system}"
             yield finding("binary-folder", where, what)
     elif named_by_tuple(folder) is None:
-        yield finding("binary-folder", where, f"{folder!r} names no platform")
+        yield finding("binary-folder", where, f"{folder!r} is not the name of a platform")
     elif major < 3:
-        yield finding("binary-folder-tuple", where, "a folder as FMI 3 names it")
+        yield finding("binary-folder-tuple", where, "a folder named as in FMI 3")
 
 
 def _binary(model: DeclaredModel, binary: Binary, beside: set[str]) -> Iterator[Finding]:
@@ -164,7 +168,7 @@ def _needs(binary: Binary, image: Image, beside: set[str]) -> Iterator[Finding]:
 
 
 def _library(where: str, image: Image, library: str, present: set[str]) -> Iterator[Finding]:
-    """One library that it needs: of the system, packed beside it, or missing."""
+    """Check a needed library: part of the system, packed beside the binary, or missing."""
     base = PurePosixPath(library).name
     if _DEBUG.fullmatch(base):
         yield finding("library-debug", where, f"it needs {base}")

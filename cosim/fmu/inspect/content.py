@@ -1,4 +1,4 @@
-"""Checks of what else is packed: sources, documentation, capabilities worth a word."""
+"""Check sources, documentation, and capabilities that a user should know of."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DOCUMENTATION = {
 
 
 def content_findings(model: DeclaredModel, names: Collection[str], build: Any) -> Iterator[Finding]:
-    """Sources, documentation, capabilities; `build` is the root of buildDescription.xml or None."""
+    """Check the rest of an FMU; `build` is the root of buildDescription.xml or None."""
     yield from _sources(model, names, build)
     wanted = _DOCUMENTATION[model.major]
     if not any(name in names for name in wanted):
@@ -30,12 +30,11 @@ def content_findings(model: DeclaredModel, names: Collection[str], build: Any) -
             tool = model.attributes.get("generationTool", "a tool that it does not name")
             yield finding("needs-tool", interface.kind, f"it needs {tool}")
         if interface.is_true("canBeInstantiatedOnlyOncePerProcess"):
-            what = "it can be instantiated only once per process"
-            yield finding("once-per-process", interface.kind, what)
+            yield finding("once-per-process", interface.kind, "only one instance per process")
 
 
 def source_files(model: DeclaredModel, build: Any) -> list[str]:
-    """Paths inside the FMU of every source file that a description lists."""
+    """Return the paths inside the FMU of all source files that a description lists."""
     if model.major == 3:
         listed = [] if build is None else [e.get("name", "") for e in build.iter("SourceFile")]
     else:

@@ -1,7 +1,7 @@
-"""modelDescription.xml of FMI 1.0, 2.0 and 3.0 in one form, however broken it is.
+"""Read modelDescription.xml of FMI 1.0, 2.0 and 3.0 into one form, even if it is faulty.
 
-FMPy's reader ends at the first thing that it cannot resolve; here every reference stays a
-number, and what it points to is a question for the checks.
+FMPy's reader stops at the first reference that it cannot resolve; here every reference stays a
+number, which the checks resolve.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ _FMI3_ROLES = {
     "InitialUnknown": "initial",
     "EventIndicator": "event indicator",
 }
+_TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _FLOATS = ("Real", "Float32", "Float64")
 
 
 @dataclass(slots=True)
 class Variable:
-    """A variable as it stands in the XML; numbers as written, None for what is not there.
+    """A variable as written in the XML; None for missing attributes.
 
     Attributes
     ----------
-    index : its place, from 1.
+    index : its position, from 1.
     reference : value reference.
     minimum, maximum, unit : its own, or else its declared type's.
     dimensions : one entry per dimension: (size, None) or (None, value reference).
@@ -63,13 +64,13 @@ class Variable:
 
     @property
     def where(self) -> str:
-        """Its place for a finding."""
+        """The place that a finding names."""
         return f"{XML}:{self.line} {self.name}"
 
 
 @dataclass(slots=True)
 class Unknown:
-    """An entry of ModelStructure: what it is, what it points to, on what it depends.
+    """An entry of ModelStructure: its role, target and dependencies.
 
     `target` and `dependencies` are indices from 1 in FMI 2, value references in FMI 3.
     """
@@ -83,7 +84,7 @@ class Unknown:
 
 @dataclass(slots=True)
 class Interface:
-    """A way to run it, with its attributes (capabilities) as written."""
+    """A kind of use, such as co-simulation, with its attributes (capabilities) as written."""
 
     kind: str
     identifier: str
@@ -97,7 +98,7 @@ class Interface:
 
 @dataclass(slots=True)
 class Unit:
-    """A unit with its base exponents, factor and offset, None without BaseUnit."""
+    """A unit with the attributes of its BaseUnit, or None."""
 
     name: str
     line: int
@@ -106,7 +107,7 @@ class Unit:
 
 @dataclass(slots=True)
 class DeclaredModel:
-    """The whole description; `aliases` are the further names that FMI 3 gives to variables."""
+    """A model description; `aliases` are the further names of variables in FMI 3."""
 
     version: str
     attributes: Mapping[str, str]
@@ -120,28 +121,28 @@ class DeclaredModel:
 
     @property
     def major(self) -> int:
-        """1, 2 or 3."""
+        """The major version of FMI: 1, 2 or 3."""
         return int(self.version[0])
 
     @property
     def token(self) -> str | None:
-        """Guid, or instantiationToken."""
+        """The guid, or instantiationToken in FMI 3."""
         return self.attributes.get("instantiationToken" if self.major == 3 else "guid")
 
     def variables_by_target(self) -> Mapping[int, Variable]:
-        """What ModelStructure's numbers stand for: indices in FMI 2, references in FMI 3."""
+        """Return variables by number in ModelStructure: index in FMI 2, reference in FMI 3."""
         if self.major == 2:
             return {v.index: v for v in self.variables}
         return {v.reference: v for v in self.variables if v.reference is not None}
 
 
 def known_version(version: str | None) -> bool:
-    """Whether this is a version of FMI that is read here."""
+    """Whether `read_declared_model` reads this version of FMI."""
     return version in ("1.0", "2.0") or (version or "").startswith("3.0")
 
 
 def read_declared_model(root: Any) -> DeclaredModel:
-    """The description below a root element with a `known_version`."""
+    """Read the description below a root element with a `known_version`."""
     attributes = {str(key): str(value) for key, value in root.attrib.items()}
     model = DeclaredModel(attributes["fmiVersion"], attributes)
     model.interfaces = list(_interfaces(root, model.major, attributes))
@@ -164,7 +165,7 @@ def read_declared_model(root: Any) -> DeclaredModel:
 
 
 def integer(text: str | None) -> int | None:
-    """A whole number, or None."""
+    """Read a whole number; None if it is not one."""
     try:
         return None if text is None else int(text)
     except ValueError:
@@ -172,7 +173,7 @@ def integer(text: str | None) -> int | None:
 
 
 def number(text: str | None) -> float | None:
-    """A number as XML schema writes it, truth values as 1 and 0, or None."""
+    """Read a number of XML schema, truth values as 1 and 0; None if it is not one."""
     if text is None:
         return None
     plain = text.strip()
@@ -211,8 +212,10 @@ def _types(root: Any, major: int) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
-    value = element if model.major == 3 else _value_element(element)
-    kind = str(value.tag) if value is not None else ""
+    value = element
+    if model.major < 3:
+        value = next((child for child in element.iterchildren(*_TYPES)), None)
+    kind = "" if value is None else str(value.tag)
     attributes = {} if value is None else value.attrib
     declared = attributes.get("declaredType")
     inherited = model.types.get(declared or "", {})
@@ -253,13 +256,6 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> Variable:
     )
 
 
-def _value_element(element: Any) -> Any:
-    for child in element.iterchildren(tag="*"):
-        if child.tag in ("Real", "Integer", "Boolean", "String", "Enumeration"):
-            return child
-    return None
-
-
 def _usual_variability(kind: str, causality: str, major: int) -> str:
     if major < 3:
         return "continuous"
@@ -284,7 +280,7 @@ def _structure(root: Any, major: int) -> Iterator[Unknown]:
 
 
 def _numbers(text: str | None) -> tuple[int, ...] | None:
-    """A list of whole numbers; what is none becomes -1, which is never a reference."""
+    """Read a list of whole numbers; anything else becomes -1, which is never a reference."""
     if text is None:
         return None
     return tuple(-1 if (value := integer(word)) is None else value for word in text.split())

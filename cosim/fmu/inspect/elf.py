@@ -1,10 +1,9 @@
-"""ELF shared objects (Linux), by pyelftools."""
+"""Read ELF shared objects (Linux) with pyelftools."""
 
 from __future__ import annotations
 
 import io
 from itertools import islice
-from types import MappingProxyType
 from typing import Any
 
 from elftools.elf.dynamic import DynamicSegment
@@ -15,28 +14,26 @@ from elftools.elf.sections import SymbolTableSection
 from cosim.fmu.inspect.image import MOST_SYMBOLS, Image, NotALibraryError, version_key
 from cosim.fmu.inspect.platforms import Platform
 
-_MACHINES = MappingProxyType(
-    {
-        ("EM_X86_64", 64): "x86_64",
-        ("EM_386", 32): "x86",
-        ("EM_AARCH64", 64): "aarch64",
-        ("EM_ARM", 32): "aarch32",
-        ("EM_RISCV", 64): "riscv64",
-        ("EM_RISCV", 32): "riscv32",
-        ("EM_PPC64", 64): "ppc64",
-        ("EM_PPC", 32): "ppc32",
-    }
-)
+_MACHINES = {
+    ("EM_X86_64", 64): "x86_64",
+    ("EM_386", 32): "x86",
+    ("EM_AARCH64", 64): "aarch64",
+    ("EM_ARM", 32): "aarch32",
+    ("EM_RISCV", 64): "riscv64",
+    ("EM_RISCV", 32): "riscv32",
+    ("EM_PPC64", 64): "ppc64",
+    ("EM_PPC", 32): "ppc32",
+}
 _PF_X = 1
 _MOST_TABLE = 65536  # segments, sections, tags: more are damage
 
 
 def read_elf(stream: io.BytesIO) -> list[Image]:
-    """The image in an ELF file.
+    """Return the image in an ELF file.
 
     Raises
     ------
-    NotALibraryError : it is an object file or a program.
+    NotALibraryError : an object file or a program.
     """
     elf = ELFFile(stream)
     if elf["e_type"] != "ET_DYN":
@@ -71,7 +68,7 @@ def _segments(elf: Any) -> list[Any]:
 
 
 def _needed(dynamic: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Libraries, and where to look for them."""
+    """Return the needed libraries and the folders to look for them."""
     libraries: list[str] = []
     search: list[str] = []
     for tag in islice(dynamic.iter_tags(), _MOST_TABLE):
@@ -84,7 +81,7 @@ def _needed(dynamic: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _symbols(table: Any) -> tuple[frozenset[str], frozenset[str]]:
-    """Names defined, and names that must be found elsewhere."""
+    """Return the names that are defined and those that must be found elsewhere."""
     exports: set[str] = set()
     imports: set[str] = set()
     for symbol in islice(table.iter_symbols(), MOST_SYMBOLS):
@@ -97,7 +94,7 @@ def _symbols(table: Any) -> tuple[frozenset[str], frozenset[str]]:
 
 
 def _versions(sections: list[Any]) -> dict[str, str]:
-    """Library -> highest version of its symbols that is needed."""
+    """Return by library the highest version of its symbols that is needed."""
     versions = {}
     for section in sections:
         if isinstance(section, GNUVerNeedSection):

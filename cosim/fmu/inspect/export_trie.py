@@ -1,7 +1,7 @@
-"""The export trie of a Mach-O library: what its loader finds, though the symbols be stripped.
+"""Read the export trie of a Mach-O library, which keeps its exports when symbols are stripped.
 
 Each node: its own entry (length and data, empty where no name ends), the number of branches,
-and for each branch a piece of a name and the place of the next node. Numbers are ULEB128.
+and for each branch a piece of a name and the offset of the next node. Numbers are ULEB128.
 Format: `mach-o/loader.h` of macOS, above `dyld_info_command`.
 """
 
@@ -13,11 +13,11 @@ _MOST_NAME = 4096
 
 
 def exported_names(trie: bytes) -> frozenset[str]:
-    """Every name that ends in the trie.
+    """Return every name in the trie.
 
     Raises
     ------
-    NotALibraryError : a node points nowhere, or to a node that leads to it.
+    NotALibraryError : a node points outside the trie or back to itself.
     """
     names: set[str] = set()
     seen: set[int] = set()
@@ -44,7 +44,7 @@ def exported_names(trie: bytes) -> frozenset[str]:
 
 
 def _uleb(data: bytes, place: int) -> tuple[int, int]:
-    """A ULEB128 number, and the place after it."""
+    """Return a ULEB128 number and the offset after it."""
     value = 0
     for i in range(10):
         if place + i >= len(data):

@@ -1,9 +1,9 @@
-"""What an inspection finds: a code, how grave, where, what, and what to do about it."""
+"""The results of an inspection: code, level, place, fact, and what to do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -17,7 +17,7 @@ _MOST_OF_ONE_CODE = 25
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing found.
+    """One result of checking an FMU.
 
     Attributes
     ----------
@@ -39,35 +39,34 @@ class Finding:
         return RULES[self.code].why
 
     def to_json(self) -> dict[str, str]:
-        """The finding as the command line prints it."""
-        return {
-            "code": self.code,
-            "level": self.level,
-            "where": self.where,
-            "what": self.what,
-            "why": self.why,
-        }
+        """Return the finding as the command line prints it."""
+        return {**asdict(self), "why": self.why}
 
 
 def finding(code: str, where: str, what: str, *, level: Level | None = None) -> Finding:
-    """A finding at its usual level, or at `level`."""
+    """Make a finding at its usual level, or at `level`."""
     return Finding(code, level or RULES[code].level, where, printable(what))
 
 
 def refusal(what: str, path: Path, found: Finding, expected: str | None = None) -> InputError:
-    """The error that a finding is for who wants to run the FMU."""
+    """Turn a finding into the error that refuses to run the FMU."""
     where = f"{path}: {printable(found.where)}"
     return InputError(what, where=where, expected=expected, got=found.what, hint=found.why)
 
 
 def printable(text: str, most: int = 400) -> str:
-    """What stood in a foreign file, fit for a terminal: one line, no control characters."""
+    """Make text of a foreign file safe to print: one line, no control characters."""
     clean = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
     return clean if len(clean) <= most else f"{clean[:most]}… ({len(clean)} characters)"
 
 
+def first_few(names: Sequence[str]) -> str:
+    """Join the first five names, and show that there are more."""
+    return ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
+
+
 def ordered(findings: Iterable[Finding]) -> list[Finding]:
-    """Errors first, then in the order found; each once; a flood of one code is cut and counted."""
+    """Sort by level, then as found; drop repeated findings; cut and count many of one code."""
     kept: list[Finding] = []
     counts: dict[tuple[str, Level], int] = {}
     for each in dict.fromkeys(findings):

@@ -1,7 +1,4 @@
-"""The functions that a binary must export, from the headers of the FMI standards.
-
-`core` functions are those without which nothing runs; the standards ask for all.
-"""
+"""The functions that a binary must export, from the headers of the FMI standards."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ from typing import NamedTuple
 
 
 class Functions(NamedTuple):
-    """Names to export: those that every run needs, and the others."""
+    """Names to export: the `core` that every run needs, and the others of the standard."""
 
     core: frozenset[str]
     others: frozenset[str]
@@ -19,27 +16,28 @@ def _names(prefix: str, text: str) -> frozenset[str]:
     return frozenset(prefix + name for name in text.split())
 
 
+_STATUS = (
+    "SetRealInputDerivatives GetRealOutputDerivatives CancelStep GetStatus GetRealStatus "
+    "GetIntegerStatus GetBooleanStatus GetStringStatus"
+)
+_FMI1_COMMON = (
+    "GetReal SetReal",
+    "GetVersion SetDebugLogging GetInteger GetBoolean GetString SetInteger SetBoolean SetString",
+)
 _FMI1 = {
     "model exchange": (
         (
-            "InstantiateModel FreeModelInstance SetTime SetContinuousStates "
-            "CompletedIntegratorStep Initialize GetDerivatives EventUpdate GetContinuousStates "
-            "Terminate GetReal SetReal"
+            "InstantiateModel FreeModelInstance SetTime SetContinuousStates Initialize Terminate "
+            "CompletedIntegratorStep GetDerivatives EventUpdate GetContinuousStates"
         ),
         (
-            "GetModelTypesPlatform GetVersion SetDebugLogging GetEventIndicators "
-            "GetNominalContinuousStates GetStateValueReferences "
-            "GetInteger GetBoolean GetString SetInteger SetBoolean SetString"
+            "GetModelTypesPlatform GetEventIndicators GetNominalContinuousStates "
+            "GetStateValueReferences"
         ),
     ),
     "co-simulation": (
-        "InstantiateSlave InitializeSlave TerminateSlave FreeSlaveInstance DoStep GetReal SetReal",
-        (
-            "GetTypesPlatform GetVersion SetDebugLogging ResetSlave SetRealInputDerivatives "
-            "GetRealOutputDerivatives CancelStep GetStatus GetRealStatus GetIntegerStatus "
-            "GetBooleanStatus GetStringStatus "
-            "GetInteger GetBoolean GetString SetInteger SetBoolean SetString"
-        ),
+        "InstantiateSlave InitializeSlave TerminateSlave FreeSlaveInstance DoStep",
+        f"GetTypesPlatform ResetSlave {_STATUS}",
     ),
 }
 _FMI2_COMMON = (
@@ -62,13 +60,7 @@ _FMI2 = {
         ),
         "",
     ),
-    "co-simulation": (
-        "DoStep",
-        (
-            "SetRealInputDerivatives GetRealOutputDerivatives CancelStep GetStatus GetRealStatus "
-            "GetIntegerStatus GetBooleanStatus GetStringStatus"
-        ),
-    ),
+    "co-simulation": ("DoStep", _STATUS),
 }
 _FMI3_TYPES = (
     "Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String Binary Clock"
@@ -98,12 +90,12 @@ _FMI3 = {
 
 
 def functions(major: int, kind: str, identifier: str) -> Functions:
-    """What a binary of this version of FMI exports for this kind of use."""
-    if major == 1:
-        core, others = _FMI1[kind]
-        prefix = f"{identifier}_fmi"
-        return Functions(_names(prefix, core), _names(prefix, others))
-    common, own = (_FMI2_COMMON, _FMI2) if major == 2 else (_FMI3_COMMON, _FMI3)
-    prefix = f"fmi{major}"
+    """Return what a binary must export in this version of FMI for this kind of use."""
+    prefix = f"{identifier}_fmi" if major == 1 else f"fmi{major}"
+    common, own = {
+        1: (_FMI1_COMMON, _FMI1),
+        2: (_FMI2_COMMON, _FMI2),
+        3: (_FMI3_COMMON, _FMI3),
+    }[major]
     core, others = own[kind]
     return Functions(_names(prefix, f"{common[0]} {core}"), _names(prefix, f"{common[1]} {others}"))

@@ -1,7 +1,7 @@
-"""FMPy's own validation, its words sorted under the codes of this inspection.
+"""Validate a model description with FMPy, and give its messages the codes of this inspection.
 
-FMPy knows the tables of causality, variability and initial, the start values and the initial
-unknowns. It is given the XML alone: what a ZIP file may do to a reader was found before.
+FMPy checks combinations of causality, variability and initial, start values and initial unknowns.
+It gets only the XML, since it does not guard against hostile ZIP files.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from fmpy.model_description import ValidationError, read_model_description
 from cosim.fmu.inspect.declared_model import XML
 from cosim.fmu.inspect.findings import Finding, finding
 
-# FMPy's sentence -> code; None for what was found here before, in more detail
+# FMPy's message -> code; None for what the checks here report in more detail
 _SENTENCES: tuple[tuple[str, str | None], ...] = (
     (r"The variable name .* is not unique", None),
     (r"must have variability != ", "not-continuous"),
@@ -39,9 +39,9 @@ _LINE = re.compile(r" \(line (\d+)\)")
 
 
 def fmpy_findings(xml: bytes) -> Iterator[Finding]:
-    """What FMPy objects to in a model description that is valid against the schema.
+    """Return FMPy's objections to a model description that is valid against the schema.
 
-    One sentence of FMPy, "cannot read", stands for all that it could not check.
+    If FMPy fails, one finding "fmpy-refuses" stands for all that it did not check.
     """
     shell = io.BytesIO()
     with zipfile.ZipFile(shell, "w") as archive:
@@ -51,7 +51,7 @@ def fmpy_findings(xml: bytes) -> Iterator[Finding]:
     except ValidationError as error:
         for sentence in error.problems:
             yield from _sorted(sentence)
-    except Exception as error:  # noqa: BLE001 - whatever FMPy stumbles over, it cannot read it
+    except Exception as error:  # noqa: BLE001 - FMPy raises many kinds
         if type(error) is Exception and (found := list(_sorted(str(error)))):
             yield from found
         else:

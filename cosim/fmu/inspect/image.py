@@ -1,4 +1,4 @@
-"""What the loader of an operating system would see in a library."""
+"""The headers of a library, as the loader of an operating system reads them."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ MOST_SYMBOLS = 500_000
 
 
 class NotALibraryError(Exception):
-    """A file in the format of libraries that is none."""
+    """A file in a library's format that is not a library."""
 
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """One architecture of a library.
+    """The headers of a library for one architecture.
 
     Attributes
     ----------
     format : ELF, PE or Mach-O.
     platform : what it is built for; the system of an ELF file is taken to be Linux.
-    exports : symbols it offers.
-    imports : symbols it takes from elsewhere (of PE files, of any library).
-    libraries : what it names as needed.
-    search : where it tells the loader to look for them.
+    exports : symbols it defines.
+    imports : symbols it needs from elsewhere (of PE files, from any library).
+    libraries : those it needs.
+    search : folders where the loader is to look for them.
     versions : library -> highest symbol version needed, as libc.so.6 -> GLIBC_2.17.
-    executable_stack : whether it asks for one.
+    executable_stack : whether it asks for an executable stack.
     """
 
     format: str
@@ -40,12 +40,12 @@ class Image:
 
     @property
     def functions(self) -> frozenset[str]:
-        """The exports that are FMI's: fmi2DoStep, and Model_fmiDoStep in FMI 1."""
+        """The exported FMI functions: fmi2DoStep, or Model_fmiDoStep in FMI 1."""
         return frozenset(n for n in self.exports if n.startswith("fmi") or "_fmi" in n)
 
     @property
     def libc(self) -> tuple[int, ...] | None:
-        """The GNU C library that it needs at least."""
+        """The oldest GNU C library that it loads with, or None."""
         found = [
             version_key(version)
             for _, version in self.versions
@@ -55,12 +55,12 @@ class Image:
 
     @property
     def needs_python(self) -> bool:
-        """Whether it takes functions from a Python interpreter that it does not load itself."""
+        """Whether it calls a Python interpreter that it does not load itself."""
         python = any(name.startswith(("_Py", "Py")) for name in self.imports)
         return python and not any("python" in name.lower() for name in self.libraries)
 
 
 def version_key(version: str) -> tuple[int, ...]:
-    """GLIBC_2.17 as (2, 17)."""
+    """Return GLIBC_2.17 as (2, 17)."""
     numbers = version.partition("_")[2].split(".")
     return tuple(int(n) for n in numbers if n.isdigit())

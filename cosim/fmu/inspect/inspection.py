@@ -1,10 +1,10 @@
-"""Everything that can be known of an FMU without loading its binary."""
+"""Inspect an FMU without loading its binary."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +29,16 @@ _MOST_BINARY = 512 << 20
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What an FMU is, and what is wrong with it.
+    """The result of inspecting an FMU: its content and the findings.
 
     Attributes
     ----------
     path, sha256, size : the file [bytes].
     names : every path inside, sorted.
     unpacked_bytes : their size [bytes].
-    may_be_unpacked : whether the archive may be unpacked.
+    may_be_unpacked : whether the archive is safe to unpack.
     model : the description, or None if it cannot be read.
-    binaries : every library by its headers.
+    binaries : the headers of every library.
     findings : errors first.
     """
 
@@ -58,13 +58,12 @@ class Inspection:
         return not any(each.level == "error" for each in self.findings)
 
     def with_findings(self, more: Iterable[Finding]) -> Inspection:
-        """The same with further findings."""
-        values = {name: getattr(self, name) for name in self.__slots__}
-        return Inspection(**values | {"findings": tuple(ordered([*self.findings, *more]))})
+        """Return the inspection with further findings."""
+        return replace(self, findings=tuple(ordered([*self.findings, *more])))
 
 
 def inspect_fmu(path: Path) -> Inspection:
-    """Read an FMU of any version of FMI; nothing is unpacked, nothing of it is run.
+    """Inspect an FMU of any FMI version; nothing is unpacked or run.
 
     Raises
     ------
@@ -117,15 +116,15 @@ def _describe(root: Any, xml: bytes) -> tuple[DeclaredModel | None, list[Finding
     findings = schema_findings(root, _SCHEMAS[model.major], XML)
     own = [*model_findings(model), *structure_findings(model)]
     if not findings:
-        # FMPy ends at the first reference to nothing: what it then says is known already
+        # FMPy stops at the first dangling reference, which is reported here already
         second = list(fmpy_findings(xml))
-        graver = any(each.level == "error" for each in own)
-        findings += [each for each in second if not (graver and each.code == "fmpy-refuses")]
+        explained = any(each.level == "error" for each in own)
+        findings += [each for each in second if not (explained and each.code == "fmpy-refuses")]
     return model, findings + own
 
 
 def _further(archive: Archive, model: DeclaredModel) -> tuple[Any, list[Finding]]:
-    """The other XML files of FMI 3, held against their schemas; the build description's root."""
+    """Check the other XML files of FMI 3; return the build description's root and findings."""
     build = None
     findings: list[Finding] = []
     schemas = ((BUILD, "fmi3BuildDescription"), (TERMINALS, "fmi3TerminalsAndIcons"))

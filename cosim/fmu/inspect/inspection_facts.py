@@ -1,4 +1,4 @@
-"""An inspection as plain data: what an FMU is and what it needs."""
+"""Convert an inspection to plain data: what an FMU is and what it needs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HEAD = ("description", "author", "version", "license", "copyright", "generation
 
 
 def fmu_facts(inspection: Inspection) -> dict[str, Any]:
-    """What `cosim fmu info --json` prints; without a readable description, what else is known."""
+    """Return what `cosim fmu info --json` prints; `model` is None if it cannot be read."""
     names = inspection.names
     return {
         "file": str(inspection.path),
@@ -97,7 +97,7 @@ def _binary(binary: Binary) -> dict[str, Any]:
 
 
 def _runs_here(inspection: Inspection) -> bool:
-    """Whether there is a binary for this machine, as far as its headers tell."""
+    """Whether a binary is for this machine, by its folder and headers."""
     machine = this_machine()
     return any(
         platform_of(binary.folder) == machine

@@ -1,7 +1,7 @@
-"""A shared library read by its headers alone; nothing of it is loaded.
+"""Read the headers of a shared library without loading it.
 
-Pure Python readers, on purpose: a damaged file ends in an exception, never in a crash. What a
-reader stumbles over by a mistake of its own is told apart from that: it is no fault of the file.
+The readers are pure Python, so that a damaged file raises an exception and never crashes. A fault
+of a reader itself is reported apart from damage: it says nothing about the file.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _OF_DAMAGE = (
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """A library of an FMU: its images (several in a universal Mach-O file), or why there are none.
+    """A library of an FMU: its images (several in a universal Mach-O file), or why it has none.
 
     Attributes
     ----------
     folder : below binaries/.
     name : its path inside the FMU.
     damage : what is wrong with the file.
-    unread : what the reader stumbled over; it says nothing about the file.
+    unread : the fault of the reader; it says nothing about the file.
     """
 
     folder: str
@@ -54,23 +54,23 @@ class Binary:
 
 
 def read_binary(folder: str, name: str, content: bytes) -> Binary:
-    """The headers of a library; damage is told, never raised, and so is a mistake of a reader."""
+    """Read the headers of a library; damage and faults of a reader are returned, never raised."""
     for magic, reader in _MAGIC.items():
         if content.startswith(magic):
             try:
                 return Binary(folder, name, tuple(reader(io.BytesIO(content))))
             except NotALibraryError as error:
                 return Binary(folder, name, (), str(error))
-            except Exception as error:  # noqa: BLE001 - each reader has many ways to stumble
+            except Exception as error:  # noqa: BLE001 - readers raise many kinds
                 declared = f"{type(error).__name__}: {error}"
-                if _speaks_of_the_file(error):
+                if _is_damage(error):
                     return Binary(folder, name, (), declared)
                 return Binary(folder, name, (), unread=declared)
     return Binary(folder, name, (), f"it starts with {content[:4].hex() or 'nothing'}")
 
 
-def _speaks_of_the_file(error: Exception) -> bool:
-    """Whether a reader's library raised it, as one that it raises for damage."""
+def _is_damage(error: Exception) -> bool:
+    """Whether a reader's library raised it, and of a type that it raises for damage."""
     *_, (frame, _) = traceback.walk_tb(error.__traceback__)
     ours = str(frame.f_globals.get("__name__")).startswith("cosim.")
     return isinstance(error, _OF_DAMAGE) and not ours

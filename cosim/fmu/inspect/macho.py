@@ -1,4 +1,4 @@
-"""Mach-O libraries (macOS), by macholib."""
+"""Read Mach-O libraries (macOS) with macholib."""
 
 from __future__ import annotations
 
@@ -7,20 +7,7 @@ from itertools import islice
 from types import MappingProxyType
 from typing import Any
 
-from macholib.mach_o import (
-    LC_DYLD_EXPORTS_TRIE,
-    LC_DYLD_INFO,
-    LC_DYLD_INFO_ONLY,
-    LC_LOAD_DYLIB,
-    LC_LOAD_WEAK_DYLIB,
-    LC_REEXPORT_DYLIB,
-    LC_RPATH,
-    MH_BUNDLE,
-    MH_DYLIB,
-    MH_MAGIC_64,
-    nlist,
-    nlist_64,
-)
+from macholib import mach_o
 from macholib.MachO import MachO
 
 from cosim.fmu.inspect.export_trie import exported_names
@@ -33,7 +20,7 @@ _UNDEFINED = 0
 
 
 class _FromMemory(MachO):  # type: ignore[misc]
-    """macholib opens files by name only; this one has the bytes."""
+    """A Mach-O file in memory; macholib itself opens files by name only."""
 
     def __init__(self, stream: io.BytesIO) -> None:
         self.graphident = self.filename = self.loader_path = ""
@@ -44,30 +31,32 @@ class _FromMemory(MachO):  # type: ignore[misc]
 
 
 def read_macho(stream: io.BytesIO) -> list[Image]:
-    """The images in a Mach-O file: one, or one for each architecture of a universal file.
+    """Return the images in a Mach-O file: one for each architecture.
 
     Raises
     ------
-    NotALibraryError : it is a program or an object file.
+    NotALibraryError : a program or an object file.
     """
     return [_image(header, stream) for header in islice(_FromMemory(stream).headers, 16)]
 
 
 def _image(header: Any, stream: io.BytesIO) -> Image:
-    if header.header.filetype not in (MH_DYLIB, MH_BUNDLE):
-        raise NotALibraryError(f"a Mach-O file of type {int(header.header.filetype)}, no library")
+    if header.header.filetype not in (mach_o.MH_DYLIB, mach_o.MH_BUNDLE):
+        raise NotALibraryError(
+            f"a Mach-O file of type {int(header.header.filetype)}, not a library"
+        )
     libraries, search = [], []
     trie: tuple[int, int] | None = None
     for load, command, data in header.commands:
-        if load.cmd in (LC_LOAD_DYLIB, LC_LOAD_WEAK_DYLIB, LC_REEXPORT_DYLIB):
+        if load.cmd in (mach_o.LC_LOAD_DYLIB, mach_o.LC_LOAD_WEAK_DYLIB, mach_o.LC_REEXPORT_DYLIB):
             libraries.append(_path(data))
-        elif load.cmd == LC_RPATH:
-            # the path starts `path` bytes from the command, of which macholib cut the headers
+        elif load.cmd == mach_o.LC_RPATH:
+            # the path starts `path` bytes after the command; macholib has cut 12 of them
             search.append(_path(data[max(0, int(command.path) - 12) :]))
-        elif load.cmd in (LC_DYLD_INFO, LC_DYLD_INFO_ONLY):
+        elif load.cmd in (mach_o.LC_DYLD_INFO, mach_o.LC_DYLD_INFO_ONLY):
             trie = int(command.export_off), int(command.export_size)
-        elif load.cmd == LC_DYLD_EXPORTS_TRIE:
-            # by their place: releases of macholib spell the second name datasize or datassize
+        elif load.cmd == mach_o.LC_DYLD_EXPORTS_TRIE:
+            # by position: releases of macholib call the second field datasize or datassize
             start, size = (int(getattr(command, name)) for name, _ in command._fields_)
             trie = start, size
     exports, imports = _symbols(header, stream)
@@ -86,9 +75,9 @@ def _image(header: Any, stream: io.BytesIO) -> Image:
 
 
 def _symbols(header: Any, stream: io.BytesIO) -> tuple[frozenset[str], frozenset[str]]:
-    """External symbols, defined and undefined, without the underscore that C puts before.
+    """Return the defined and the undefined external symbols, without C's leading underscore.
 
-    A stripped library keeps only the undefined ones: its exports stand in the trie alone.
+    A stripped library keeps only the undefined ones here; its exports are in the trie.
     """
     table = header.getSymbolTableCommand()
     if table is None:
@@ -96,7 +85,7 @@ def _symbols(header: Any, stream: io.BytesIO) -> tuple[frozenset[str], frozenset
     stream.seek(header.offset + int(table.stroff))
     strings = stream.read(int(table.strsize))
     stream.seek(header.offset + int(table.symoff))
-    entry = nlist_64 if header.MH_MAGIC == MH_MAGIC_64 else nlist
+    entry = mach_o.nlist_64 if header.MH_MAGIC == mach_o.MH_MAGIC_64 else mach_o.nlist
     exports: set[str] = set()
     imports: set[str] = set()
     for _ in range(min(int(table.nsyms), MOST_SYMBOLS)):

@@ -1,4 +1,4 @@
-"""XML of an FMU: parsed without entities and without the network, held against the XSD."""
+"""Parse XML of an FMU without entities and network, and validate it against the XSD."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _SCHEMAS = Path(fmpy.__file__).with_name("schema")
 
 
 def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
-    """The root element, or None; and what is wrong.
+    """Return the root element or None, and the findings.
 
     Parameters
     ----------
-    content : None for what could not be read (its archive says why, or it is too large).
+    content : None if it could not be read, because it is too large or damaged in the archive.
     name : path inside the FMU.
     """
     if content is None:
@@ -38,17 +38,11 @@ def parse_xml(content: bytes | None, name: str) -> tuple[Any, list[Finding]]:
 
 
 def schema_findings(root: Any, schema: str, name: str) -> list[Finding]:
-    """What breaks the schema, a path under FMPy's folder of XSDs.
-
-    The schemas are those of the FMI project, as FMPy ships them.
-    """
+    """Return where `root` breaks a schema of the FMI project, a path in FMPy's folder of XSDs."""
     xsd = _schema(schema)
     if xsd.validate(root):
         return []
-    return [
-        finding("xml-schema", f"{name}:{error.line}", printable(error.message))
-        for error in xsd.error_log
-    ]
+    return [finding("xml-schema", f"{name}:{e.line}", printable(e.message)) for e in xsd.error_log]
 
 
 @cache

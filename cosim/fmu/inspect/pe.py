@@ -1,4 +1,4 @@
-"""PE libraries (Windows), by pefile."""
+"""Read PE libraries (Windows) with pefile."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _DIRECTORIES = ("IMAGE_DIRECTORY_ENTRY_EXPORT", "IMAGE_DIRECTORY_ENTRY_IMPORT")
 
 
 def read_pe(stream: io.BytesIO) -> list[Image]:
-    """The image in a PE file.
+    """Return the image in a PE file.
 
     Raises
     ------
-    NotALibraryError : it is a program.
+    NotALibraryError : a program.
     """
     with pefile.PE(data=stream.getvalue(), fast_load=True) as pe:
         header: Any = pe.FILE_HEADER
@@ -30,12 +30,11 @@ def read_pe(stream: io.BytesIO) -> list[Image]:
         pe.parse_data_directories([pefile.DIRECTORY_ENTRY[name] for name in _DIRECTORIES])
         exported = getattr(pe, "DIRECTORY_ENTRY_EXPORT", None)
         imported = getattr(pe, "DIRECTORY_ENTRY_IMPORT", [])
+        machine = _MACHINES.get(header.Machine, f"machine {header.Machine:#06x}")
         return [
             Image(
                 format="PE",
-                platform=Platform(
-                    "windows", _MACHINES.get(header.Machine, f"machine {header.Machine:#06x}")
-                ),
+                platform=Platform("windows", machine),
                 exports=frozenset(_text(s.name) for s in (exported.symbols if exported else ())),
                 imports=frozenset(_text(s.name) for library in imported for s in library.imports),
                 libraries=tuple(_text(library.dll) for library in imported),

@@ -1,4 +1,4 @@
-"""Folders of binaries: what their names mean, and which one is this machine's."""
+"""Platforms: the folders of binaries that name them, and that of this machine."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 
 class Platform(NamedTuple):
-    """A system and an architecture, in the words of FMI 3."""
+    """A system and an architecture, named as in FMI 3."""
 
     system: str
     architecture: str
 
     @property
     def suffix(self) -> str:
-        """How the name of its libraries ends."""
+        """The file suffix of its libraries."""
         return {"windows": ".dll", "darwin": ".dylib"}.get(self.system, ".so")
 
 
@@ -31,43 +31,33 @@ FMI2 = MappingProxyType(
         "darwin64": Platform("darwin", "x86_64"),
     }
 )
-"""The folders of FMI 1 and 2."""
+"""Folder of FMI 1 and 2 -> platform."""
 
 _TUPLE = re.compile(
     r"(?P<arch>aarch32|aarch64|riscv32|riscv64|x86|x86_64|ppc32|ppc64)"
     r"-(?P<sys>darwin|linux|windows)(?:-[a-z0-9]+)?"
 )
 _MACHINES = MappingProxyType(
-    {
-        "x86_64": "x86_64",
-        "AMD64": "x86_64",
-        "amd64": "x86_64",
-        "aarch64": "aarch64",
-        "arm64": "aarch64",
-        "ARM64": "aarch64",
-        "i386": "x86",
-        "i686": "x86",
-        "x86": "x86",
-        "riscv64": "riscv64",
-        "ppc64le": "ppc64",
-    }
+    {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86", "ppc64le": "ppc64"}
 )
+"""Name in Python -> name in FMI 3, where they differ."""
 
 
 def named_by_tuple(folder: str) -> Platform | None:
-    """What a folder's name means in FMI 3: <arch>-<sys>[-<abi>]."""
+    """Return the platform of a folder named as in FMI 3: <arch>-<sys>[-<abi>]."""
     found = _TUPLE.fullmatch(folder)
     return Platform(found["sys"], found["arch"]) if found else None
 
 
 def this_libc() -> tuple[int, ...] | None:
-    """The GNU C library of this machine, as (2, 36); None where there is another."""
+    """Return the version of this machine's GNU C library, as (2, 36); None if it has another."""
     name, version = platform.libc_ver()
     numbers = version.split(".")
     return tuple(map(int, numbers)) if name == "glibc" and all(map(str.isdigit, numbers)) else None
 
 
 def this_machine() -> Platform:
-    """The platform this interpreter runs on."""
+    """Return the platform that this interpreter runs on."""
     system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
-    return Platform(system, _MACHINES.get(platform.machine(), platform.machine()))
+    machine = platform.machine().lower()
+    return Platform(system, _MACHINES.get(machine, machine))

@@ -1,10 +1,10 @@
-"""Runs one FMU and writes down what happens; started by `run` in a process of its own.
+"""Run one FMU and record what happens; `run` starts this in a process of its own.
 
     python -P probe.py FOLDER REQUEST EVENTS
 
 REQUEST is a JSON file (see `run.request`). Each event is appended to EVENTS as one line of
-JSON and flushed at once, so that the last line tells where the FMU ended the process. This file
-imports nothing of the project: whatever the FMU does to this process, it does to it alone.
+JSON and flushed at once, so that the last line shows where the FMU ended the process. This file
+imports nothing of the project, and no other process loads the FMU.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MOST_MESSAGES = 50
 
 
 class EventLog:
-    """The events, on disk as they happen."""
+    """The events of a run, written to disk as they happen."""
 
     def __init__(self, path: str) -> None:
         self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
@@ -39,12 +39,12 @@ class EventLog:
         os.write(self._file, json.dumps(event).encode() + b"\n")
 
     def enter(self, stage: str) -> None:
-        """What is tried next."""
+        """Record the stage that begins."""
         self.stage = stage
         self.write(stage=stage)
 
     def log(self, level: int, text: bytes | None) -> None:
-        """A message of the FMU; of a flood the first ones."""
+        """Record a message of the FMU, up to a number of messages."""
         self._messages += 1
         if self._messages <= _MOST_MESSAGES:
             name = _LEVELS[level] if 0 <= level < len(_LEVELS) else "error"
@@ -53,7 +53,7 @@ class EventLog:
 
 
 class Driver:
-    """An FMU of any version and kind behind the same few calls."""
+    """An FMU of any version and kind, behind one set of calls."""
 
     def __init__(self, request: dict[str, Any], folder: str, event_log: EventLog) -> None:
         self.request = request
@@ -80,37 +80,32 @@ class Driver:
 
     @property
     def continuous(self) -> bool:
-        """Whether this side integrates."""
+        """Whether this process integrates the states."""
         return bool(self.kind == "model exchange")
 
     def instantiate(self) -> None:
-        """Create the instance, its log going to the journal."""
+        """Create the instance; its messages go to the event log."""
         if self.major == 3:
-            self.fmu.instantiate(loggingOn=True, logMessage=self._log3)
+            self.fmu.instantiate(loggingOn=True, logMessage=self._log)
             return
         module, prefix = (fmi2, "fmi2") if self.major == 2 else (fmi1, "fmi1")
         logger = getattr(module, f"{prefix}CallbackLoggerTYPE")
         callbacks = getattr(module, f"{prefix}CallbackFunctions")()
-        callbacks.logger = logger(self._log12)
-        callbacks.allocateMemory = getattr(module, f"{prefix}CallbackAllocateMemoryTYPE")(
-            fmpy.calloc
-        )
+        callbacks.logger = logger(self._log)
+        allocate = getattr(module, f"{prefix}CallbackAllocateMemoryTYPE")
+        callbacks.allocateMemory = allocate(fmpy.calloc)
         callbacks.freeMemory = getattr(module, f"{prefix}CallbackFreeMemoryTYPE")(fmpy.free)
         addLoggerProxy(ctypes.byref(callbacks))
         self._callbacks = callbacks  # the binary keeps pointers into it
-        key = "functions" if (self.major, self.kind) == (1, "model exchange") else "callbacks"
-        if (self.major, self.kind) == (1, "co-simulation"):
-            key = "functions"
+        key = "functions" if self.major == 1 else "callbacks"
         self.fmu.instantiate(**{key: callbacks, "loggingOn": True})
 
-    def _log12(self, _env: int, _who: bytes, status: int, _category: bytes, text: bytes) -> None:
-        self.event_log.log(status, text)
-
-    def _log3(self, _env: int, status: int, _category: bytes, text: bytes) -> None:
+    def _log(self, *arguments: Any) -> None:
+        status, _category, text = arguments[-3:]  # FMI 3 passes no name of the instance before
         self.event_log.log(status, text)
 
     def initialise(self, inside: Callable[[], None] = lambda: None) -> None:
-        """Pass through initialization, to where stepping begins; `inside` is done within."""
+        """Go through initialization; `inside` is called in initialization mode."""
         start, stop = self.request["start"], self.request["stop"]
         self.t = start
         if self.major == 1:
@@ -131,20 +126,18 @@ class Driver:
             self._settle()
 
     def _settle(self) -> None:
-        """Events until none is left, then continuous time."""
+        """Handle events until none is left, then enter continuous time."""
         for _ in range(100):
             if self.major == 1:
                 self.fmu.eventUpdate()
                 return
-            update = (
-                self.fmu.newDiscreteStates if self.major == 2 else (self.fmu.updateDiscreteStates)
-            )
-            if not update()[0]:
+            name = "newDiscreteStates" if self.major == 2 else "updateDiscreteStates"
+            if not getattr(self.fmu, name)()[0]:
                 break
         self.fmu.enterContinuousTimeMode()
 
     def step(self, h: float) -> None:
-        """One communication step, or one step of Euler's method."""
+        """Take one communication step, or one step of Euler's method."""
         if not self.continuous:
             self.fmu.doStep(self.t, h)
             self.t += h
@@ -153,12 +146,8 @@ class Driver:
         x, dx = (ctypes.c_double * n)(), (ctypes.c_double * n)()
         if n:
             self.fmu.getContinuousStates(x, n)
-            derivatives = (
-                self.fmu.getContinuousStateDerivatives
-                if self.major == 3
-                else self.fmu.getDerivatives
-            )
-            derivatives(dx, n)
+            name = "getContinuousStateDerivatives" if self.major == 3 else "getDerivatives"
+            getattr(self.fmu, name)(dx, n)
         self.t += h
         self.fmu.setTime(self.t)
         if n:
@@ -171,7 +160,7 @@ class Driver:
             self._settle()
 
     def read(self, groups: dict[str, list[list[int]]]) -> list[float]:
-        """Values by type: type -> [value reference, number of values]."""
+        """Return values; `groups` has by type lists of [value reference, number of values]."""
         values: list[float] = []
         for name, entries in groups.items():
             for reference, size in entries:
@@ -180,27 +169,15 @@ class Driver:
                 values += [float(value) for value in found]
         return values
 
-    def save(self) -> Any:
-        """A copy of the whole state."""
-        return self.fmu.getFMUState() if self.major == 3 else self.fmu.getFMUstate()
-
-    def restore(self, state: Any) -> None:
-        """Back to a saved state."""
-        (self.fmu.setFMUState if self.major == 3 else self.fmu.setFMUstate)(state)
-
-    def release(self, state: Any) -> None:
-        """Free a saved state."""
-        (self.fmu.freeFMUState if self.major == 3 else self.fmu.freeFMUstate)(state)
-
-    def through_bytes(self, state: Any) -> Any:
-        """A state made from the bytes of a state."""
+    def state_function(self, action: str) -> Any:
+        """Return the function that gets, sets, frees, serializes or deserializes a state."""
         if self.major == 3:
-            return self.fmu.deserializeFMUState(self.fmu.serializeFMUState(state))
-        return self.fmu.deSerializeFMUstate(self.fmu.serializeFMUstate(state))
+            return getattr(self.fmu, f"{action}FMUState")
+        return getattr(self.fmu, f"{action.replace('deserialize', 'deSerialize')}FMUstate")
 
 
 def main() -> None:
-    """Read the request, run it, write down the events."""
+    """Run the request and record the events."""
     folder, request_file, events = sys.argv[1:]
     request = json.loads(Path(request_file).read_text("utf-8"))
     event_log = EventLog(events)
@@ -208,7 +185,7 @@ def main() -> None:
         _run(request, folder, event_log)
     except fmi1.FMICallException as error:
         event_log.write(refused=str(error), stage=event_log.stage)
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is the finding
+    except Exception as error:  # noqa: BLE001 - any kind is a finding
         event_log.write(broken=f"{type(error).__name__}: {error}", stage=event_log.stage)
     event_log.write(end=True)
 
@@ -229,7 +206,7 @@ def _run(request: dict[str, Any], folder: str, event_log: EventLog) -> None:
 
 
 def _compare_starts(driver: Driver, request: dict[str, Any], event_log: EventLog) -> None:
-    """What the parameters are where nothing was set, against their description."""
+    """Compare the parameters, none of them set, with the start values of their description."""
     for name, kind, reference, start in request["starts"]:
         value = driver.read({kind: [[reference, 1]]})[0]
         if not math.isclose(value, start, rel_tol=1e-6, abs_tol=1e-300):
@@ -258,11 +235,11 @@ def _step_and_compare(driver: Driver, request: dict[str, Any], event_log: EventL
     event_log.write(steps=n, t=driver.t, finite=all(map(math.isfinite, first)))
     if request["state"]:
         event_log.enter("save the state")
-        state, t = driver.save(), driver.t
+        state, t = driver.state_function("get")(), driver.t
         onward = steps(n)
 
         def back(which: Any) -> None:
-            driver.restore(which)
+            driver.state_function("set")(which)
             driver.t = t
             if driver.continuous:
                 driver.fmu.setTime(t)
@@ -271,10 +248,11 @@ def _step_and_compare(driver: Driver, request: dict[str, Any], event_log: EventL
         repeated("state", lambda: back(state), onward)
         if request["serialize"]:
             event_log.enter("serialize the state")
-            copy = driver.through_bytes(state)
+            content = driver.state_function("serialize")(state)
+            copy = driver.state_function("deserialize")(content)
             repeated("serialized", lambda: back(copy), onward)
-            driver.release(copy)
-        driver.release(state)
+            driver.state_function("free")(copy)
+        driver.state_function("free")(state)
     if request["reset"]:
         event_log.enter("reset")
         driver.fmu.reset()
@@ -283,7 +261,7 @@ def _step_and_compare(driver: Driver, request: dict[str, Any], event_log: EventL
 
 
 def _same(a: list[float], b: list[float]) -> bool:
-    """Bit for bit, what is not a number equal to what is not."""
+    """Whether the values are equal, NaN equal to NaN."""
     return len(a) == len(b) and all(
         x == y or (math.isnan(x) and math.isnan(y)) for x, y in zip(a, b, strict=True)
     )

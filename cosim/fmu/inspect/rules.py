@@ -1,10 +1,11 @@
-"""Every kind of finding: how grave it usually is, why it matters, what to do.
+"""Every kind of finding: its usual level, why it matters, what to do.
 
 Sections are of the FMI standards 2.0.4 and 3.0.2.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -16,21 +17,13 @@ class Rule(NamedTuple):
     why: str
 
 
-def _error(why: str) -> Rule:
-    return Rule("error", why)
-
-
-def _warning(why: str) -> Rule:
-    return Rule("warning", why)
-
-
-def _note(why: str) -> Rule:
-    return Rule("note", why)
-
+_error = partial(Rule, "error")
+_warning = partial(Rule, "warning")
+_note = partial(Rule, "note")
 
 _ARCHIVE = {
     "path-backslash": _error(
-        "a ZIP path has forward slashes; elsewhere this becomes a file with a strange name: "
+        "ZIP paths have forward slashes; other systems make a file with a strange name of this: "
         "pack again with forward slashes"
     ),
     "path-escapes": _error(
@@ -39,7 +32,7 @@ _ARCHIVE = {
     ),
     "path-control": _error("such a path cannot be unpacked everywhere: rename it"),
     "entry-twice": _error(
-        "tools take the first or the last of them, so two people load two models: keep one"
+        "tools take the first or the last of them, so that two people load two models: keep one"
     ),
     "entry-case": _warning("on Windows and macOS one overwrites the other: rename one"),
     "entry-link": _error("a link may point outside the FMU, and many tools refuse it: pack files"),
@@ -47,14 +40,14 @@ _ARCHIVE = {
     "entry-method": _error("FMI allows stored and deflated entries only: pack with deflate"),
     "entry-damaged": _error("the entry does not unpack to what was packed: get the file again"),
     "archive-bomb": _error(
-        "it unpacks to far more than it is; it was not unpacked: do not load it unless you know why"
+        "it unpacks to far more than its size; it was not unpacked: load it only if you know why"
     ),
 }
 
 _XML = {
     "xml-malformed": _error("no tool can read it: correct the XML"),
     "xml-doctype": _error("FMI has no DTD, and entities can be abused: remove the DOCTYPE"),
-    "xml-large": _error("it is larger than what is read here; it was not read"),
+    "xml-large": _error("it is larger than the limit here; it was not read"),
     "xml-schema": _error("it breaks the XML schema of the standard, and strict tools refuse it"),
     "version-unknown": _error("fmiVersion must be 1.0, 2.0 or 3.0: no other is known here"),
     "fmpy-refuses": _error("FMPy, a widely used importer, cannot read it"),
@@ -75,8 +68,8 @@ _MODEL = {
         "rename it, or declare 'flat'"
     ),
     "name-control": _error("a name has no carriage return, line feed or tab: rename it"),
-    "start-missing": _error("what is set or exact before the start needs a start value"),
-    "start-superfluous": _error("what is calculated, or time, has no start value: remove it"),
+    "start-missing": _error("a variable that is set, or exact at the start, needs a start value"),
+    "start-superfluous": _error("a calculated variable, or time, has no start value: remove it"),
     "start-number": _warning("a start that is not finite spreads into every result: correct it"),
     "start-range": _error("the FMU starts with a value it forbids itself: correct start or range"),
     "start-item": _error("an enumeration starts at one of its items: correct it"),
@@ -105,7 +98,7 @@ _MODEL = {
     "unit-open": _note(
         "without BaseUnit a tool cannot check connections or convert: give SI exponents"
     ),
-    "unit-none": _note("an input or output without a unit is connected by guess: give units"),
+    "unit-none": _note("nobody can check what an input or output without a unit is: give units"),
     "type-undefined": _error("a declared type is defined in TypeDefinitions: define it"),
     "derivative": _error("the attribute derivative names the state: correct it"),
     "dimension": _error("an array's size is a number or a structural parameter that exists"),
@@ -142,10 +135,10 @@ _CONTENT = {
     "binary-name": _error("a tool loads binaries/<platform>/<modelIdentifier>, and finds nothing"),
     "binary-folder": _warning("no tool looks into a folder of this name: rename it"),
     "binary-folder-tuple": _note("FMI 2 names no such platform; only some tools look there"),
-    "binary-damaged": _error("it is no library that an operating system loads: build it again"),
+    "binary-damaged": _error("no operating system loads it as a library: build it again"),
     "binary-unread": _warning(
-        "what reads it here made a mistake, so it was not checked; that says nothing about the "
-        "file: report it, with the file"
+        "its reader here failed, so it was not checked; that says nothing about the file: report "
+        "it, with the file"
     ),
     "binary-platform": _error("it is built for another machine than its folder says: move it"),
     "function-missing": _error("without this function nothing can run it: build it again"),
@@ -178,7 +171,7 @@ _CONTENT = {
     "once-per-process": _note("a second instance in one process is refused or shares state"),
     "sources-missing": _error("a source file that is listed is not packed: compiling fails"),
     "sources-unlisted": _warning("sources that no description lists are compiled by no tool"),
-    "documentation": _note("a person who opens it finds no word: add documentation/index.html"),
+    "documentation": _note("a person who opens it finds no text: add documentation/index.html"),
 }
 
 _RUN = {
@@ -186,8 +179,8 @@ _RUN = {
     "run-done": _note("it was set up, stepped and ended on this machine"),
     "run-kind": _note("this kind of FMU was only set up and ended"),
     "run-load": _error("the operating system does not load the binary"),
-    "run-crash": _error("the FMU ends the whole process: run it isolated, tell its maker"),
-    "run-timeout": _error("the FMU did not return in time: allow more, or tell its maker"),
+    "run-crash": _error("the FMU ends the whole process: run it isolated, report it to its maker"),
+    "run-timeout": _error("the FMU did not return in time: allow more, or report it to its maker"),
     "run-refused": _error("the FMU refuses a call that the standard allows here"),
     "run-broken": _error("the probe could not call the FMU as the standard says"),
     "run-not-finite": _warning("outputs that are not finite make every result worthless"),
@@ -195,8 +188,8 @@ _RUN = {
     "run-serialized": _warning("a state from bytes does not continue as the saved one did"),
     "run-reset": _warning("after a reset the same steps give other outputs"),
     "run-start": _warning("the binary starts at another value than its description says"),
-    "run-log": _note("what the FMU says while it runs"),
-    "run-end": _error("the FMU breaks down after its work is done: tell its maker"),
+    "run-log": _note("a log message of the FMU"),
+    "run-end": _error("the FMU fails after its work is done: report it to its maker"),
 }
 
 RULES: MappingProxyType[str, Rule] = MappingProxyType(

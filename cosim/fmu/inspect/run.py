@@ -1,7 +1,7 @@
-"""Run an FMU for a moment in a process of its own, and judge what happened.
+"""Run an FMU briefly in a process of its own and report what happened.
 
-The binary is loaded there and nowhere else: a crash, an endless loop or a call of exit() ends
-that process, and is a finding.
+Only that process loads the binary, so that a crash, an endless loop or a call of exit() ends it
+alone and becomes a finding.
 """
 
 from __future__ import annotations
@@ -19,21 +19,18 @@ from pathlib import Path
 from typing import Any
 
 from cosim.fmu.inspect.archive import open_archive
-from cosim.fmu.inspect.binaries import ROOT, platform_of
+from cosim.fmu.inspect.binaries import ROOT, missing_binary, platform_of
 from cosim.fmu.inspect.declared_model import DeclaredModel, Interface, Variable, integer, number
 from cosim.fmu.inspect.findings import Finding, Level, finding
 from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.platforms import this_machine
 from cosim.fmu.inspect.variables import identifier_findings
+from cosim.fmu.port import TYPE_MAPPINGS
 
 STEPS = 5
 _PROBE = Path(__file__).with_name("probe.py")
 _USUAL_STEP = 0.01
 _MOST_OUTPUTS = 1000
-_NUMERIC = frozenset(
-    {"Real", "Integer", "Boolean", "Float32", "Float64"}
-    | {f"{u}Int{bits}" for u in ("", "U") for bits in (8, 16, 32, 64)}
-)
 _AFTER_WORK = ("terminate", "free")
 _LOG_LEVELS: dict[str, Level] = {"warning": "warning", "error": "warning", "fatal": "warning"}
 
@@ -43,7 +40,7 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
 
     Parameters
     ----------
-    inspection : what is known of the FMU; what cannot be unpacked is not run.
+    inspection : of the FMU; one that cannot be unpacked is not run.
     seconds : time allowed for each kind of use.
 
     Raises
@@ -62,14 +59,12 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
         archive.unpack(folder)
         for interface in model.interfaces:
             if any(identifier_findings(interface.identifier, interface.kind)):
-                what = "its modelIdentifier names no file of the FMU"
+                what = "its modelIdentifier does not name a file of the FMU"
                 findings.append(finding("run-absent", interface.kind, what))
                 continue
             library = _library(folder, interface)
             if library is None:
-                machine = this_machine()
-                what = f"no binary for {machine.architecture} {machine.system}"
-                findings.append(finding("run-absent", interface.kind, what))
+                findings.append(finding("run-absent", interface.kind, missing_binary()))
                 continue
             asked = request(model, interface, library)
             findings += _run(asked, folder, Path(scratch), seconds)
@@ -77,7 +72,7 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
 
 
 def _library(folder: Path, interface: Interface) -> Path | None:
-    """The binary for this machine."""
+    """Return the binary for this machine."""
     machine = this_machine()
     for place in sorted((folder / ROOT).glob("*")):
         library = place / (interface.identifier + machine.suffix)
@@ -87,7 +82,7 @@ def _library(folder: Path, interface: Interface) -> Path | None:
 
 
 def request(model: DeclaredModel, interface: Interface, library: Path) -> dict[str, Any]:
-    """What the probe is asked to do."""
+    """Return what the probe is to do, as JSON values."""
     start, stop, step = (
         number(model.experiment.get(key)) for key in ("startTime", "stopTime", "stepSize")
     )
@@ -96,17 +91,16 @@ def request(model: DeclaredModel, interface: Interface, library: Path) -> dict[s
     h = step if step is not None and 0.0 < step <= span else min(_USUAL_STEP, span)
     outputs: dict[str, list[list[int]]] = defaultdict(list)
     for v in model.variables:
+        getter_type = _getter_type(v, model)
         room = sum(map(len, outputs.values())) < _MOST_OUTPUTS
-        if v.causality == "output" and _readable(v) and room:
-            outputs[_called(v, model)].append([v.reference or 0, _size(v, model)])
-    state = "canGetAndSetFMUState" if model.major == 3 else "canGetAndSetFMUstate"
-    serialize = "canSerializeFMUState" if model.major == 3 else "canSerializeFMUstate"
-    derivatives = [u.target for u in model.structure if u.role == "derivative"]
-    variables_by_target = model.variables_by_target()
+        if v.causality == "output" and getter_type is not None and room:
+            outputs[getter_type].append([v.reference or 0, _size(v, model)])
+    state = "FMUState" if model.major == 3 else "FMUstate"
+    can_restore = interface.is_true(f"canGetAndSet{state}")
+    by_target = model.variables_by_target()
+    derivatives = (u.target for u in model.structure if u.role == "derivative")
     states = sum(
-        _size(variables_by_target[d], model)
-        for d in derivatives
-        if d is not None and d in variables_by_target
+        _size(by_target[d], model) for d in derivatives if d is not None and d in by_target
     )
     if model.major == 1:
         states = integer(model.attributes.get("numberOfContinuousStates")) or 0
@@ -117,32 +111,29 @@ def request(model: DeclaredModel, interface: Interface, library: Path) -> dict[s
         "identifier": interface.identifier,
         "library": str(library),
         "start": begin,
-        # twice the steps are taken where a state is saved, and FMUs refuse to pass their end
+        # up to twice the steps are taken where a state is saved; FMUs refuse to pass their end
         "stop": begin + max(span, 4 * STEPS * h),
         "step": h,
         "steps": STEPS,
         "outputs": outputs,
         "starts": _starts(model),
-        "state": interface.is_true(state),
-        "serialize": interface.is_true(state) and interface.is_true(serialize),
+        "state": can_restore,
+        "serialize": can_restore and interface.is_true(f"canSerialize{state}"),
         "reset": model.major > 1,
         "states": states,
     }
 
 
-def _readable(v: Variable) -> bool:
-    return (v.type in _NUMERIC or v.type == "Enumeration") and not v.clocks
-
-
-def _called(v: Variable, model: DeclaredModel) -> str:
-    """The type in the names of the functions that read it."""
-    if v.type == "Enumeration":
-        return "Int64" if model.major == 3 else "Integer"
-    return v.type
+def _getter_type(v: Variable, model: DeclaredModel) -> str | None:
+    """Return the type in the name of the function that reads a number; None if none does."""
+    types = TYPE_MAPPINGS["3.0" if model.major == 3 else "2.0"]  # FMI 1 has those of FMI 2
+    found = types.get(v.type)
+    readable = found is not None and found.kind in ("float", "int", "bool") and not v.clocks
+    return found.getter_type if found is not None and readable else None
 
 
 def _size(v: Variable, model: DeclaredModel) -> int:
-    """Number of elements at the start."""
+    """Return the number of elements at the start."""
     sizes = {w.reference: integer(w.start) for w in model.variables} if v.dimensions else {}
     size = 1
     for extent, reference in v.dimensions:
@@ -151,14 +142,15 @@ def _size(v: Variable, model: DeclaredModel) -> int:
 
 
 def _starts(model: DeclaredModel) -> list[list[Any]]:
-    """Scalar parameters with a start: name, type, value reference, start."""
+    """Return the scalar parameters with a start: name, type, value reference, start."""
     found: list[list[Any]] = []
     if model.major == 1:
         return found  # nothing may be read before the initialization is over
     for v in model.variables:
-        value = number(v.start)
-        if "arameter" in v.causality and _readable(v) and not v.dimensions and value is not None:
-            found.append([v.name, _called(v, model), v.reference or 0, value])
+        value, getter_type = number(v.start), _getter_type(v, model)
+        known = value is not None and getter_type is not None
+        if "arameter" in v.causality and not v.dimensions and known:
+            found.append([v.name, getter_type, v.reference or 0, value])
     return found[:_MOST_OUTPUTS]
 
 
@@ -174,7 +166,7 @@ def _run(asked: dict[str, Any], folder: Path, scratch: Path, seconds: float) -> 
 
 
 def _wait(command: list[str], folder: Path, seconds: float) -> int | None:
-    """The exit code, or None if the time was over; the process and its children are gone."""
+    """Return the exit code, or None after the time limit; end the process and its children."""
     process = subprocess.Popen(  # noqa: S603 - this interpreter, our own file
         command,
         cwd=folder,
@@ -204,7 +196,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
         try:
             event = json.loads(line)
         except ValueError:
-            continue  # cut short by the end of the process
+            continue  # cut off by the end of the process
         if isinstance(event, dict):
             events.append(event)
     return events
@@ -217,8 +209,7 @@ def _judge(
     finished = any("end" in e for e in events)
     where = f"{kind}: {stage}"
     if ended is None:
-        what = f"no answer within {seconds:g} s"
-        yield finding("run-timeout", where, what)
+        yield finding("run-timeout", where, f"no answer within {seconds:g} s")
     elif not finished:
         what = f"the process ended by {_cause(ended)}"
         yield finding("run-end" if stage in _AFTER_WORK else "run-crash", where, what)

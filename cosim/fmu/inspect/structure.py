@@ -1,18 +1,18 @@
-"""Checks of ModelStructure: what it points to, and what it leaves open."""
+"""Check the references, outputs and dependencies of ModelStructure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Unknown, Variable
-from cosim.fmu.inspect.findings import Finding, finding
+from cosim.fmu.inspect.findings import Finding, finding, first_few
 
 _KNOWNS = ("input", "independent")
 _SETTABLE = ("parameter", "structuralParameter", "calculatedParameter")
 
 
 def structure_findings(model: DeclaredModel) -> Iterator[Finding]:
-    """References, dependencies, and outputs that are missing."""
+    """Check references and dependencies, and find missing outputs."""
     if model.major == 1:
         return
     variables_by_target = model.variables_by_target()
@@ -37,11 +37,9 @@ def structure_findings(model: DeclaredModel) -> Iterator[Finding]:
     for v in model.variables:
         key = v.index if model.major == 2 else v.reference
         if v.causality == "output" and key not in listed:
-            what = f"output {v.name} is not in ModelStructure"
-            yield finding("structure-outputs", v.where, what)
+            yield finding("structure-outputs", v.where, f"output {v.name} is not in ModelStructure")
     if open_outputs:
-        named = ", ".join(open_outputs[:5]) + (", …" if len(open_outputs) > 5 else "")
-        what = f"{len(open_outputs)} outputs say nothing of their dependencies: {named}"
+        what = f"{len(open_outputs)} outputs do not declare dependencies: {first_few(open_outputs)}"
         yield finding("dependency-open", XML, what)
 
 
@@ -55,11 +53,10 @@ def _dependencies(
     for number in given or ():
         known = variables_by_target.get(number)
         if known is None:
-            yield finding("dependency-dangling", where, f"dependency {number} is no variable")
+            yield finding("dependency-dangling", where, f"dependency {number} is not a variable")
         elif known.causality not in _KNOWNS and number not in states and not known.clocks:
             at_start = unknown.role == "initial" and known.causality != "output"
             parameter = known.causality in _SETTABLE or known.type == "Clock"
             if not at_start and not parameter:
-                yield finding(
-                    "dependency-known", where, f"{known.name} is of causality {known.causality}"
-                )
+                what = f"{known.name} is of causality {known.causality}"
+                yield finding("dependency-known", where, what)

@@ -1,7 +1,6 @@
-"""What a unit's name says in SI, to compare with what its definition says.
+"""Read the name of a unit as SI, to compare it with the unit's definition.
 
-Only names that mean one thing everywhere are read; of the rest nothing is said. The exponent
-of rad is not compared, because writing it or not is a matter of taste.
+Only unambiguous names are read. The exponent of rad is not compared: tools differ in writing it.
 """
 
 from __future__ import annotations
@@ -63,20 +62,8 @@ _PLAIN = {
     "l": _unit(1e-3, m=3),
     "L": _unit(1e-3, m=3),
 }
-_PREFIXES = {
-    "T": 1e12,
-    "G": 1e9,
-    "M": 1e6,
-    "k": 1e3,
-    "h": 1e2,
-    "d": 1e-1,
-    "c": 1e-2,
-    "m": 1e-3,
-    "u": 1e-6,
-    "µ": 1e-6,
-    "n": 1e-9,
-    "p": 1e-12,
-}
+_PREFIXES = {"T": 1e12, "G": 1e9, "M": 1e6, "k": 1e3, "h": 1e2, "d": 1e-1, "c": 1e-2}
+_PREFIXES |= {"m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12}
 _AMBIGUOUS = ("g", "pH")  # the acceleration of gravity; acidity
 _NAMED = (
     {
@@ -90,16 +77,16 @@ _NAMED = (
 KNOWN: Mapping[str, Si] = MappingProxyType(
     {name: unit for name, unit in _NAMED.items() if name not in _AMBIGUOUS}
 )
-"""Names that mean one thing; an own name comes before a prefixed one (min is a minute)."""
+"""Unambiguous names; a name of its own goes before a prefixed one (min is a minute)."""
 
 _FACTOR = re.compile(r"(?P<name>1|%|°C|[A-Za-zµ]+)\^?(?P<power>-?[0-9])?")
 _LONGEST = 40
 
 
 def si_of_name(name: str) -> Si | None:
-    """What `m/s2`, `N.m`, `kg*m^2`, `W/(m2.K)` mean; None for a name that may mean anything.
+    """Return the meaning of `m/s2`, `N.m`, `kg*m^2` or `W/(m2.K)`; None for an ambiguous name.
 
-    A factor's offset counts only where it stands alone: per degC is per K.
+    An offset counts only for a unit that stands alone: per degC is per K.
     """
     text = name.strip()
     if not text or len(text) > _LONGEST:
@@ -109,7 +96,7 @@ def si_of_name(name: str) -> Si | None:
         if below.startswith("(") and below.endswith(")"):
             below = below[1:-1]
         elif re.search(r"[.*·]", below):
-            return None  # a/b.c is read in two ways
+            return None  # a/b.c is ambiguous
     over = _product(above)
     under = _product(below) if slash else _unit()
     if over is None or under is None:

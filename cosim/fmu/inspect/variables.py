@@ -1,4 +1,4 @@
-"""Checks of the variables: names, ranges, starts, references, types, units."""
+"""Check the variables: names, ranges, starts, references, types, units."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, Unit, Variable, integer, number
-from cosim.fmu.inspect.findings import Finding, finding
+from cosim.fmu.inspect.findings import Finding, finding, first_few
 from cosim.fmu.inspect.units import BASES, Si, si_of_name
 
 # FMI 2.0.4 and 3.0.2, 2.2.9 / 2.4.9: the grammar of structured names; linear in its length
@@ -21,7 +21,7 @@ _SETTABLE = ("input", "parameter", "structuralParameter")
 
 
 def model_findings(model: DeclaredModel) -> Iterator[Finding]:
-    """Everything about the description but ModelStructure and the files."""
+    """Check the description except ModelStructure and the files."""
     for interface in model.interfaces:
         yield from identifier_findings(interface.identifier, interface.kind)
     if not model.interfaces:
@@ -39,7 +39,7 @@ def model_findings(model: DeclaredModel) -> Iterator[Finding]:
 
 
 def identifier_findings(identifier: str, kind: str) -> Iterator[Finding]:
-    """Whether it names a binary of the FMU, and none elsewhere."""
+    """Check that it names a binary inside the FMU."""
     if not _C_NAME.fullmatch(identifier):
         yield finding("identifier", f"{XML} {kind}", f"modelIdentifier is {identifier!r}")
 
@@ -55,7 +55,7 @@ def _names(model: DeclaredModel) -> Iterator[Finding]:
         if any(c in name for c in "\r\n\t"):
             yield finding("name-control", where, f"the name is {name!r}")
         elif structured and not _STRUCTURED.fullmatch(name):
-            yield finding("name-structure", where, f"{name!r} is no structured name")
+            yield finding("name-structure", where, f"{name!r} is not a structured name")
 
 
 def _values(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
@@ -71,7 +71,7 @@ def _values(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     for word in start.split() if v.dimensions else [start]:
         value = number(word)
         if value is None:
-            continue  # the schema says so
+            continue  # a finding of the schema
         if not math.isfinite(value):
             yield finding("start-number", v.where, f"start is {word}")
         elif (low is not None and value < low) or (high is not None and value > high):
@@ -79,7 +79,7 @@ def _values(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
             yield finding("start-range", v.where, f"start {word} is outside {bounds}")
         items = model.types.get(v.declared_type or "", {}).get("items")
         if v.type == "Enumeration" and items and integer(word) not in map(integer, items):
-            yield finding("start-item", v.where, f"start {word} is none of {', '.join(items)}")
+            yield finding("start-item", v.where, f"start {word} is not one of {', '.join(items)}")
 
 
 def _array(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
@@ -91,7 +91,7 @@ def _array(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     length: int | None = 1
     for size, reference in v.dimensions:
         if reference is not None and reference not in sizes:
-            what = f"a dimension is value reference {reference}, no structural parameter"
+            what = f"dimension {reference} is not a structural parameter's value reference"
             yield finding("dimension", v.where, what)
             length = None
             continue
@@ -107,14 +107,14 @@ def _derivative(v: Variable, model: DeclaredModel) -> Iterator[Finding]:
     if v.derivative is not None and model.major > 1:
         state = model.variables_by_target().get(v.derivative)
         if state is None:
-            yield finding("derivative", v.where, f"derivative={v.derivative} is no variable")
+            yield finding("derivative", v.where, f"derivative={v.derivative} is not a variable")
         elif not state.real:
             yield finding("derivative", v.where, f"its state {state.name} is of type {state.type}")
     if v.clocks:
         clocks = {w.reference for w in model.variables if w.type == "Clock"}
         for reference in v.clocks:
             if reference not in clocks:
-                yield finding("clock", v.where, f"value reference {reference} is no clock")
+                yield finding("clock", v.where, f"value reference {reference} is not a clock")
 
 
 def _references(model: DeclaredModel) -> Iterator[Finding]:
@@ -127,7 +127,7 @@ def _references(model: DeclaredModel) -> Iterator[Finding]:
             continue
         if model.major == 3:
             names = ", ".join(v.name for v in sharing[:5])
-            yield finding("reference-twice", sharing[1].where, f"{reference} is that of {names}")
+            yield finding("reference-twice", sharing[1].where, f"{reference} is shared by {names}")
             continue
         by_type = defaultdict(list)
         for v in sharing:
@@ -174,8 +174,8 @@ def _units(model: DeclaredModel) -> Iterator[Finding]:
         if v.real and v.unit is None and v.causality in ("input", "output")
     ]
     if bare:
-        listed = ", ".join(bare[:5]) + (", …" if len(bare) > 5 else "")
-        yield finding("unit-none", XML, f"{len(bare)} inputs and outputs have no unit: {listed}")
+        what = f"{len(bare)} inputs and outputs have no unit: {first_few(bare)}"
+        yield finding("unit-none", XML, what)
 
 
 def _base(unit: Unit, where: str, meant: Si | None) -> Iterator[Finding]:
@@ -184,13 +184,13 @@ def _base(unit: Unit, where: str, meant: Si | None) -> Iterator[Finding]:
         return
     declared = tuple(integer(base.get(key, "0")) or 0 for key in BASES)
     if declared != meant.exponents:
-        named = _power_product(meant.exponents)
-        what = f"defined as {_power_product(declared)}, the name says {named}"
-        yield finding("unit-base", where, what)
+        defined, named = _power_product(declared), _power_product(meant.exponents)
+        yield finding("unit-base", where, f"defined as {defined}, the name says {named}")
         return
     for key, true in (("factor", meant.factor), ("offset", meant.offset)):
         value = number(base.get(key, "1" if key == "factor" else "0"))
-        # some write a derived unit per revolution or cycle; a wrong power of ten is 10 off
+        # factors are often rounded, and some tools count revolutions or cycles; a wrong power of
+        # ten is off by 10 or more
         if value is not None and not math.isclose(value, true, rel_tol=1e-3, abs_tol=1e-12):
             yield finding("unit-base", where, f"{key} {value:g}, the name says {true:g}")
 

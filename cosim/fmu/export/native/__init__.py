@@ -1,1 +1,1 @@
-"""The native flavour: the equations as C, a shell in C99 around them, compiled."""
+"""The native flavour: equations recorded as C, a C99 shell around them, compiled."""

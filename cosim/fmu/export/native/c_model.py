@@ -1,4 +1,4 @@
-"""model.h and model.c of a component: its table of variables and its equations as C."""
+"""Write model.h and model.c of a component: its table of variables and its equations as C."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cosim.fmu.export.spec import ComponentSpec, Variable
 
 @dataclass
 class ModelWriter:
-    """A model being written: the tape, the variables on it, and the C so far.
+    """A model being written: its tape, variables and C so far.
 
     Attributes
     ----------
@@ -43,15 +43,15 @@ class ModelWriter:
         self.known: dict[int, str] = {}
 
     def symbols(self, array: str, count: int, first: int = 0) -> list[Scalar]:
-        """Entries of an array that the shell passes in."""
+        """Return entries of an array that the C shell passes."""
         return [self.tape.symbol(f"{array}[{first + i}]") for i in range(count)]
 
     def define(self, name: str, value: object) -> None:
-        """A macro of model.h."""
+        """Add a macro to model.h."""
         self.header.append(f"#define {name} {value}")
 
     def references(self, name: str, names: Sequence[str], size: str) -> None:
-        """A table of value references; `size` is the macro with its length."""
+        """Add a table of value references, and the macro `size` of its length."""
         self.define(size, len(names))
         listed = ", ".join(enumerator(n) for n in names) or "0"
         array = f"const unsigned {name}[{max(1, len(names))}]"
@@ -59,7 +59,7 @@ class ModelWriter:
         self.body.append(textwrap.fill(f"{array} = {{{listed}}};", 100, subsequent_indent="    "))
 
     def hoist(self, roots: Sequence[Scalar]) -> None:
-        """What of `roots` follows from parameters alone goes into `model_constants`."""
+        """Move the parts of `roots` that depend on parameters alone into `model_constants`."""
         places = run_constants(self.tape, roots)
         self.define("MODEL_CONSTANTS", len(places))
         targets = [(f"c[{k}]", Scalar(self.tape, place)) for k, place in enumerate(places)]
@@ -73,7 +73,7 @@ class ModelWriter:
         *,
         hoisted: bool = False,
     ) -> None:
-        """A function of model.c that assigns the targets."""
+        """Add a function to model.c that assigns the targets."""
         inside = statements(self.tape, targets, self.known if hoisted else None)
         self.header.append(f"{signature};")
         arguments = re.findall(r"(\w+)(?:,|\))", signature)
@@ -82,7 +82,7 @@ class ModelWriter:
         self.body.append(f"\n{signature} {{\n{silenced}{inside}}}")
 
     def parameter_check(self, conditions: Sequence[tuple[Scalar, str]]) -> None:
-        """The function that finds parameters without a meaning."""
+        """Add the function that finds invalid parameters."""
         signature = "const char *model_objection(const double *v)"
         targets = [(f"q[{i}]", value) for i, (value, _) in enumerate(conditions)]
         lines = [f"    double q[{max(1, len(conditions))}];\n    (void)(q);\n    (void)(v);\n"]
@@ -95,7 +95,7 @@ class ModelWriter:
         self.body.append(f"\n{signature} {{\n{''.join(lines)}    return 0;\n}}")
 
     def files(self, identity: str) -> dict[str, str]:
-        """model.h and model.c."""
+        """Return model.h and model.c by name."""
         spec = self.spec
         names = "".join(
             f"    {enumerator(v.name)}{' = 0' if i == 0 else ''},\n"
@@ -124,7 +124,7 @@ class ModelWriter:
 
 
 def c_string(text: str) -> str:
-    """A string literal of C, UTF-8 whatever the compiler takes the file for."""
+    """Return a string literal of C, UTF-8 whatever encoding the compiler assumes."""
     return '"' + "".join(_escaped(byte) for byte in text.encode()) + '"'
 
 
@@ -138,7 +138,7 @@ def _comment(text: str) -> str:
 
 
 def enumerator(name: str) -> str:
-    """The C name of a variable's value reference: `K[1,3]` becomes V_K_1_3."""
+    """Return the C name of a variable's value reference: `K[1,3]` becomes V_K_1_3."""
     return "V_" + re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
 
 
@@ -151,7 +151,7 @@ def _row(v: Variable) -> str:
 
 
 def distinct_enumerators(spec: ComponentSpec) -> None:
-    """Refuse variables that C could not tell apart.
+    """Refuse variables with the same C name.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def distinct_enumerators(spec: ComponentSpec) -> None:
 
 
 def behaviour_of(spec: ComponentSpec) -> Any:
-    """The component's behaviour, whose equations are to be recorded."""
+    """Instantiate the component's behaviour, to record its equations."""
     module, cls = spec.behaviour.split(":")
     constants = json.loads(json.dumps(dict(spec.constants)))
     return getattr(importlib.import_module(module), cls)(constants)

@@ -1,7 +1,6 @@
-"""From C to a shared library: the system's compiler for this machine, zig for any other.
+"""Compile C to a shared library, with the system's compiler or with zig for other platforms.
 
-The same sources and the same compiler give the same bytes: no build identity, no path, no
-time gets into the library.
+The same sources and compiler give the same bytes: no build identity, path or time gets in.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
 
 
 def host_compiler() -> list[str]:
-    """The command of the system's C compiler: $CC, or the first of cc, gcc, clang.
+    """Return the command of the system's C compiler: $CC, or the first of cc, gcc, clang.
 
     Raises
     ------
@@ -45,7 +44,7 @@ def host_compiler() -> list[str]:
 
 
 def cross_compiler() -> list[str]:
-    """The command of zig's C compiler, from the extra `cross`.
+    """Return the command of zig's C compiler, from the extra `cross`.
 
     Raises
     ------
@@ -68,19 +67,17 @@ def shared_library(
     *,
     cross: bool,
 ) -> bytes:
-    """Compile and link.
+    """Compile and link the library of a model and return its bytes.
 
     Parameters
     ----------
-    name : of the model, and of the library.
     sources : file name -> content; headers included.
     compiled : the files to compile.
-    target : where the library is to run.
     cross : by zig for `target`; otherwise by the system's compiler, for this machine.
 
     Raises
     ------
-    InputError : no compiler, or it does not take the sources.
+    InputError : no compiler, or it rejects the sources.
     """
     command = [*cross_compiler(), "-target", target.zig] if cross else host_compiler()
     command += STANDARD

@@ -1,4 +1,4 @@
-"""From a `Tape` to C: one statement per value that is used more than once, in recorded order."""
+"""Write a `Tape` as C, in recorded order; values that are used more than once get a name."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cosim.fmu.export.native.tape import FIXED, VARYING, Scalar, Tape
 _CALLS = {"pow": "power", "min": "lesser", "max": "greater"}  # of c/arithmetic.h
 _SUM, _PRODUCT, _SIGN, _ATOM = 1, 2, 3, 4
 _BINDS = {"+": _SUM, "-": _SUM, "*": _PRODUCT, "/": _PRODUCT, "negate": _SIGN}
-_LONGEST = 160  # characters of an expression before it gets a name
+_LONGEST = 160  # characters; a longer expression gets a name
 
 
 def required_places(tape: Tape, roots: Iterable[int], known: Mapping[int, str]) -> list[int]:
-    """Places that must be computed for `roots`, in order; what is `known` needs nothing."""
+    """Return the places to compute for `roots`, in order; `known` ones need no operands."""
     found: set[int] = set()
     ahead = list(roots)
     while ahead:
@@ -27,7 +27,7 @@ def required_places(tape: Tape, roots: Iterable[int], known: Mapping[int, str]) 
 
 
 def run_constants(tape: Tape, roots: Iterable[Scalar]) -> list[int]:
-    """Places that depend on parameters alone and feed what varies: computed once per run."""
+    """Return the places to compute once per run: parameters alone decide them, others use them."""
     places = [root.place for root in roots]
     needed = {p for p in places if _is_run_constant(tape, p)}
     for place in required_places(tape, places, {}):
@@ -44,7 +44,7 @@ def _is_run_constant(tape: Tape, place: int) -> bool:
 def statements(
     tape: Tape, targets: Sequence[tuple[str, Scalar]], known: Mapping[int, str] | None = None
 ) -> str:
-    """C statements that assign to each target, indented; `known` places have a text already."""
+    """Return indented C statements that assign the targets; `known` places have a name already."""
     known = known or {}
     places = required_places(tape, [value.place for _, value in targets], known)
     uses = dict.fromkeys(places, 0)

@@ -1,13 +1,18 @@
-"""How each kind of behaviour is recorded, and which hand-written C runs it."""
+"""Record each kind of behaviour as C, and name the hand-written C that runs it."""
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 from cosim.fmu.export.components import component_module
-from cosim.fmu.export.native.c_model import ModelWriter, behaviour_of, distinct_enumerators
+from cosim.fmu.export.native.c_model import (
+    ModelWriter,
+    behaviour_of,
+    c_string,
+    distinct_enumerators,
+)
 from cosim.fmu.export.native.emit import required_places
-from cosim.fmu.export.native.link_kind import record_link, record_table
 from cosim.fmu.export.native.tangent import tangents
 from cosim.fmu.export.native.tape import Scalar
 from cosim.fmu.export.native.waves_kind import record_waves
@@ -15,7 +20,7 @@ from cosim.fmu.export.python.delay_plant import DelayPlant
 from cosim.fmu.export.spec import ComponentSpec
 
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
-LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
+LINK_BEHAVIOUR = component_module("link_channel.behaviour")
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 WaveField: Any = component_module("wave_field.behaviour").WaveField
 
@@ -23,11 +28,11 @@ COMMON = ("message.c", "instance.c", "saved.c")
 
 
 def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tuple[str, ...]]:
-    """model.h and model.c, and the names of the hand-written C files beside the common ones.
+    """Return model.h and model.c, and the names of the hand-written C files beside `COMMON`.
 
     Raises
     ------
-    TypeError : a behaviour of a kind that the C shell does not know.
+    TypeError : a behaviour that the C shell does not support.
     """
     distinct_enumerators(spec)
     behaviour = behaviour_of(spec)
@@ -41,7 +46,7 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
     elif isinstance(behaviour, WaveField):
         record_waves(writer, behaviour)
         sources = ("waves.c",)
-    elif isinstance(behaviour, LinkChannel):
+    elif isinstance(behaviour, LINK_BEHAVIOUR.LinkChannel):
         sources = record_link(writer, behaviour)
     elif isinstance(behaviour, SignalTable):
         sources = record_table(writer, behaviour)
@@ -51,7 +56,7 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
 
 
 def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
-    """Rates and outputs of a delay equation; see c/plant.c."""
+    """Record rates and outputs of a delay equation; see c/plant.c."""
     v, n = writer.v, len(behaviour.states)
     x = writer.symbols("x", n)
     late = [writer.symbols("late", n, k * n) for k in range(len(behaviour.delays))]
@@ -112,13 +117,13 @@ def _scalar(writer: ModelWriter, value: Scalar | float) -> Scalar:
 
 
 def _used(writer: ModelWriter, late: list[list[Scalar]], rates: list[Scalar]) -> list[int]:
-    """Which entries of the delayed states occur in the rates."""
+    """Return the entries of the delayed states that occur in the rates."""
     required = set(required_places(writer.tape, [rate.place for rate in rates], {}))
     return sorted({i for row in late for i, value in enumerate(row) if value.place in required})
 
 
 def record_sampled(writer: ModelWriter, behaviour: Any) -> None:
-    """The law of a sampled controller; see c/sampled.c."""
+    """Record the law of a sampled controller; see c/sampled.c."""
     outputs = behaviour.law(writer.v, behaviour.constants(writer.v), writer.ns)
     writer.references("model_outputs", list(outputs), "MODEL_OUTPUTS")
     writer.define("MODEL_SAMPLE_TIME", "V_sample_time")
@@ -127,3 +132,37 @@ def record_sampled(writer: ModelWriter, behaviour: Any) -> None:
     writer.function(
         "void model_law(const double *v, const double *c, double *out)", targets, hoisted=True
     )
+
+
+def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    """Record a link; return the names of its C files."""
+    numbers = range(1, behaviour.signals + 1)
+    for array, name, size in (
+        ("model_inputs", "u", "MODEL_LANES"),
+        ("model_outputs", "y", "MODEL_OUTPUTS"),
+        ("model_initials", "initial", "MODEL_INITIALS"),
+    ):
+        writer.references(array, [f"{name}[{i}]" for i in numbers], size)
+    if behaviour.kind == "transport":
+        return ("transport_link.c",)
+    for number, order in enumerate(LINK_BEHAVIOUR.ORDERS):
+        writer.define(f"ORDER_{order.upper().replace('-', '_')}", number)
+    writer.header.append("extern const char model_link_name[];")
+    writer.body.append(f"const char model_link_name[] = {c_string(behaviour.name)};")
+    return ("draws.c", "packet_link.c")
+
+
+def record_table(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
+    """Record a table of signals; return the names of its C files."""
+    count, width = len(behaviour.rows), len(behaviour.outputs)
+    writer.references("model_outputs", behaviour.outputs, "MODEL_OUTPUTS")
+    writer.define("MODEL_ROWS", count)
+    writer.header.append("extern const int64_t model_instants[MODEL_ROWS];")
+    writer.header.append(f"extern const double model_table[MODEL_ROWS][{width}];")
+    instants = ", ".join(f"INT64_C({t})" for t in behaviour.instants_ns)
+    listed = textwrap.fill(instants, 100, initial_indent="    ", subsequent_indent="    ")
+    writer.body.append(f"const int64_t model_instants[MODEL_ROWS] = {{\n{listed}\n}};\n")
+    rows = "\n".join(f"    {{{', '.join(map(repr, row))}}}," for row in behaviour.rows)
+    writer.body.append(f"const double model_table[MODEL_ROWS][{width}] = {{\n{rows}\n}};\n")
+    writer.header.insert(0, "#include <stdint.h>\n")
+    return ("table.c",)

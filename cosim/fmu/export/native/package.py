@@ -1,4 +1,4 @@
-"""Make the native FMU of a component: C from its equations, binaries, the archive."""
+"""Build the native FMU of a component: C of its equations, binaries, the archive."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _HEADERS_OF = (
     ("transport_link.c", "clock.h"),
     ("table.c", "clock.h"),
 )
-"""Headers that a component's own C needs beside those of every component."""
+"""C file of a kind of behaviour -> header that it needs beside `_OWN_HEADERS`."""
 _OWN_HEADERS = ("arithmetic.h", "behaviour.h", "instance.h", "message.h", "variable.h")
 
 
@@ -41,7 +41,7 @@ def _shell(name: str) -> bytes:
 
 
 def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str, bytes], list[str]]:
-    """Files of sources/ by name, and which of them are compiled.
+    """Return the files of sources/ by name, and those of them to compile.
 
     Parameters
     ----------
@@ -51,16 +51,14 @@ def sources(spec: ComponentSpec, version: str, identity: str) -> tuple[dict[str,
     generated, own = model_files(spec, identity)
     compiled = [*COMMON, *own, "fmi2.c" if version == "2.0" else "fmi3.c"]
     headers = [*_OWN_HEADERS, *_HEADERS[version]]
-    for source, header in _HEADERS_OF:
-        if source in own:
-            headers.append(header)
+    headers += [header for source, header in _HEADERS_OF if source in own]
     found = {name: text.encode() for name, text in generated.items()}
     found.update({name: _shell(name) for name in (*compiled, *headers)})
     return found, sorted([*compiled, "model.c"])
 
 
 def guid(spec: ComponentSpec, version: str) -> str:
-    """The hash that tells whether a built FMU is up to date; the binary checks it too."""
+    """Return the hash that shows whether a built FMU is up to date; the binary checks it too."""
     content, _ = sources(spec, version, "")
     options = " ".join(STANDARD).encode()
     return spec.guid({**content, **_files(spec, version, "", content), "options": options})
@@ -93,7 +91,7 @@ def build_native_fmu(
 def _files(
     spec: ComponentSpec, version: str, identity: str, content: Mapping[str, bytes]
 ) -> dict[str, bytes]:
-    """Everything of the archive but sources and binaries."""
+    """Return the archive without sources and binaries."""
     compiled = sorted(name for name in content if name.endswith(".c"))
     archive = {**documentation_files(spec), **spec.resource_files()}
     archive["documentation/licenses/fmi-headers.txt"] = _shell("license.txt")
@@ -111,12 +109,8 @@ def _files(
 def _build_description(spec: ComponentSpec, compiled: Sequence[str]) -> bytes:
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=spec.name)
-    listed = ET.SubElement(
-        configuration,
-        "SourceFileSet",
-        language="C99",
-        compilerOptions=" ".join(STANDARD),
-    )
+    options = " ".join(STANDARD)
+    listed = ET.SubElement(configuration, "SourceFileSet", language="C99", compilerOptions=options)
     for name in compiled:
         ET.SubElement(listed, "SourceFile", name=name)
     ET.SubElement(configuration, "Library", name="m", external="true")

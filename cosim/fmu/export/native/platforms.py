@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import platform
-import sys
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from cosim.core import InputError
+from cosim.fmu.inspect.platforms import this_machine
 
 
 @dataclass(frozen=True)
 class Platform:
-    """Where a binary runs.
+    """A platform that a binary is built for.
 
     Attributes
     ----------
     tuple_name : architecture and system, as FMI 3.0 names the folder.
-    fmi2 : the folder of FMI 2.0; where 2.0 has no name for it, that of FMI 3.0.
+    fmi2 : the folder in FMI 2.0; that of FMI 3.0 where 2.0 has none.
     suffix : of a shared library.
-    zig : target of the cross compiler, the oldest C library that is accepted included.
+    zig : target of the cross compiler, with the oldest C library that is supported.
     """
 
     tuple_name: str
@@ -28,7 +27,7 @@ class Platform:
     zig: str
 
     def folder(self, fmi_version: str) -> str:
-        """binaries/<folder> for an FMI version."""
+        """Return the name of its folder below binaries/."""
         return self.fmi2 if fmi_version.startswith("2") else self.tuple_name
 
 
@@ -44,23 +43,18 @@ PLATFORMS = MappingProxyType(
         )
     }
 )
-"""FMI 3.0 platform tuple -> platform, for all that are cross-compiled."""
+"""FMI 3.0 platform tuple -> platform, for all that can be cross-compiled."""
 
 
 def host() -> Platform:
-    """The platform of this machine; also one that is not among `PLATFORMS`."""
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
-        platform.machine().lower(), platform.machine().lower()
-    )
-    system, suffix = {"win32": ("windows", ".dll"), "darwin": ("darwin", ".dylib")}.get(
-        sys.platform, ("linux", ".so")
-    )
-    name = f"{machine}-{system}"
-    return PLATFORMS.get(name, Platform(name, name, suffix, ""))
+    """Return the platform of this machine, also if it is not among `PLATFORMS`."""
+    here = this_machine()
+    name = f"{here.architecture}-{here.system}"
+    return PLATFORMS.get(name, Platform(name, name, here.suffix, ""))
 
 
 def platforms_named(text: str) -> tuple[Platform, ...]:
-    """From `host` (none: the machine's own compiler), `all`, or names with commas.
+    """Return the platforms that `host` (none: no cross-compiling), `all` or a list names.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Directional derivatives of recorded values, recorded in turn (forward mode)."""
+"""Record directional derivatives of recorded values (forward mode)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cosim.fmu.export.native.tape import Scalar, Tape
 def tangents(
     tape: Tape, roots: Sequence[Scalar], seeds: Mapping[int, Scalar]
 ) -> list[Scalar | None]:
-    """The derivative of each root in the direction `seeds` (place of a symbol -> its change).
+    """Return the derivative of each root in the direction `seeds` (place of a symbol -> change).
 
-    None stands for a derivative that is zero whatever the values.
+    None stands for a derivative that is always zero.
 
     Raises
     ------
-    NotImplementedError : an operation whose derivative no output needs so far.
+    NotImplementedError : an operation that has no rule yet.
     """
     moved: dict[int, Scalar | None] = {}
     for place in required_places(tape, [root.place for root in roots], {}):

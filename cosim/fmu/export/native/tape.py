@@ -1,9 +1,8 @@
-"""Equations run over recorded scalars: what Python computes, operation by operation.
+"""Record the arithmetic of equations, operation by operation, by running them over `Scalar`s.
 
-A component's equations are plain arithmetic. Run over `Scalar`s they leave a `Tape`, from
-which `emit` writes C that performs the same operations in the same order, so that the native
-FMU and the Python one agree to the last bit. A computer algebra system would sort and
-regroup sums and products: equal as mathematics, different in the last bits.
+From the recorded `Tape`, `emit` writes C that performs the same operations in the same order, so
+that native and Python FMUs agree to the last bit. A computer algebra system would regroup sums
+and products: equal as mathematics, different in the last bits.
 
 Equal operations on equal operands are one node (common subexpressions); nothing else is
 rewritten. Control flow that depends on a value cannot be recorded and is refused.
@@ -15,14 +14,14 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 CONSTANT, FIXED, VARYING = 0, 1, 2
-"""What a value depends on: nothing, parameters, or what moves during a run."""
+"""What a value depends on: nothing, parameters, or values that change during a run."""
 
 _COMMUTES = ("+", "*")
 
 
 @dataclass(frozen=True)
 class Node:
-    """One operation: its name, the places of its operands, a constant's or symbol's text."""
+    """An operation: its name, the places of its operands, the text of a constant or symbol."""
 
     operation: str
     operands: tuple[int, ...]
@@ -31,30 +30,30 @@ class Node:
 
 
 class Tape:
-    """Every operation so far, in the order in which it was first asked for."""
+    """All recorded operations, in order of their first use."""
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._known: dict[tuple[Any, ...], int] = {}
 
     def symbol(self, text: str, level: int = VARYING) -> Scalar:
-        """A value that C knows as `text`."""
+        """Record a value that C has under the name `text`."""
         return self._node("symbol", (), text, level)
 
     def constant(self, value: float) -> Scalar:
-        """A number as its double.
+        """Record a number.
 
         Raises
         ------
-        OverflowError : an integer that no double holds exactly.
+        OverflowError : an integer that is not exactly a double.
         """
         number = float(value)
         if number != value:
-            raise OverflowError(f"{value!r} is no double")
+            raise OverflowError(f"{value!r} is not exactly a double")
         return self._node("constant", (), repr(number), CONSTANT)
 
     def apply(self, operation: str, *operands: Any) -> Scalar:
-        """The value of an operation; operands are `Scalar`s of this tape or numbers."""
+        """Record an operation; its operands are `Scalar`s of this tape or numbers."""
         taken = [a if isinstance(a, Scalar) else self.constant(a) for a in operands]
         places = tuple(a.place for a in taken)
         level = max(self.nodes[place].level for place in places)
@@ -117,12 +116,12 @@ class Scalar:
 
 
 class Functions:
-    """The namespace passed to equations: functions of recorded scalars and of numbers."""
+    """The namespace of functions for equations over recorded scalars."""
 
     def __init__(self, tape: Tape) -> None:
         self._tape = tape
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("sin", "cos", "exp", "log", "sqrt", "min", "max"):
-            raise AttributeError(f"{name} is no function that the C shell has")
+            raise AttributeError(f"the C shell has no function {name}")
         return lambda *arguments: self._tape.apply(name, *arguments)

@@ -1,4 +1,4 @@
-"""How the sea is recorded: bin by bin and harmonic by harmonic; the loops are c/waves.c."""
+"""Record the equations of one bin and one harmonic of the sea; the loops are in c/waves.c."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WAVE_FIELD = component_module("wave_field.behaviour")
 
 
 def record_waves(writer: ModelWriter, behaviour: Any) -> None:
-    """Bins, harmonics, gains and accelerations of the sea."""
+    """Record bins, harmonics, gains and accelerations of the sea."""
     v, ns, symbol = writer.v, writer.ns, writer.tape.symbol
     most = max(int(x.maximum or 0) for x in writer.spec.variables if x.name == "components")
     writer.references("model_outputs", _WAVE_FIELD.OUTPUTS, "MODEL_OUTPUTS")

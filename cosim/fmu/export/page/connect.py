@@ -1,4 +1,4 @@
-"""How to connect an FMU: programs that run as they stand, once the files are there."""
+"""The page's section on connecting an FMU, with programs that run unchanged."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _MOST_NAMES = 3  # names that an example lists
 
 
 def connect_section(spec: ComponentSpec) -> str:
-    """HTML: FMPy, this project's own master, any other tool."""
+    """Return HTML about FMPy, this project's own master, and any other tool."""
     parts = ["<h3>In Python, with FMPy</h3>\n", block(fmpy_program(spec), "python")]
     if spec.scenario:
         parts.append(
             "<h3>With its partners, over a link</h3>\n"
             "<p>As a scenario, <code>my-scenario.toml</code>, beside the FMUs; "
-            "<code>cosim run my-scenario.toml</code> flies it and keeps a trace. Where a "
+            "<code>cosim run my-scenario.toml</code> runs it and records a trace. Where a "
             "connection names groups, <code>plant.x</code>, members of one name are joined.</p>\n"
             f"{block(spec.scenario, 'toml')}"
         )
@@ -27,7 +27,7 @@ def connect_section(spec: ComponentSpec) -> str:
 
 
 def fmpy_program(spec: ComponentSpec) -> str:
-    """A program that simulates NAME.fmu alone, with an input that jumps if it has one."""
+    """Return a program that simulates NAME.fmu alone, with a step on its first input."""
     of = {
         causality: [v.name for v in spec.variables if v.causality == causality]
         for causality in ("input", "output", "parameter")
@@ -68,12 +68,11 @@ def _elsewhere(spec: ComponentSpec) -> str:
         listed = ", ".join(f"<code>{html.escape(name)}</code>" for name in through[:_MOST_NAMES])
         more = ", …" if len(through) > _MOST_NAMES else ""
         direct = (
-            f"Only {listed}{more} depend on inputs without delay; the model description says on "
-            "which."
+            f"Only {listed}{more} depend on inputs without delay; the model description lists them."
         )
     return (
         "Import the file as an FMU for co-simulation and join inputs and outputs by their names. "
-        "Any communication step will do, a varying one too. Parameters are set before "
+        "Any communication step is possible, also a varying one. Parameters are set before "
         "initialisation ends and fixed from then on. The whole state can be saved, restored and "
         f"serialised. {direct} If <code>needsExecutionTool</code> is set in the model "
         "description, this is the flavour in Python, for Python hosts; the native flavour of the "

@@ -1,4 +1,4 @@
-"""Markdown to HTML; a fenced block of language `math` is LaTeX and becomes MathML."""
+"""Convert Markdown to HTML; a fenced block of language `math` is LaTeX and becomes MathML."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from markdown_it.token import Token
 
 
 def to_html(markdown: str) -> str:
-    """HTML of a component's text; browsers set the equations themselves, offline."""
+    """Convert a component's text to HTML; browsers show its equations offline."""
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     parser.add_render_rule("fence", _fence)
     return str(parser.render(markdown))
 
 
 def block(code: str, language: str) -> str:
-    """A block of program text."""
+    """Return HTML of a block of program text."""
     return f'<pre><code class="language-{language}">{html.escape(code)}</code></pre>\n'
 
 
@@ -37,10 +37,10 @@ def _fence(
 
 
 def _mathml(latex: str) -> str:
-    """MathML that is readable without a mathematical font too.
+    """Convert LaTeX to MathML that is readable without a mathematical font.
 
-    Then neither brackets grow nor dots stand where they can be seen: a matrix gets its brackets
-    from the style sheet, a dotted letter its dot from the letter's own font.
+    Without one, brackets do not grow and dots are misplaced: a matrix gets its brackets from the
+    style sheet, a dotted letter its dot from the letter's own font.
     """
     found = convert(latex, display="block")
     found = re.sub(r"<mo>&#x0005B;</mo><mtable>", '<mtable class="matrix">', found)
@@ -53,7 +53,7 @@ def _mathml(latex: str) -> str:
 
 
 def _italic(letter: str) -> str:
-    """The letter of the mathematical italic alphabet; browsers slant a lone letter only."""
+    """Return the letter of the mathematical italic alphabet; browsers slant single letters only."""
     kind = "GREEK SMALL LETTER " if letter > "z" else "LATIN SMALL LETTER "
     name = unicodedata.name(letter).removeprefix(kind)
     return unicodedata.lookup(f"MATHEMATICAL ITALIC SMALL {name}")

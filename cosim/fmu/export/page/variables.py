@@ -1,4 +1,4 @@
-"""Variables as HTML: a table of inputs, outputs and parameters, and matrices as matrices."""
+"""Write variables as HTML: tables of inputs, outputs and parameters, and matrices."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 from cosim.fmu.export.spec import ComponentSpec, Variable
 
 _ENTRY = re.compile(r"(.+)\[(\d+),(\d+)\]")
-_WIDE = 8  # columns of a matrix beyond which its numbers are shown to four digits
+_WIDE = 8  # more columns: numbers have four digits
 _GROUPS = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
 
 
 def variable_tables(spec: ComponentSpec) -> str:
-    """Every variable with unit, start value and meaning; entries of a matrix in its place."""
+    """Return tables of unit, start value and meaning; entries of a matrix are shown as a matrix."""
     parts = []
     for title, causality in _GROUPS:
         chosen = [v for v in spec.variables if v.causality == causality]
@@ -76,7 +76,7 @@ def _grid(name: str, entries: Mapping[tuple[int, int], Variable]) -> str:
 
 
 def _of_any_entry(description: str) -> str:
-    """The description of entry (1,1), said of entry (i,j)."""
+    """Make the description of entry (1,1) one of entry (i,j)."""
     for index in ("i", "j"):
         description = re.sub(r"\b1\b", index, description, count=1)
     return description
@@ -91,7 +91,7 @@ def _cell(v: Variable | None, digits: int) -> str:
 
 
 def _number(value: float, digits: int = 6) -> str:
-    """A double as it is if that is short, else to so many digits; a typeset minus."""
+    """Format a double exactly if that is short, else to `digits`; with a typeset minus."""
     exact = repr(float(value)).removesuffix(".0")
     short = len(exact) <= digits + 2 or exact.isdigit()
     return (exact if short else f"{value:.{digits}g}").replace("-", "−")
@@ -106,7 +106,7 @@ def _range(v: Variable) -> str:
 
 
 def _unit(unit: str | None) -> str:
-    """`m/s2` as people write it."""
+    """Format a unit such as `m/s2` with exponents raised."""
     if unit is None:
         return "–"
     text = html.escape(unit).replace(".", "·")

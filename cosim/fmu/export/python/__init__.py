@@ -1,1 +1,1 @@
-"""The pythonfmu flavour: FMI 2.0 plumbing around a behaviour, apart from any physics."""
+"""The pythonfmu flavour: an FMI 2.0 slave around a behaviour, without any physics."""

@@ -1,9 +1,9 @@
-"""What every delay equation in an FMU has in common: inputs held, history, outputs, state.
+"""The base of every delay equation in an FMU: held inputs, history, outputs, saved state.
 
-A component derives from `DelayPlant`, names its variables and gives its equations; they are
-written over scalars, so that the C of the native FMU is made from the same lines. The
-variables are those of the state, an `initial.` parameter for each, `solver.step`, and the
-delays. Standard library only: this file also travels inside the FMU.
+A component derives from `DelayPlant`, names its variables and gives its equations over scalars,
+so that the C of the native FMU is made from the same lines. The variables are the states, an
+`initial.` parameter for each, `solver.step`, and the delays. Standard library only: a copy of
+this file is in the FMU.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ class DelayPlant:
     delays: Sequence[str] = ("delay.d",)
 
     def conditions(self, v: Any) -> list[tuple[Any, str]]:
-        """What must be positive for the parameters to have a meaning, and how to say so."""
+        """Return the quantities that must be positive, each with the message if it is not."""
         del v
         return []
 
     def constants(self, v: Any) -> Any:
-        """What follows from the parameters alone and is passed to `rates` and `outputs`."""
+        """Compute what depends on parameters alone and is passed to `rates` and `outputs`."""
         raise NotImplementedError
 
     def rates(
         self, t: Any, x: Sequence[Any], late: list[Any], u: Sequence[Any], c: Any, ns: Any
     ) -> list[Any]:
-        """x'(t) from x(t), late = [x(t-d_1), ...], held inputs u and `constants` c."""
+        """Compute x'(t) from x(t), late = [x(t-d_1), ...], held inputs u and `constants` c."""
         raise NotImplementedError
 
     def outputs(self, x: Sequence[Any], u: Sequence[Any], c: Any) -> dict[str, Any]:
-        """Outputs beside the state, by name."""
+        """Compute by name the outputs other than the state."""
         del x, u, c
         return {}
 
     def initialise(self, v: dict[str, float], start: float) -> None:
-        """Take parameters and initial state from `v`; fills the outputs.
+        """Read parameters and initial state from `v` and write the outputs to it.
 
         Raises
         ------
-        ValueError : parameters without a meaning.
+        ValueError : invalid parameters.
         """
         for quantity, message in self.conditions(v):
             if not quantity > 0:
@@ -65,11 +65,11 @@ class DelayPlant:
         self._publish(v)
 
     def advance(self, v: dict[str, float], end: float) -> None:
-        """Integrate to `end` with the inputs in `v` held; fills the outputs.
+        """Integrate to `end` with the inputs in `v` held, and write the outputs to `v`.
 
         Raises
         ------
-        ArithmeticError : the state left the range of finite numbers.
+        ArithmeticError : the state is no longer finite.
         """
         inputs = [v[name] for name in self.inputs]
         constants, rates = self._constants, self.rates
@@ -82,7 +82,7 @@ class DelayPlant:
         self._publish(v)
 
     def refresh(self, v: dict[str, float]) -> None:
-        """Outputs that depend on inputs without delay, from the inputs as they are now."""
+        """Update the outputs with direct feedthrough from the present inputs."""
         v.update(self.outputs(self._line.x, [v[name] for name in self.inputs], self._constants))
 
     def _publish(self, v: dict[str, float]) -> None:
@@ -90,10 +90,10 @@ class DelayPlant:
         self.refresh(v)
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything that determines the future, delay line included."""
+        """Return the whole state, delay line included."""
         return {"line": self._line.snapshot(), "inputs": self._last_inputs}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Return to a `snapshot`; parameters are in the variables already."""
+        """Return to a `snapshot`; the parameters are restored with the variables."""
         self._line.restore(saved["line"])
         self._last_inputs = saved["inputs"]

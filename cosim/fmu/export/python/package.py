@@ -1,7 +1,7 @@
-"""Make the pythonfmu FMU of a component: its modules, the slave, the archive.
+"""Build the pythonfmu FMU of a component: its modules, the slave, the archive.
 
-All FMUs of a process share one table of imported modules, so everything an FMU imports
-lives in a package whose name carries the FMU's hash.
+All FMUs of a process share one table of imported modules, so an FMU imports everything from a
+package whose name contains the FMU's hash.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SLAVE = "cosim.fmu.export.python.slave"
 
 
 def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
-    """Module name -> source text of everything that runs inside the FMU."""
+    """Return by module name the source text of everything that runs inside the FMU."""
     sources = {}
     for module in (*spec.sources, _SLAVE):
         found = importlib.util.find_spec(module)
@@ -45,10 +45,10 @@ def component_sources(spec: ComponentSpec) -> dict[str, bytes]:
 
 
 def guid(spec: ComponentSpec) -> str:
-    """The hash that tells whether a built FMU is up to date.
+    """Return the hash that shows whether a built FMU is up to date.
 
-    It covers all that a build puts into the archive, what is generated included: PythonFMU's
-    version, the joining script, the model description and the documentation.
+    It covers the whole archive: sources, resources, PythonFMU's version, the script, the model
+    description and the documentation.
     """
     sources = component_sources(spec)
     unnamed = {module: _flat(module) for module in sources}
@@ -112,7 +112,7 @@ def _flat(module: str) -> str:
 
 
 def _renamed_imports(text: str, renamed: dict[str, str], home: Mapping[str, str]) -> str:
-    """The text with its imports led to the modules beside it; `home`: name -> its module."""
+    """Redirect the imports of a module to those packed beside it; `home`: name -> its module."""
 
     def moved(found: re.Match[str]) -> str:
         modules: dict[str, list[str]] = {}
@@ -123,14 +123,14 @@ def _renamed_imports(text: str, renamed: dict[str, str], home: Mapping[str, str]
 
     text = _IMPORT.sub(moved, text)
     left = re.search(r"^\s*(?:from|import) (?:cosim|numpy)\b.*", text, flags=re.MULTILINE)
-    # what only a designer calls imports inside its function and never runs in the FMU
+    # indented imports are in functions for design, which the FMU never calls
     if left is not None and not left.group().startswith(" "):
         raise ValueError(f"a module of the FMU imports what is not in it: {left.group().strip()}")
     return text
 
 
 def _homes(sources: Mapping[str, bytes]) -> dict[str, str]:
-    """The module that defines each public name of the sources, for imports through a face."""
+    """Return by name the module of the sources that defines it, for imports from a package."""
     homes = {}
     for module, text in sources.items():
         for node in ast.parse(text).body:
@@ -162,16 +162,16 @@ def _script(spec: ComponentSpec, package: str, renamed: dict[str, str]) -> str:
         f"from {renamed[_SLAVE]} import BehaviourSlave\n"
         f"from {package}.table import CONSTANTS as _CONSTANTS\n"
         f"from {package}.table import TABLE as _TABLE\n\n"
-        "# PythonFMU's loader runs this text for every instance and gives back a reference to\n"
-        "# the module's dictionary that it never took: without one more, the second instance\n"
-        "# of a process would run on a freed dictionary.\n"
+        "# PythonFMU's loader runs this text for every instance and releases a reference to the\n"
+        "# module's dictionary that it never took: without one more, the second instance of a\n"
+        "# process would use a freed dictionary.\n"
         "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n\n\n"
         f"class {spec.name}(BehaviourSlave):\n"
         f'    """{spec.description}."""\n\n'
         f"    TABLE = _TABLE\n"
         f"    CONSTANTS = _CONSTANTS\n"
         f"    BEHAVIOUR = {behaviour}\n\n\n"
-        "# Nor does the loader give back the class that it finds here: one for all instances, or\n"
-        "# a process that makes thousands of them would grow by a class each time.\n"
+        "# The loader never releases the class that it finds here: all instances share one class,\n"
+        "# or each further instance would leak one.\n"
         f'{spec.name} = globals().setdefault("_first", {spec.name})\n'
     )

@@ -1,9 +1,8 @@
 """The pythonfmu slave around a behaviour: life cycle, variables, refusals, state.
 
-pythonfmu turns an exception that leaves the slave into fmi2Fatal and frees the instance;
-the next call of a host that goes on then ends in a crash. So nothing is raised here: a call
-that must be refused is logged as an error, leaves every value as it was, and makes the next
-step fail. Standard library and pythonfmu only.
+pythonfmu turns an exception of the slave into fmi2Fatal and frees the instance; the next call
+of a host that goes on then crashes. So nothing is raised here: a refused call is logged as an
+error, changes no value, and makes the next step fail. Standard library and pythonfmu only.
 """
 
 from __future__ import annotations
@@ -31,20 +30,20 @@ _INT_MAX = 2**31 - 1
 
 
 def _part_from_binary(resources: str, name: str) -> None:
-    """Take Python's state off PythonFMU's binary while the process is still whole.
+    """Release Python's state in PythonFMU's binary before the process ends.
 
-    A GNU C++ library with unique symbols is never unloaded before the process ends. There
-    PythonFMU's shared pointer is destroyed first and then set to null by the library's own
-    destructor, on freed memory: now and then the host aborts after all its work is done. Set
-    to null here, at the end of Python, nothing is left to be freed twice.
+    A GNU C++ library with unique symbols is not unloaded before the process ends. Then PythonFMU's
+    shared pointer is destroyed first and afterwards set to null by the library's own destructor,
+    on freed memory, so that the host sometimes aborts after its work. Setting it to null here, at
+    the end of Python, prevents that.
     """
     binary = Path(resources).parent / "binaries" / "linux64" / f"{name}.so"
-    with contextlib.suppress(OSError, AttributeError):  # unloaded already: as it should be
+    with contextlib.suppress(OSError, AttributeError):  # unloaded already
         ctypes.CDLL(str(binary), mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
 
 
 class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
-    """A slave whose variables are `TABLE` and whose life is a `BEHAVIOUR`.
+    """A slave with the variables of `TABLE`, computed by a `BEHAVIOUR`.
 
     The generated module of each FMU derives from it and sets the three class attributes.
     """
@@ -56,8 +55,8 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        # where the host is no Python, the binary ends Python itself, while it holds the loader's
-        # lock: what follows would wait for ever
+        # in a host without Python the binary ends Python itself while it holds the loader's lock:
+        # the function below would wait for that lock for ever
         resources = str(self.resources)
         if sys.platform == "linux" and sys.orig_argv and resources not in self.PARTED:
             self.PARTED.add(resources)  # once per binary, not per instance
@@ -92,12 +91,12 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     def setup_experiment(
         self, start_time: float, stop_time: float | None, tolerance: float | None
     ) -> None:
-        """Take the start time; stop time and tolerance mean nothing to these components."""
+        """Take the start time; these components ignore stop time and tolerance."""
         del stop_time, tolerance
         self._time = start_time
 
     def enter_initialization_mode(self) -> None:
-        """From here on outputs follow the parameters."""
+        """Enter initialization mode, in which the outputs follow the parameters."""
         if self._phase != "instantiated":
             self._refuse(f"enterInitializationMode is not allowed while {self._phase}")
             return
@@ -105,7 +104,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         self._initialise()
 
     def exit_initialization_mode(self) -> None:
-        """Fix the parameters; the outputs stand at the initial state."""
+        """Fix the parameters; the outputs are those of the initial state."""
         if self._phase != "initializing":
             self._refuse(f"exitInitializationMode is not allowed while {self._phase}")
             return
@@ -113,14 +112,14 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         self._phase = "running"
 
     def terminate(self) -> None:
-        """End of the run; values stay readable."""
+        """End the run; values stay readable."""
         self._phase = "terminated"
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance; False (with a logged reason) when the step cannot be computed."""
+        """Advance; return False, with a logged reason, if the step cannot be computed."""
         try:
             return self._do_step(current_time, step_size)
-        except Exception as error:  # noqa: BLE001 - see the module: nothing may leave do_step
+        except Exception as error:  # noqa: BLE001 - see the module: nothing is raised
             return self._refuse(f"doStep at t = {current_time!r} s: {error}")
 
     def _do_step(self, current_time: float, step_size: float) -> bool:
@@ -149,7 +148,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         try:
             self._behaviour.initialise(self._values, self._time)
             self._stale = False
-        except Exception as error:  # noqa: BLE001 - see the module: nothing may leave the slave
+        except Exception as error:  # noqa: BLE001 - see the module: nothing is raised
             self._refuse(f"initialisation: {error}")
 
     def _refuse(self, why: str) -> bool:
@@ -160,30 +159,30 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
     # ---- variables
 
     def get_real(self, vrs: list[int]) -> list[float]:
-        """Values of Real variables; an unknown reference is logged and reads as 0."""
+        """Return Real variables; an unknown reference is logged and reads as 0."""
         return [float(value) for value in self._get(vrs, "Real")]
 
     def get_integer(self, vrs: list[int]) -> list[int]:
-        """Values of Integer variables; an unknown reference is logged and reads as 0."""
+        """Return Integer variables; an unknown reference is logged and reads as 0."""
         return [int(value) for value in self._get(vrs, "Integer")]
 
-    # No component has Boolean or String variables. PythonFMU's own methods would raise, which
-    # ends in a crash a few calls later.
+    # No component has Boolean or String variables. PythonFMU's own methods would raise, and the
+    # host would crash a few calls later.
 
     def get_boolean(self, vrs: list[int]) -> list[bool]:
-        """Log what the variables are instead; reads as False."""
+        """Log the type that the variables have; return False for each."""
         return [bool(value) for value in self._get(vrs, "Boolean")]
 
     def get_string(self, vrs: list[int]) -> list[str]:
-        """Log what the variables are instead; reads as empty."""
+        """Log the type that the variables have; return an empty text for each."""
         return [str(value or "") for value in self._get(vrs, "String")]
 
     def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
-        """Log what the variables are instead."""
+        """Log the type that the variables have."""
         self._set(vrs, values, "Boolean")
 
     def set_string(self, vrs: list[int], values: list[str]) -> None:
-        """Log what the variables are instead."""
+        """Log the type that the variables have."""
         self._set(vrs, values, "String")
 
     def _get(self, vrs: list[int], kind: str) -> list[Any]:
@@ -201,7 +200,7 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         elif self._phase == "running":
             try:
                 self._behaviour.refresh(self._values)
-            except Exception as error:  # noqa: BLE001 - see the module: nothing may leave the slave
+            except Exception as error:  # noqa: BLE001 - see the module: nothing is raised
                 self._refuse(f"outputs: {error}")
             self._stale = False
 
@@ -214,11 +213,11 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         return vr
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
-        """Write Real variables: all of the call, or none of it with a logged refusal."""
+        """Write Real variables, all or, with a logged refusal, none."""
         self._set(vrs, values, "Real")
 
     def set_integer(self, vrs: list[int], values: list[int]) -> None:
-        """Write Integer variables: all of the call, or none of it with a logged refusal."""
+        """Write Integer variables, all or, with a logged refusal, none."""
         self._set(vrs, values, "Integer")
 
     def _set(self, vrs: list[int], values: list[Any], kind: str) -> None:
@@ -261,13 +260,13 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
         }
         if self._phase != "instantiated":
             state["behaviour"] = self._behaviour.snapshot()
-        # a deep copy: the instance goes on and must not change what was saved
+        # a deep copy, which the instance does not change later
         copy: dict[str, Any] = json.loads(json.dumps(state))
         return copy
 
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> dict[str, Any]:
-        # what cannot be read is refused when it is to be used: see `_set_fmu_state`
+        # an unreadable state is refused when it is restored: see `_set_fmu_state`
         try:
             found = json.loads(state.decode("utf-8"))
         except ValueError as error:
@@ -291,5 +290,5 @@ class BehaviourSlave(Fmi2Slave):  # type: ignore[misc]  # pythonfmu has no types
                 self._values.update(state["values"])
             self._phase, self._stale = state["phase"], state["stale"]
             self._refused = state["refused"]
-        except Exception as error:  # noqa: BLE001 - see the module: nothing may leave the slave
+        except Exception as error:  # noqa: BLE001 - see the module: nothing is raised
             self._refuse(f"the saved state does not fit this component: {error}")

@@ -1,4 +1,4 @@
-"""What foreign slaves say, how they ask for the end, and how they fail."""
+"""Log messages of foreign slaves, how they ask for the end, and how they fail."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
 
 
 class Log:
-    """Collects what a slave says."""
+    """Collects the messages of a slave."""
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str, str]] = []
@@ -31,8 +31,8 @@ def fmi3(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
     return describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path_factory.mktemp("every")))
 
 
-def test_messages_of_fmi2_arrive_put_together(fmi2: FmuDescription) -> None:
-    """Formats with their arguments, names in place of references, levels and categories."""
+def test_messages_of_fmi2_are_formatted(fmi2: FmuDescription) -> None:
+    """With arguments, names in place of references, levels and categories."""
     log = Log()
     with FmuSlave(fmi2, "one", log) as slave:
         slave.initialise({}, 0.0, 1.0)
@@ -70,7 +70,7 @@ def test_messages_go_to_the_log_of_their_own_instance(
 
 
 def test_log_categories_restrict_what_is_logged(fmi2: FmuDescription, fmi3: FmuDescription) -> None:
-    """The FMU is told, and what it says all the same is left out, but nothing that is wrong."""
+    """The FMU gets them; other messages are filtered here, except those of failures."""
     log = Log()
     with FmuSlave(fmi2, "it", log, categories=["logStep"]) as slave:
         slave.initialise({"mode": 3}, 0.0, 1.0)
@@ -92,7 +92,7 @@ def test_log_categories_restrict_what_is_logged(fmi2: FmuDescription, fmi3: FmuD
 
 @pytest.mark.parametrize(("mode", "asks"), [(0, False), (1, True), (5, True)])
 def test_slave_of_fmi2_asks_for_the_end(fmi2: FmuDescription, mode: int, *, asks: bool) -> None:
-    """By Discard, and terminated when it is asked; it is then ended in order."""
+    """By Discard and the status Terminated; it is then terminated and freed."""
     log = Log()
     with FmuSlave(fmi2, "it", log) as slave:
         slave.initialise({"mode": mode}, 0.0, 1.0)
@@ -150,7 +150,7 @@ def test_slave_of_fmi3_asks_for_the_end(fmi3: FmuDescription) -> None:
 
 @pytest.mark.parametrize(("status", "word"), [(2, "Discard"), (3, "Error"), (4, "Fatal")])
 def test_slave_of_fmi3_fails(fmi3: FmuDescription, status: int, word: str) -> None:
-    """In its words; an unknown status is none to go on with either."""
+    """The error has its message; an unknown status is an error as well."""
     log = Log()
     with FmuSlave(fmi3, "it", log) as slave:
         slave.initialise({"fail_at": 0.5, "status": status}, 0.0, 1.0)
@@ -166,7 +166,7 @@ def test_slave_of_fmi3_fails(fmi3: FmuDescription, status: int, word: str) -> No
 
 
 def test_addresses_are_those_of_the_functions(fmi2: FmuDescription, fmi3: FmuDescription) -> None:
-    """What a compiled loop calls; a function that is left out is said to be."""
+    """A compiled loop calls them; a missing function is reported."""
     for described, name in ((fmi2, "Real"), (fmi3, "Float64")):
         with FmuSlave(described, "it", Log()) as slave:
             found = {slave.address("get", name), slave.address("set", name), slave.address("step")}
