@@ -62,6 +62,11 @@ def value(text: str, **values: float) -> bool:
         ("1 < 2 < 2", False),
         ("p.x / 0 > 1e300", True),
         ("sqrt(-p.x) > 0", False),
+        ("p.x < 1e6", True),
+        ("p.x<1E6 and p.x < 1e6 m", True),
+        ("2e0 < p.x < 2e-3*1e+4", True),
+        ("p.x > 1.5e-3", True),
+        ("p.n[1,2] == .7e1", True),
     ],
 )
 def test_value_is_that_of_the_words(text: str, *, true: bool) -> None:
@@ -96,6 +101,7 @@ def test_value_is_that_of_the_words(text: str, *, true: bool) -> None:
         ("p.x == 'text'", 8, "there is no variable 'text'"),
         ("", 1, "there is no condition"),
         ("p.x > 1 if p.b else 2", 1, "no such form"),
+        ("p.x < 1e1234", 7, "beyond all numbers"),
     ],
 )
 def test_fault_is_reported_with_its_column(text: str, column: int, words: str) -> None:
@@ -143,6 +149,8 @@ class Loose:
         ("5 %", 0.05),
         ("35 km/h", 35 / 3.6),
         ("0.1 1/s", 0.1),
+        ("1.1e1 1/s", 11.0),
+        ("2e3mm", 2.0),
         ("1 kbit/s", 1000.0),
     ],
 )
@@ -151,7 +159,13 @@ def test_quantity_is_what_the_tables_say(text: str, si: float) -> None:
     assert parse_quantity(text).si == pytest.approx(si, rel=1e-15)
 
 
-@pytest.mark.parametrize("text", ["5", "m", "5 m s", "five m", "5 dB", "1e999 m", "5 m/", "5 N m"])
+WHOLE_NUMBERS = ("1e6", "1e-3", "2.5E+3", "1e3/s", "51/s", "1e11/s", "1e1234 m")
+"""Read up to some digit of theirs, the rest would be a unit."""
+
+
+@pytest.mark.parametrize(
+    "text", ["5", "m", "5 m s", "five m", "5 dB", "1e999 m", "5 m/", "5 N m", *WHOLE_NUMBERS]
+)
 def test_what_is_no_quantity_is_refused(text: str) -> None:
     """No unit, no number, two units without a sign, what is out of all range."""
     with pytest.raises(QuantityError):
