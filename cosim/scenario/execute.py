@@ -1,4 +1,4 @@
-"""Fly a scenario: run, companion run, figures, trace."""
+"""Run a prepared scenario: the run itself, its zero-state run, metrics and trace."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def execute_run(
     pace: Pace | None = None,
     fsync: bool = False,
 ) -> Outcome:
-    """Run the scenario and its companion from rest; write the trace; then end the slaves.
+    """Run the scenario and its zero-state run, write the trace, then end the slaves.
 
-    An FMU that allows one instance per process is ended before the companion begins.
+    An FMU that allows one instance per process is ended before the zero-state run begins.
 
-    `engine` is a matter of speed alone: "python", "compiled", or "auto". `pace` holds the run
-    back to the clock on the wall (the companion is not held back); `fsync` as for `TraceWriter`.
+    `engine` affects speed only: "python", "compiled", or "auto". `pace` slows the run (not the
+    zero-state run) down to wall-clock time; `fsync` as for `TraceWriter`.
 
     Raises
     ------
@@ -99,10 +99,10 @@ def execute_unrecorded(
     engine: EngineName = "auto",
     pace: Pace | None = None,
 ) -> tuple[Outcome, Run]:
-    """Run the scenario without a trace, for who looks at its rows.
+    """Run the scenario without a trace; return its outcome and its rows.
 
-    zero_state_run : whether to run it from rest as well; without, no gain is measured, and what is
-        said of envelope and limits is about this run alone.
+    zero_state_run : whether to make the zero-state run as well; without it no gain is measured,
+        and envelope and limits are evaluated on this run alone.
 
     Raises
     ------
@@ -124,11 +124,11 @@ def execute_unrecorded(
 
 
 def check_writable(trace: Path) -> None:
-    """See that a trace can be written, before anything takes time; makes nothing.
+    """Check that a trace can be written, before anything takes time; creates nothing.
 
     Raises
     ------
-    InputError : its folder, or the nearest one there is, cannot be written.
+    InputError : its folder, or the nearest existing one, cannot be written.
     """
     nearest = next(folder for folder in trace.absolute().parents if folder.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
@@ -141,7 +141,7 @@ def check_writable(trace: Path) -> None:
 
 
 def assembled_system(prepared: PreparedScenario) -> tuple[System, _Parameters, Sequence[Event]]:
-    """What flies, the parameters that its design sets, and what happens on the way."""
+    """Assemble the system; return it, the parameters set by its design, and its events."""
     loaded = prepared.loaded
     scenario = loaded.scenario
     parameters = {}
@@ -170,9 +170,9 @@ def _zero_state_run(
     living: ExitStack,
     flush: Callable[[], None] | None = None,
 ) -> Run | None:
-    """The same from rest; None where nothing is designed, or there is nothing to compare.
+    """Make the zero-state run; None without a design, or after a failed run.
 
-    flush : brings what is recorded to the disk, where slaves must be ended now.
+    flush : writes what is recorded to disk, in case slaves must be ended first.
     """
     if prepared.design is None or run.status == "failed":
         return None
@@ -183,7 +183,7 @@ def _zero_state_run(
         worst_case=prepared.worst_case,
         at_rest=True,
     )
-    # a run that starts from rest is its own companion
+    # a run from the zero state is its own zero-state run
     if same_start(system, at_rest):
         return run
     if any(fmu.can_be_instantiated_only_once for fmu in prepared.fmus.values()):

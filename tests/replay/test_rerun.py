@@ -190,7 +190,7 @@ def test_other_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
     assert found.json["identical"] is True
     result = cosim("trace", "rerun", ran.json["trace"], "--json", cwd=tmp_path)
     assert result.code == 2
-    assert "another one than in the trace" in result.error["what"]
+    assert "not the one in the trace" in result.error["what"]
     assert "c.fmu" in result.error["where"]
 
 
