@@ -69,7 +69,9 @@ def start_values(
         design = scenario.scenario.design
         if design is not None and design.controller == role:
             found |= _gain(design_in(trace)["K"], fmu)
-    there = {name: value for name, value in found.items() if _settable(fmu, name)}
+    settable = ("parameter", "structuralParameter", "input")
+    known = {port.name for port in fmu.ports.values() if port.causality in settable}
+    there = {name: value for name, value in found.items() if name in known}
     return {**there, **request.parameters}, [name for name in found if name not in there]
 
 
@@ -79,11 +81,6 @@ def _gain(K: Any, fmu: FmuDescription) -> dict[str, float]:
     except InputError:  # a controller of another kind: its own entries of K do not fit
         rows = np.asarray(K, dtype=float)
         return {f"K[{i + 1},{j + 1}]": float(v) for (i, j), v in np.ndenumerate(rows)}
-
-
-def _settable(fmu: FmuDescription, name: str) -> bool:
-    port = fmu.ports.get(name)
-    return port is not None and port.causality in ("parameter", "structuralParameter", "input")
 
 
 def provenance(

@@ -124,8 +124,7 @@ def _inputs(fmu: FmuDescription) -> list[str]:
 
 
 def _source(trace: Trace, name: str) -> Source:
-    topic, column = trace.place(name)
-    return Source(name, topic, column)
+    return Source(name, *trace.place(name))
 
 
 def _members(trace: Trace, fmu: FmuDescription, group: str, target: str) -> dict[str, Source]:

@@ -80,7 +80,5 @@ def _origin_ns(back: Route, forth: Route, read: Integers, points: Integers) -> I
     command = np.minimum(back.row[: points.size - 1], points.size - 1)
     inputs = np.where(command >= 0, read[np.maximum(command, 0)], -1)
     row = np.where(inputs >= 0, forth.row[np.maximum(inputs, 0)], -1)
-    origin: Integers = np.where(
-        row >= 0, points[np.minimum(np.maximum(row, 0), points.size - 1)], -1
-    )
+    origin: Integers = np.where(row >= 0, points[np.clip(row, 0, points.size - 1)], -1)
     return origin

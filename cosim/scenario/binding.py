@@ -30,7 +30,7 @@ class Meaning(NamedTuple):
 
     kind: Kind
     dimension: Dimension | None
-    to_si: Callable[[Any], Any] | None = None
+    to_si: Callable[[Any], Any] = lambda value: value
 
 
 class Scope(Protocol):
@@ -224,12 +224,9 @@ class _Binder:
         if reference not in self.names:
             self.names.append(reference)
         place = self.names.index(reference)
-        to_si = meaning.to_si
         if meaning.kind == "truth":
             return Node("truth", None, lambda values: values[place] != 0)
-        if to_si is None:
-            return Node("number", meaning.dimension, lambda values: values[place])
-        return Node("number", meaning.dimension, lambda values: to_si(values[place]))
+        return Node("number", meaning.dimension, lambda values: meaning.to_si(values[place]))
 
     def _located(self, node: ast.expr, error: InputError) -> ExpressionError:
         located = self._expression.wrong(node, error.what, error.expected)

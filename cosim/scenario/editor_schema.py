@@ -41,22 +41,17 @@ def json_schema() -> dict[str, Any]:
     }
 
 
-def _optional(part: dict[str, Any]) -> dict[str, Any]:
+def _optional(value: Any) -> Any:
     """Return a copy in which nothing is required, references included."""
-    copied: dict[str, Any] = _changed(part)
-    return copied
-
-
-def _changed(value: Any) -> Any:
     if isinstance(value, dict):
         kept = {k: v for k, v in value.items() if not (k == "required" and isinstance(v, list))}
         kept.pop("discriminator", None)
         if "oneOf" in kept:  # without required keys, several alternatives may match
             kept["anyOf"] = kept.pop("oneOf")
         return {
-            k: v.replace("#/$defs/", f"#/$defs/{_LOOSE}") if k == "$ref" else _changed(v)
+            k: v.replace("#/$defs/", f"#/$defs/{_LOOSE}") if k == "$ref" else _optional(v)
             for k, v in kept.items()
         }
     if isinstance(value, list):
-        return [_changed(item) for item in value]
+        return [_optional(item) for item in value]
     return value

@@ -14,7 +14,6 @@ from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import verdicts_of
-from cosim.scenario.gain import gain_parameters
 from cosim.scenario.metrics import RunContext, final_values, metrics_of, status_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
@@ -25,8 +24,6 @@ from cosim.scenario.system_run import CompletedRun, run_system
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
 __all__ = ["PreparedScenario", "check_writable", "execute_run", "execute_unrecorded", "prepare"]
-
-_Parameters = Mapping[str, Mapping[str, float]]
 
 
 def execute_run(
@@ -53,7 +50,7 @@ def execute_run(
         return execute_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
     report_progress = progress or silent
     began = time.perf_counter()
-    system, parameters, events = assembled_system(prepared)
+    system, events = assembled_system(prepared)
     check_writable(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -78,7 +75,7 @@ def execute_run(
             pace=pace,
         )
         zero_state_run = _zero_state_run(
-            prepared, system, completed.run, parameters, report_progress, living, writer.flush
+            prepared, system, completed.run, report_progress, living, writer.flush
         )
         outcome, schedules = _outcome(
             prepared, system, completed, zero_state_run, trace, began, pace
@@ -110,16 +107,14 @@ def execute_unrecorded(
     """
     report_progress = progress or silent
     began = time.perf_counter()
-    system, parameters, events = assembled_system(prepared)
+    system, events = assembled_system(prepared)
     with ExitStack() as living:
         completed = run_system(
             system, "run", report_progress, engine, living=living, events=events, pace=pace
         )
         beside = None
         if zero_state_run:
-            beside = _zero_state_run(
-                prepared, system, completed.run, parameters, report_progress, living
-            )
+            beside = _zero_state_run(prepared, system, completed.run, report_progress, living)
         return _outcome(prepared, system, completed, beside, None, began, pace)[0], completed.run
 
 
@@ -140,32 +135,27 @@ def check_writable(trace: Path) -> None:
         )
 
 
-def assembled_system(prepared: PreparedScenario) -> tuple[System, _Parameters, Sequence[Event]]:
-    """Assemble the system; return it, the parameters set by its design, and its events."""
+def assembled_system(prepared: PreparedScenario) -> tuple[System, Sequence[Event]]:
+    """Assemble the system; return it and its events."""
     loaded = prepared.loaded
     scenario = loaded.scenario
-    parameters = {}
-    if scenario.design is not None and prepared.design is not None:
-        controller = prepared.fmus[scenario.design.controller]
-        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
     system = assemble(
         scenario,
         prepared.fmus,
-        parameters=parameters,
+        parameters=prepared.gain,
         worst_case=prepared.worst_case,
         origin=loaded.origin,
     )
     findings = Findings(loaded.origin)
     events = script_of(scenario, system, findings)
     verdicts_of(scenario, system, None, findings)
-    return system, parameters, events
+    return system, events
 
 
 def _zero_state_run(
     prepared: PreparedScenario,
     system: System,
     run: Run,
-    parameters: _Parameters,
     report_progress: Progress,
     living: ExitStack,
     flush: Callable[[], None] | None = None,
@@ -179,7 +169,7 @@ def _zero_state_run(
     at_rest = assemble(
         prepared.loaded.scenario,
         prepared.fmus,
-        parameters=parameters,
+        parameters=prepared.gain,
         worst_case=prepared.worst_case,
         at_rest=True,
     )

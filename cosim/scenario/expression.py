@@ -64,14 +64,15 @@ class Expression:
             raise ExpressionError(
                 "the condition is too long", text[:60], 1, f"{MAX_LENGTH} letters"
             )
-        self._readable = self._plain(text)
-        self._front = 0
+        readable = self._plain(text)
+        self._readable = readable.lstrip()  # Python takes blanks in front for an indentation
+        self._front = len(readable) - len(self._readable)
         self.tree = self._parsed()
 
     def column(self, node: ast.AST) -> int:
         """Return the column of a part of the tree in the text, from 1."""
         offset = getattr(node, "col_offset", 0)
-        before = self._readable.lstrip().encode()[:offset].decode("utf-8", "ignore")
+        before = self._readable.encode()[:offset].decode("utf-8", "ignore")
         return self._front + len(before) + 1
 
     def wrong(self, node: ast.AST, what: str, expected: str | None = None) -> ExpressionError:
@@ -102,14 +103,12 @@ class Expression:
         return _TOKENS.sub(plain, text)
 
     def _parsed(self) -> ast.expr:
-        # Python takes blanks in front for an indentation
-        front = len(self._readable) - len(self._readable.lstrip())
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                tree = ast.parse(self._readable.lstrip(), mode="eval")
+                return ast.parse(self._readable, mode="eval").body
         except SyntaxError as error:
-            column = min(front + max(error.offset or 1, 1), len(self.text))
+            column = min(self._front + max(error.offset or 1, 1), len(self.text))
             raise ExpressionError(
                 f"the condition cannot be understood: {error.msg}",
                 self.text,
@@ -118,8 +117,6 @@ class Expression:
             ) from error
         except (ValueError, RecursionError, MemoryError) as error:
             raise ExpressionError("the condition cannot be understood", self.text, 1) from error
-        self._front = front
-        return tree.body
 
 
 def reference_of(node: ast.expr) -> str | None:

@@ -96,12 +96,7 @@ def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> N
 
 
 def remove(data: MutableMapping[str, Any], path: Path, where: str) -> None:
-    """Remove the value at a path.
-
-    Raises
-    ------
-    InputError : there is none.
-    """
+    """Remove the value at a path; an InputError if there is none."""
     here: Any = data
     for key in path[:-1]:
         here = inside(here, key, where)

@@ -107,15 +107,10 @@ _DELAYS = {
 
 
 def _kind_of_delay(value: Any) -> str | None:
-    if isinstance(value, dict):
-        return next((kind for key, kind in _DELAYS.items() if key in value), None)
-    known: dict[type[Any], str] = {
-        ProfilePart: "recorded",
-        ProfileFilePart: "from a file",
-        SignalDelayPart: "of a signal",
-        RangeDelayPart: "of a range",
-    }
-    return known.get(type(value), "constant")
+    if not isinstance(value, dict | Part):
+        return "constant"
+    keys = value if isinstance(value, dict) else type(value).model_fields
+    return next((kind for key, kind in _DELAYS.items() if key in keys), None)
 
 
 _NO_DELAY = (

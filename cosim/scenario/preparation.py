@@ -34,6 +34,14 @@ class PreparedScenario:
     worst_case: WorstCase | None = None
     source: DesignSource | None = None
 
+    @property
+    def gain(self) -> dict[str, dict[str, float]]:
+        """The designed gain as parameters, by component; empty without a design."""
+        part = self.loaded.scenario.design
+        if part is None or self.design is None:
+            return {}
+        return {part.controller: gain_parameters(self.design.K, self.fmus[part.controller])}
+
 
 def prepare(
     loaded: LoadedScenario,

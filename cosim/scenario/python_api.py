@@ -65,7 +65,7 @@ def open_session(
     InputError : as `run`, or a scenario with events, which a session does not execute.
     """
     prepared = _prepared(scenario, settings, fmus, flavour)
-    system, _, events = assembled_system(prepared)
+    system, events = assembled_system(prepared)
     if events:
         raise InputError(
             "a session does not execute the events of a scenario",

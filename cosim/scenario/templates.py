@@ -119,12 +119,7 @@ end = "{end:g} s"
 
 
 def template(name: str, base: str | None = None) -> str:
-    """Return the text of a new scenario: a complete one, or one that extends `base`.
-
-    Raises
-    ------
-    InputError : no such base.
-    """
+    """Return the text of a new scenario: complete, or extending `base` (InputError if unknown)."""
     if base is None:
         return _WHOLE.format(name=name)
     scenario = load(base).scenario

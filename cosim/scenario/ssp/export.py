@@ -16,7 +16,6 @@ from cosim.master import System
 from cosim.scenario.assembly import assemble
 from cosim.scenario.execute import PreparedScenario
 from cosim.scenario.fields import Part
-from cosim.scenario.gain import gain_parameters
 from cosim.scenario.schema import Scenario
 from cosim.scenario.ssp.elements import ArchiveElements, Resources, archive_elements
 from cosim.scenario.ssp.names import SSD
@@ -119,11 +118,8 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
 
 def system_of(prepared: PreparedScenario, scenario: Scenario) -> System:
     """Assemble the system that the master would run, with the designed gain as parameters."""
-    parameters = {}
-    if scenario.design is not None and prepared.design is not None:
-        name = scenario.design.controller
-        parameters[name] = gain_parameters(prepared.design.K, prepared.fmus[name])
-    return assemble(scenario, prepared.fmus, parameters=parameters, worst_case=prepared.worst_case)
+    worst_case = prepared.worst_case
+    return assemble(scenario, prepared.fmus, parameters=prepared.gain, worst_case=worst_case)
 
 
 def _toml(part: Part) -> str:
