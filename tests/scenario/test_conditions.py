@@ -69,7 +69,7 @@ def value(text: str, **values: float) -> bool:
         ("p.n[1,2] == .7e1", True),
     ],
 )
-def test_value_is_that_of_the_words(text: str, *, true: bool) -> None:
+def test_condition_has_the_value_of_its_text(text: str, *, true: bool) -> None:
     """At one point, and the same over an array of points."""
     assert value(text) is true
     bound = bind(Expression(text), Names())
@@ -117,7 +117,7 @@ NUMBERS = st.floats(-1e3, 1e3, allow_nan=False)
 
 
 @given(a=NUMBERS, b=NUMBERS, c=NUMBERS)
-def test_arithmetic_is_pythons(a: float, b: float, c: float) -> None:
+def test_arithmetic_equals_that_of_python(a: float, b: float, c: float) -> None:
     """Any three numbers: sums, products and comparisons to the last bit."""
     text = "p.n[1,2] * 2 + p.n[1,2] - 0.5 * p.s >= abs(p.v) or p.x < -p.v and not p.s > p.n[1,2]"
     bound = bind(Expression(text), Loose())
@@ -166,7 +166,7 @@ WHOLE_NUMBERS = ("1e6", "1e-3", "2.5E+3", "1e3/s", "51/s", "1e11/s", "1e1234 m")
 @pytest.mark.parametrize(
     "text", ["5", "m", "5 m s", "five m", "5 dB", "1e999 m", "5 m/", "5 N m", *WHOLE_NUMBERS]
 )
-def test_what_is_no_quantity_is_refused(text: str) -> None:
+def test_malformed_quantity_is_refused(text: str) -> None:
     """No unit, no number, two units without a sign, what is out of all range."""
     with pytest.raises(QuantityError):
         parse_quantity(text)

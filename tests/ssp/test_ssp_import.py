@@ -1,4 +1,4 @@
-"""Archives that others wrote: nested systems, parameters in files, mappings, units."""
+"""Archives of other tools: nested systems, parameters in files, mappings, units."""
 
 from __future__ import annotations
 
@@ -287,7 +287,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_archive_that_cannot_be_run_is_refused_by_name(
+def test_archive_that_cannot_be_run_is_refused(
     native_fmus: Path, tmp_path: Path, case: str
 ) -> None:
     """One precise message each; no scenario is left behind."""
@@ -359,7 +359,7 @@ def test_xml_with_entities_or_without_end_is_refused(tmp_path: Path) -> None:
             import_ssp(ssp, tmp_path / "x.toml")
 
 
-def test_bombs_are_not_unpacked(tmp_path: Path) -> None:
+def test_compression_bombs_are_not_unpacked(tmp_path: Path) -> None:
     """A description of a hundred megabytes of blanks, in a hundred kilobytes."""
     ssp = write(tmp_path / "x.ssp", {"SystemStructure.ssd": b" " * (100 * 2**20)})
     assert ssp.stat().st_size < 2**18
