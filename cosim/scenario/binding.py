@@ -140,9 +140,10 @@ _CALLS: dict[str, tuple[int, int, Callable[..., Any]]] = {
 
 
 def _power(base: Any, exponent: float) -> Any:
-    """base ** exponent; a whole one by products, which round alike on every processor.
+    """Return base ** exponent with the same rounding on every processor.
 
-    Any other by the C library, value by value: NumPy's own differs in the last bit.
+    An integer exponent by products, any other by the C library, value by value: the last bit of
+    NumPy's own power varies.
     """
     if exponent == int(exponent):
         result = _folded(operator.mul, [base] * abs(int(exponent)) or [np.ones_like(base)])
@@ -151,7 +152,7 @@ def _power(base: Any, exponent: float) -> Any:
 
 
 def _pow(base: float, exponent: float) -> float:
-    """As IEEE 754 has it: no exception."""
+    """Return base ** exponent as in IEEE 754, without exceptions."""
     if base < 0.0 or (base == 0.0 and exponent < 0.0):
         return math.nan if base < 0.0 else math.inf
     try:

@@ -76,7 +76,7 @@ class EventDriver:
     Attributes
     ----------
     stopped : why an event ended the run; None if none did.
-    altered_by_events : whether an event changed more than the delay, loss or outage of links.
+    altered_by_events : whether an event changed anything but the traffic of links.
     event_counts : how often each event happened.
     """
 

@@ -36,7 +36,7 @@ class RunContext:
 
     zero_state_run : None if not made.
     worst_case : of the design; None if the scenario does not apply it.
-    altered_by_events : events changed more than the delay, loss or outage of links.
+    altered_by_events : events changed something other than the traffic of links.
     """
 
     scenario: Scenario

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "bit")
 _PINT = ("kilogram", "meter", "second", "ampere", "kelvin", "mole", "candela", "radian", "bit")
-# the lookaheads keep a number whole: "1e6" is no 1 in the unit e^6, "51/s" no 5 in 1/s
+# the lookaheads read a number whole: "1e6" must not become 1 e^6, nor "51/s" become 5 1/s
 NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3}(?!\d)|(?!\d|[eE][-+]?\d))"
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)?-?\d)?"

@@ -222,7 +222,7 @@ Level = Literal["debug", "info", "warning", "error"]
 class ComponentLogPart(Part):
     """[log.components.NAME]: which log messages of one component are recorded.
 
-    `categories` : the FMU's log categories to record; errors are always recorded.
+    `categories` : the FMU's log categories to record; a status above Warning is always recorded.
     """
 
     level: Level | None = None

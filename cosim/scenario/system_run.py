@@ -40,7 +40,7 @@ class ProgressObserver(Observer):
 
 @dataclass(frozen=True)
 class CompletedRun:
-    """A run, whether events changed more in it than its links, and how often each happened."""
+    """A run, whether events changed more than the traffic of links, and how often each happened."""
 
     run: Run
     altered_by_events: bool = False

@@ -106,7 +106,7 @@ def test_link_fmus_come_back_as_links(native_fmus: Path, tmp_path: Path) -> None
 
 
 def test_link_fmus_act_as_links_in_the_master(native_fmus: Path, tmp_path: Path) -> None:
-    """The archive as it is, its link FMUs taken for any other components."""
+    """The archive is run as it is, its link FMUs like any other components."""
     done = export(LINKED.format(events="align"), native_fmus, tmp_path, "fmu")
     plain = tmp_path / "plain.ssp"
     with zipfile.ZipFile(done.path) as old, zipfile.ZipFile(plain, "w") as new:

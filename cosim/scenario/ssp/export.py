@@ -79,7 +79,7 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
         without a compiler.
     """
     scenario = prepared.loaded.scenario
-    if links == "fmu":  # other tools step on a grid, so the start values must be those on a grid
+    if links == "fmu":  # other tools step on a grid: export its points
         run = scenario.run.model_copy(update={"events": "grid"})
         scenario = scenario.model_copy(update={"run": run})
     system = system_of(prepared, scenario)

@@ -33,7 +33,7 @@ Of a Connection: an empty `<link name="...">`, the link that this connection goe
 """
 
 LINK_FMU_ANNOTATION = "auv-cosim.link-fmu"
-"""Of a Component that is a link FMU: the same `<link>`, which it stands for."""
+"""Of a Component that is a link FMU: the `<link>` that it implements."""
 
 OSP_ANNOTATION = "com.opensimulationplatform"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
