@@ -1,4 +1,4 @@
-"""A trace back into runs."""
+"""Replay traces: run them again, or feed recorded signals into an FMU."""
 
 import lazy_loader as _lazy
 

@@ -1,8 +1,7 @@
-"""The certificate that a file carries: a JSON file is one, an FMU and a trace bring one along.
+"""Read the certificate in a JSON file, an FMU or a trace, and compare its gain with theirs.
 
-A proof is about its own K. Whether that is the K of what carries it is a second question, and
-is answered here: an FMU starts with the gain in its model description, a trace names the
-SHA-256 of the certificate whose gain flew.
+A certificate proves its own K. An FMU must start with that K by its model description; a trace
+must name the SHA-256 of the certificate whose gain was used.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from cosim.hinf import certificate_from_bytes, certificate_hash, read_certificat
 from cosim.trace import CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH, DESIGN_ATTACHMENT, Trace
 
 MOST_BYTES = 64 * 2**20
-"""Largest certificate, or model description, that is read out of an archive."""
+"""Largest certificate or model description that is read from an archive."""
 
 _ENTRY = re.compile(r"K\[([1-9][0-9]{0,5}),([1-9][0-9]{0,5})\]")
 _ZIP, _MCAP = b"PK\x03\x04", b"\x89MCAP"
@@ -35,7 +34,7 @@ class EmbeddedCertificate:
     ----------
     data : for `check_certificate`.
     container : "file", "FMU" or "trace".
-    mismatch : why it is not about the gain of what carries it; None if it is.
+    mismatch : why it is not about the gain of its container; None if it is.
     """
 
     data: Any
@@ -44,7 +43,7 @@ class EmbeddedCertificate:
 
     @property
     def sha256(self) -> str | None:
-        """Of the certificate without notes; None for what can be none."""
+        """Hash of the certificate without notes; None if it cannot be a certificate."""
         try:
             return certificate_hash(self.data)
         except (AttributeError, TypeError, ValueError, RecursionError):
@@ -52,11 +51,11 @@ class EmbeddedCertificate:
 
 
 def certificate_in(path: Path) -> EmbeddedCertificate:
-    """The certificate in a JSON file, an FMU or a trace; told apart by their first bytes.
+    """Read the certificate in a JSON file, an FMU or a trace; the first bytes tell which.
 
     Raises
     ------
-    InputError : the file cannot be read, is none of the three, or carries no certificate.
+    InputError : the file cannot be read, is none of the three, or has no certificate.
     LossError : a trace that is cut short or damaged.
     """
     try:
@@ -84,16 +83,14 @@ def _in_fmu(path: Path) -> EmbeddedCertificate:
                 )
             content = _bounded(archive, CERTIFICATE, path)
             description = _bounded(archive, "modelDescription.xml", path)
-    except (OSError, EOFError, KeyError, NotImplementedError, RuntimeError) as error:
-        raise InputError("not an FMU", where=str(path), got=str(error)) from error
-    except zipfile.BadZipFile as error:
+    except (OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile) as error:
         raise InputError("not an FMU", where=str(path), got=str(error)) from error
     data = certificate_from_bytes(content, f"{path}: {CERTIFICATE}")
     return EmbeddedCertificate(data, "FMU", _another_gain(data, description, path))
 
 
 def _bounded(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
-    """An entry of at most `MOST_BYTES`, whatever size it claims."""
+    """Read an entry of at most `MOST_BYTES`, whatever size it claims."""
     with archive.open(name) as stream:
         content = stream.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
@@ -104,7 +101,7 @@ def _bounded(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
 
 
 def _another_gain(data: Any, description: bytes, path: Path) -> str | None:
-    """How the start values K[i,j] differ from the certificate's K; None if they do not."""
+    """Say how the start values K[i,j] differ from the certificate's K; None if they do not."""
     try:
         root = ET.fromstring(description)  # noqa: S314 - expat bounds what entities expand to
     except ET.ParseError as error:
@@ -138,10 +135,9 @@ def _same(text: str | None, value: Any) -> bool:
 
 def _in_trace(path: Path) -> EmbeddedCertificate:
     trace = Trace(path)
-    name = CERTIFICATE_ATTACHMENT
-    if name not in trace.attachments:
-        # a trace of an earlier version has it inside the design
-        name = DESIGN_ATTACHMENT
+    # a trace of an earlier version has the certificate inside the design
+    attached = CERTIFICATE_ATTACHMENT in trace.attachments
+    name = CERTIFICATE_ATTACHMENT if attached else DESIGN_ATTACHMENT
     content = trace.attachments.get(name)
     if content is None:
         raise InputError(
@@ -151,7 +147,7 @@ def _in_trace(path: Path) -> EmbeddedCertificate:
             got=", ".join(trace.attachments) or "no attachments",
         )
     data = certificate_from_bytes(bytes(content), f"{path}: {name}")
-    key = CERTIFICATE_HASH if name == CERTIFICATE_ATTACHMENT else "design.sha256"
+    key = CERTIFICATE_HASH if attached else "design.sha256"
     recorded, found = trace.run.get(key), hashlib.sha256(content).hexdigest()
     differs = f"{name} is not the one of the run: its SHA-256 is {found}, the run's {recorded}"
     return EmbeddedCertificate(data, "trace", None if recorded == found else differs)

@@ -1,9 +1,8 @@
-"""The second sense of replay: recorded signals fed into one FMU.
+"""Injection: feed recorded signals into one FMU, open loop.
 
-A new controller is tried on yesterday's data this way, open loop: what it answers does not act
-on what was recorded. The inputs follow the recorded rows at their own instants, so that an FMU
-fed what it was fed then does what it did then, bit for bit. The answers go to a new trace of
-the same layout, which says where its inputs are from.
+For instance, to try a new controller on recorded data. The inputs follow the recorded rows at
+their own instants, so an FMU that gets its recorded inputs again gives its recorded outputs,
+bit for bit. The outputs go to a new trace of the same layout, which names its sources.
 """
 
 from __future__ import annotations
@@ -48,18 +47,17 @@ _DIVERGENCE = 1e300
 
 @dataclass(frozen=True)
 class InjectionResult:
-    """What came of it.
+    """The result of an injection.
 
     Attributes
     ----------
     name : of the component in the new trace.
-    sources : where each input's values are from; `unmapped_inputs`: inputs that kept their start
-    values.
-    unused : recorded inputs of the component whose part the FMU played, that fed nothing.
-    parameters : set before the start; `not_set`: recorded ones that the FMU does not have.
+    role : the recorded component that the FMU stands for.
+    sources : of each input; `unmapped_inputs` : inputs that kept their start values.
+    unused : recorded inputs of `role` that were not used.
+    parameters : set before the start; `not_set` : recorded ones that the FMU does not have.
     status : finished, diverged or failed; `reason` why.
-    compared : the outputs against the recorded ones, if that was asked for; `identical`: whether
-        they are the same, bit for bit.
+    compared : the outputs against the recorded ones, if requested; `identical` : bit for bit.
     log_after_end : as in `Outcome`.
     """
 
@@ -91,7 +89,7 @@ def inject(
     *,
     progress: Progress | None = None,
 ) -> InjectionResult:
-    """Feed recorded signals into an FMU and write what it answers.
+    """Feed recorded signals into an FMU and record its outputs.
 
     Parameters
     ----------
@@ -100,7 +98,7 @@ def inject(
 
     Raises
     ------
-    InputError : nothing to feed, names that do not exist, a link that does not.
+    InputError : no signal for any input, or an unknown name or link.
     ComponentError : the FMU cannot be loaded or initialised.
     """
     request = request or InjectionRequest()
@@ -139,9 +137,7 @@ def inject(
         topic = output_topic(name)
         compared = diff(path, output, request.tolerances, topics=[topic])
         identical = _same_bits(trace.read(topic), Trace(output).read(topic))
-    recorded_inputs = (
-        [] if role is None else [s.name for s in trace.topics[f"/{role}/input"].signals]
-    )
+    received = [] if role is None else trace.topics[f"/{role}/input"].signals
     return InjectionResult(
         trace=output,
         content_hash=content_hash(output),
@@ -150,7 +146,7 @@ def inject(
         role=role,
         sources={**direct, **linked},
         unmapped_inputs=unmapped_inputs(fmu, sources),
-        unused=[s for s in recorded_inputs if s not in sources],
+        unused=[s.name for s in received if s.name not in sources],
         parameters=parameters,
         not_set=not_set,
         points=int(run.points_ns.size),
@@ -178,11 +174,11 @@ def _routed(
     request: InjectionRequest,
     scenario: LoadedScenario | None,
 ) -> tuple[dict[str, Source], dict[str, Source]]:
-    """Sources that are fed directly, and those that go over the new link."""
+    """Return the sources that are fed directly, and those that go over the new link."""
     if request.side == "delivered":
         if request.link is not None:
             raise InputError(
-                "what was delivered has been over its link already",
+                "delivered signals have passed their link already",
                 where="--link",
                 hint="--as sent",
             )
@@ -212,7 +208,7 @@ def _system(
     steps = np.unique(np.diff(input_values.points_ns))
     if steps.size > 1 and not fmu.variable_step:
         raise InputError(
-            "this FMU takes steps of one size only, and the recorded rows are not so",
+            "this FMU needs steps of one size, and the recorded steps differ",
             where=str(fmu.path),
             expected="canHandleVariableCommunicationStepSize, or a step that divides the end",
             got=f"steps from {steps[0] / 1e9:g} s to {steps[-1] / 1e9:g} s",

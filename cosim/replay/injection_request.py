@@ -1,4 +1,4 @@
-"""What is asked of an injection, and what follows from it: start values, provenance."""
+"""The request of an injection, and its start values and provenance."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ SignalSide = Literal["delivered", "sent"]
 
 @dataclass(frozen=True)
 class InjectionRequest:
-    """What is asked for.
+    """Options of an injection.
 
     Attributes
     ----------
-    signal_mapping : which signals go where, and whose part the FMU plays.
-    side : "delivered": what receivers had, when they had it. "sent": what senders sent, at once
-        or over `link`; what nobody sent (references) stays as it was received.
+    signal_mapping : recorded signal -> input, and the component that the FMU stands for.
+    side : "delivered": the values that receivers had, when they had them. "sent": the values at
+        the sender, directly or over `link`; signals without a sender (references) as received.
     link : a new link, or the name of a recorded one, to send over again.
-    parameters : of the FMU, on top of those that the recorded component flew with.
+    parameters : of the FMU; they override those of the recorded component.
     step_ns : step of the communication points; None: the instants of the recorded rows.
-    compare : the recorded component whose outputs the new ones are compared with.
+    compare : the recorded component to compare the outputs with.
     """
 
     signal_mapping: SignalMapping = field(default_factory=SignalMapping)
@@ -54,39 +54,33 @@ def start_values(
     role: str | None,
     scenario: LoadedScenario | None,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Parameters to set, and those of the recorded component that this FMU does not have.
+    """Return the parameters to set, and recorded ones that this FMU does not have.
 
-    The recorded ones are taken for the FMU that flew, and where its part is named; another
-    controller comes with its own.
+    Recorded parameters apply to the recorded FMU, or if `role` was requested; another controller
+    keeps its own.
     """
     found: dict[str, Any] = {}
-    ran = role is not None and trace.run.get(f"fmu.{role}.sha256") == fmu.sha256
-    if (
-        role is not None
-        and scenario is not None
-        and (ran or request.signal_mapping.role is not None)
-    ):
+    ran = trace.run.get(f"fmu.{role}.sha256") == fmu.sha256
+    wanted = ran or request.signal_mapping.role is not None
+    if role is not None and scenario is not None and wanted:
         component = scenario.scenario.components.get(role)
         if component is not None:
             found = dict(component.parameters)
         design = scenario.scenario.design
         if design is not None and design.controller == role:
             found |= _gain(design_in(trace)["K"], fmu)
-    there = {name: value for name, value in found.items() if _settable(fmu, name)}
+    settable = ("parameter", "structuralParameter", "input")
+    known = {port.name for port in fmu.ports.values() if port.causality in settable}
+    there = {name: value for name, value in found.items() if name in known}
     return {**there, **request.parameters}, [name for name in found if name not in there]
 
 
 def _gain(K: Any, fmu: FmuDescription) -> dict[str, float]:
     try:
         return gain_parameters(K, fmu)
-    except InputError:  # a controller of another kind has another gain
+    except InputError:  # a controller of another kind: its own entries of K do not fit
         rows = np.asarray(K, dtype=float)
         return {f"K[{i + 1},{j + 1}]": float(v) for (i, j), v in np.ndenumerate(rows)}
-
-
-def _settable(fmu: FmuDescription, name: str) -> bool:
-    port = fmu.ports.get(name)
-    return port is not None and port.causality in ("parameter", "structuralParameter", "input")
 
 
 def provenance(
@@ -99,7 +93,7 @@ def provenance(
     parameters: Mapping[str, Any],
     input_values: InputValues,
 ) -> dict[str, str]:
-    """Entries of `cosim.run`."""
+    """Return the entries of `cosim.run`."""
     entries = {
         "software": f"auv-cosim {importlib.metadata.version('auv-cosim')}",
         "title": f"{name}, fed what was {request.side} in {trace.path.name}",

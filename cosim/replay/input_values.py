@@ -1,4 +1,4 @@
-"""Recorded signals as functions of the communication points of a new run."""
+"""Resample recorded signals at the communication points of a new run."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _MOST_POINTS = 20_000_000
 
 @dataclass(frozen=True, slots=True)
 class InputValues:
-    """What goes into the inputs.
+    """Values of the inputs.
 
     Attributes
     ----------
     points_ns : communication points from 0 [ns].
     values : by input, one per point.
-    shift_ns : what was taken off the recorded instants, so that the run begins at 0.
+    shift_ns : first recorded instant, which becomes 0.
     """
 
     points_ns: Integers
@@ -49,18 +49,17 @@ def resampled_inputs(
     starts: Mapping[str, float],
     step_ns: int | None,
 ) -> InputValues:
-    """Values of the inputs at every communication point.
+    """Resample the sources of the inputs at every communication point.
 
     Parameters
     ----------
     direct, linked : sources by input; the linked ones go over `link`.
-    starts : values of inputs before anything has arrived.
-    step_ns : step of the points; None: the instants of the recorded rows, and what the link
-        adds to them.
+    starts : values of inputs before the first recorded value.
+    step_ns : step of the points; None: the instants of the recorded rows and of the link.
 
     Raises
     ------
-    InputError : nothing was recorded, text, or too many points.
+    InputError : fewer than two recorded instants, text, or too many points.
     """
     sources = {**direct, **linked}
     tables = trace.read_all(sorted(_topics(trace, sources.values())))
@@ -80,22 +79,21 @@ def resampled_inputs(
         aligned = align([sends], points, "align" if step_ns is None else "grid")
         points, (traffic,) = aligned.points_ns, aligned.schedules
     values = {}
-    for name, source in direct.items():
-        values[name] = _values_in_force(tables, source, points + shift, starts[name])
-    for name, source in linked.items():
-        if traffic is not None:
-            sent = _values_in_force(tables, source, traffic.sent_ns + shift, starts[name])
-            values[name] = _received(traffic, sent, points, starts[name])
+    for name, source in sources.items():
+        over_packets = traffic if name in linked else None
+        at = points if over_packets is None else over_packets.sent_ns
+        sent = _values_in_force(tables, source, at + shift, starts[name])
+        if over_packets is not None:
+            values[name] = _received(over_packets, sent, points, starts[name])
         else:
-            sent = _values_in_force(tables, source, points + shift, starts[name])
-            values[name] = _transported(link, sent, points)
+            values[name] = _transported(link, sent, points) if name in linked else sent
     return InputValues(points, values, shift)
 
 
 def _topics(trace: Trace, sources: Iterable[Source]) -> set[str]:
-    """Topics of the sources, and of the senders of what links delivered.
+    """Return the topics of the sources, and of the senders of what links delivered.
 
-    The receiver computes at the instants at which the sender does, not at deliveries alone.
+    The receiver also steps at the instants of the sender, not at deliveries alone.
     """
     found = set()
     for source in sources:
@@ -112,7 +110,7 @@ def _points(times: Integers, step_ns: int | None) -> Integers:
     end = int(times[-1])
     if not 1 <= step_ns <= end or end // step_ns > _MOST_POINTS:
         raise InputError(
-            "the step does not fit what was recorded",
+            "the step does not fit the recording",
             where="--step",
             expected=f"{end / _MOST_POINTS / 1e9:.3g} s to {end / 1e9:g} s",
             got=f"{step_ns / 1e9:g} s",
@@ -123,11 +121,11 @@ def _points(times: Integers, step_ns: int | None) -> Integers:
 def _values_in_force(
     tables: Mapping[str, Table], source: Source, at_ns: Integers, start: float
 ) -> NDArray[np.float64]:
-    """What was in force at some instants; the start value before the first row."""
+    """Return the values in force at some instants; the start value before the first row."""
     series = series_of(tables[source.topic], source.column)
     if series.values.dtype.kind not in "fib":
         raise InputError(
-            "only numbers and truth values go into an input", where=source.name, got="text"
+            "an input takes numbers and truth values only", where=source.name, got="text"
         )
     rows = rows_in_force(series.delivered_ns, at_ns)
     values = np.append(series.values.astype(np.float64), start)
@@ -137,7 +135,7 @@ def _values_in_force(
 def _received(
     traffic: PacketSchedule, sent: NDArray[np.float64], points: Integers, start: float
 ) -> NDArray[np.float64]:
-    """What a packet link has put into force at the points."""
+    """Return the values of a packet link in use at the points."""
     used = traffic.in_use(points)
     values = np.append(traffic.link.quantize(sent), start)
     received = values[np.where(used >= 0, used, values.size - 1)]
@@ -149,7 +147,7 @@ def _received(
 def _transported(
     link: Link | None, sent: NDArray[np.float64], points: Integers
 ) -> NDArray[np.float64]:
-    """The delayed signal between the points, as a transport link of the master reads it."""
+    """Return the delayed signal at the points, interpolated like a transport link of the master."""
     if not isinstance(link, TransportLink):
         return sent
     index, weight = link.rows(points)

@@ -1,4 +1,4 @@
-"""Which recorded signal goes into which input of an FMU."""
+"""Map recorded signals to the inputs of an FMU."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Source:
 
     Attributes
     ----------
-    name : as `Trace.signal` takes it.
-    topic, column : where its rows are.
+    name : as for `Trace.signal`.
+    topic, column : of its rows.
     """
 
     name: str
@@ -28,11 +28,11 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class SignalMapping:
-    """What a user asks for.
+    """The mapping that a user requests.
 
     Attributes
     ----------
-    signals, groups : recorded name -> input of the FMU; a group stands for all its members.
+    signals, groups : recorded name -> input of the FMU; a group means all its members.
     role : the recorded component that the FMU stands for; None: found by its inputs.
     """
 
@@ -42,7 +42,7 @@ class SignalMapping:
 
 
 def recorded_inputs(trace: Trace) -> dict[str, list[str]]:
-    """Names of the recorded inputs of each component."""
+    """Return the names of the recorded inputs of each component."""
     found = {}
     for topic, info in trace.topics.items():
         component = component_of(topic)
@@ -52,11 +52,11 @@ def recorded_inputs(trace: Trace) -> dict[str, list[str]]:
 
 
 def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
-    """The recorded component whose inputs the FMU's are; None if no input is of either.
+    """Return the recorded component with the most inputs in common; None if none has any.
 
     Raises
     ------
-    InputError : the role given was not recorded, or several components fit equally well.
+    InputError : the given role was not recorded, or several components fit equally well.
     """
     recorded = recorded_inputs(trace)
     if role is not None:
@@ -71,7 +71,7 @@ def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
         raise InputError(
             "several recorded components have the inputs of this FMU",
             where=str(fmu.path),
-            expected="one of them named: --as-component",
+            expected="one of them, chosen by --as-component",
             got=", ".join(best),
         )
     return best[0] if best else None
@@ -80,14 +80,14 @@ def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
 def mapped(
     trace: Trace, fmu: FmuDescription, signal_mapping: SignalMapping, role: str | None
 ) -> dict[str, Source]:
-    """The source of each input that has one.
+    """Return the source of each input that has one.
 
-    Without signals and groups, or for a role that was named, inputs are fed what the recorded
-    component of that role got under the same names; signals and groups come on top.
+    Without signals and groups, or with a requested role, inputs get what the recorded component
+    of that role received under the same names; signals and groups override this.
 
     Raises
     ------
-    InputError : nothing fits; a signal or input that does not exist.
+    InputError : nothing fits, or an unknown signal or input.
     """
     inputs = _inputs(fmu)
     found: dict[str, Source] = {}
@@ -104,7 +104,7 @@ def mapped(
         found[target] = _source(trace, name)
     if not found:
         raise InputError(
-            "no recorded signal goes into this FMU",
+            "no recorded signal fits an input of this FMU",
             where=str(fmu.path),
             expected=f"inputs of the same names as recorded ones, or --map: {', '.join(inputs)}",
             got="; ".join(f"{c}: {', '.join(n)}" for c, n in recorded_inputs(trace).items())
@@ -115,7 +115,7 @@ def mapped(
 
 
 def _inputs(fmu: FmuDescription) -> list[str]:
-    """Inputs that can follow a recorded signal: numbers and truth values."""
+    """Return the inputs that can follow a recorded signal: numbers and truth values."""
     return [
         p.name
         for p in fmu.ports.values()
@@ -124,8 +124,7 @@ def _inputs(fmu: FmuDescription) -> list[str]:
 
 
 def _source(trace: Trace, name: str) -> Source:
-    topic, column = trace.place(name)
-    return Source(name, topic, column)
+    return Source(name, *trace.place(name))
 
 
 def _members(trace: Trace, fmu: FmuDescription, group: str, target: str) -> dict[str, Source]:
@@ -146,11 +145,11 @@ def _members(trace: Trace, fmu: FmuDescription, group: str, target: str) -> dict
 
 
 def as_delivered(trace: Trace, source: Source) -> Source:
-    """Where a source was delivered: what a component sent, on the link that carried it.
+    """Return the source as delivered: for an output, the link that carried it.
 
     Raises
     ------
-    InputError : several links did, or one that puts another value in place of what is lost.
+    InputError : several links carried it, or one with a substitute for lost values.
     """
     if component_of(source.topic) is None or source.topic.endswith("/input"):
         return source
@@ -160,7 +159,7 @@ def as_delivered(trace: Trace, source: Source) -> Source:
         if any(s.name == source.name for s in trace.topics[link_topic(link)].signals)
     ]
     if not links:
-        return source  # it was wired
+        return source  # connected without a link
     link = link_topic(links[0])
     if len(links) > 1:
         raise InputError(
@@ -171,18 +170,18 @@ def as_delivered(trace: Trace, source: Source) -> Source:
         )
     if trace.topics[link].metadata.get("on_loss", "hold") != "hold":
         raise InputError(
-            f"the receiver of {source.name} had more than was delivered",
+            f"the receiver of {source.name} used other values than those delivered",
             where="--map",
-            got=f"link {links[0]} puts a value in place of what is lost",
-            hint="map what the receiver had: COMPONENT.INPUT=...",
+            got=f"link {links[0]} substitutes lost values",
+            hint="map the receiver's input: COMPONENT.INPUT=...",
         )
     return Source(source.name, link, source.name)
 
 
 def as_sent(trace: Trace, source: Source, scenario: Scenario | None) -> tuple[Source, bool]:
-    """Where a source was sent, and whether anybody sent it: a reference has no sender.
+    """Return the source as sent, and whether it has a sender: a reference has none.
 
-    scenario : of the run; says who sent what a component received.
+    scenario : of the run; its connections name the senders.
     """
     component = component_of(source.topic)
     if source.topic.startswith(link_topic("")) and source.column in trace.signals:
@@ -200,5 +199,5 @@ def as_sent(trace: Trace, source: Source, scenario: Scenario | None) -> tuple[So
 
 
 def unmapped_inputs(fmu: FmuDescription, sources: Mapping[str, Source]) -> list[str]:
-    """Inputs that stay at their start values."""
+    """Return the inputs that keep their start values."""
     return [name for name in _inputs(fmu) if name not in sources]

@@ -1,4 +1,4 @@
-"""What a trace carries of the run it is of: scenario, gain, worst case."""
+"""Read scenario, design and worst case of a run from its trace."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
 
 
 def attachment(trace: Trace, name: str, digest: str) -> bytes:
-    """An attachment, which must be the one whose hash the trace names under `digest`.
+    """Return an attachment and check it against the hash that the trace names under `digest`.
 
     Raises
     ------
-    InputError : there is none, or it is another one.
+    InputError : missing, or its hash differs.
     """
     data = trace.attachments.get(name)
     if data is None:
@@ -31,7 +31,7 @@ def attachment(trace: Trace, name: str, digest: str) -> bytes:
     recorded, found = trace.run.get(digest), hashlib.sha256(data).hexdigest()
     if recorded != found:
         raise InputError(
-            f"{name} in this trace is not the one it was run with",
+            f"{name} in this trace is not that of its run",
             where=str(trace.path),
             expected=f"SHA-256 {recorded}",
             got=found,
@@ -40,11 +40,11 @@ def attachment(trace: Trace, name: str, digest: str) -> bytes:
 
 
 def scenario_in(trace: Trace, folder: Path) -> LoadedScenario:
-    """The scenario of a trace; `folder`: where its relative paths begin.
+    """Read the scenario of a trace; `folder` : start of relative paths.
 
     Raises
     ------
-    InputError : there is none, or it is no scenario.
+    InputError : missing, or not a scenario.
     """
     text = attachment(trace, SCENARIO_ATTACHMENT, "scenario.sha256")
     name = trace.run.get("scenario", trace.path.stem)
@@ -53,23 +53,18 @@ def scenario_in(trace: Trace, folder: Path) -> LoadedScenario:
 
 
 def design_in(trace: Trace) -> Any:
-    """The design of a trace as JSON values, its proof not checked.
-
-    Raises
-    ------
-    InputError : there is none.
-    """
+    """Read the design of a trace as JSON values, without checking its proof; see `attachment`."""
     return json.loads(attachment(trace, DESIGN_ATTACHMENT, "design.sha256"))
 
 
 def worst_case_in(trace: Trace, size: int) -> WorstCase | None:
-    """The worst case that flew, also where an older version gave it more digits; None if none did.
+    """Read the worst-case disturbance of the run, with all digits of older versions; or None.
 
     size : number of entries of w.
 
     Raises
     ------
-    InputError : what is recorded is none.
+    InputError : the recorded value is not a worst case.
     """
     recorded = trace.run.get("disturbance")
     if recorded is None:

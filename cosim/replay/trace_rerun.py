@@ -1,35 +1,36 @@
-"""The first sense of replay: a run again, from its trace alone.
+"""Rerun: repeat a run from its trace alone and compare.
 
-The trace carries the scenario, the gain with its proof, and the SHA-256 of every FMU. FMUs
-are found by that hash; the gain is taken as it flew, not designed again. The new run is
-compared with the old one by content hash, and where they part, signal by signal.
+The trace contains the scenario, the gain with its proof, and the SHA-256 of every FMU. FMUs are
+found by that hash; the recorded gain is used, not designed again. The runs are compared by
+content hash and, if they differ, signal by signal.
 """
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, Progress
+from cosim.core import CosimError, InputError, Progress
+from cosim.fmu import CATALOGUE, FMI_VERSION, ensure_fmu
 from cosim.hinf import design_from_json
 from cosim.replay.trace_attachments import design_in, scenario_in, worst_case_in
-from cosim.replay.wanted_fmus import build_wanted_fmus
 from cosim.scenario import FmuCache, Outcome, PreparedScenario, execute_run, prepare, problem_about
 from cosim.trace import DESIGN_ATTACHMENT, Trace, begins_with, content_hash, diff, differences
 
 
 @dataclass(frozen=True)
 class Rerun:
-    """A trace, its run again, and whether they are the same.
+    """A trace, its rerun, and whether they are equal.
 
     Attributes
     ----------
-    identical : both content hashes are equal; of a run that did not finish: the new one begins
-        with every message that there is.
-    finished : whether the original did.
-    differences : what differs, in words; empty when identical.
+    identical : both content hashes are equal; for a trace that is cut short: the new one begins
+        with all its messages.
+    finished : whether the original trace is complete.
+    differences : sentences; empty when identical.
     """
 
     original: Path
@@ -40,7 +41,7 @@ class Rerun:
     differences: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return everything, for `--json`."""
         return {
             "original": str(self.original),
             "original_hash": self.original_hash,
@@ -54,14 +55,14 @@ class Rerun:
 def rerun(
     path: Path, fmu_cache: FmuCache, *, output: Path | None = None, progress: Progress | None = None
 ) -> Rerun:
-    """Run what a trace records again and compare.
+    """Repeat the run of a trace and compare.
 
     Parameters
     ----------
-    path : a trace with its scenario attached, of a run that finished or not; of one that did
-        not, what there is is compared with the beginning of the new run.
-    fmu_cache : where FMUs are looked for.
-    output : where the new trace goes; nowhere if None.
+    path : a trace with its scenario attached; one that is cut short is compared with the
+        beginning of the new run.
+    fmu_cache : where FMUs are found.
+    output : file of the new trace; None: keep none.
 
     Raises
     ------
@@ -73,13 +74,9 @@ def rerun(
     with tempfile.TemporaryDirectory(prefix="cosim-rerun-") as folder:
         target = output or Path(folder, "rerun.mcap")
         outcome = execute_run(prepared, target, progress=progress)
-        if trace.finished:
-            identical = outcome.content_hash == before
-        else:
-            identical = begins_with(Trace(target), trace)
-        lines: tuple[str, ...] = ()
-        if not identical:
-            lines = tuple(differences(diff(path, target, prefix=not trace.finished)))
+        whole = trace.finished
+        identical = outcome.content_hash == before if whole else begins_with(Trace(target), trace)
+        lines = () if identical else tuple(differences(diff(path, target, prefix=not whole)))
         if output is None:
             outcome = replace(outcome, trace=None)
     return Rerun(path, before, outcome, identical, trace.finished, lines)
@@ -94,7 +91,7 @@ def _prepared(
         for component, part in loaded.scenario.components.items()
     }
     fmu_cache = replace(fmu_cache, wanted=hashes)
-    build_wanted_fmus(fmu_cache)
+    _build_wanted_fmus(fmu_cache)
     saved = worst_case = None
     if loaded.scenario.design is not None:
         where = f"{path}: {DESIGN_ATTACHMENT}"
@@ -106,7 +103,7 @@ def _prepared(
         wanted = trace.run.get(f"fmu.{component}.sha256")
         if fmu.sha256 != wanted:
             raise InputError(
-                f"the FMU of {component!r} is another one than in the trace",
+                f"the FMU of {component!r} is not the one in the trace",
                 where=str(fmu.path),
                 expected=f"SHA-256 {wanted}",
                 got=fmu.sha256,
@@ -114,3 +111,28 @@ def _prepared(
                 "to the folder with the FMUs of that run",
             )
     return prepared
+
+
+def _build_wanted_fmus(fmu_cache: FmuCache) -> None:
+    """Build wanted FMUs of the catalogue that are missing below the cache's root.
+
+    The flavour of the run is known by the hash alone: that of the cache is tried first. An FMU
+    that is still missing afterwards is reported where it is used.
+    """
+    there = {_sha256(path) for path in fmu_cache.root.rglob("*.fmu") if path.is_file()}
+    flavours = [fmu_cache.flavour, *(f for f in FMI_VERSION if f != fmu_cache.flavour)]
+    for name, wanted in fmu_cache.wanted.items():
+        if name not in CATALOGUE or not wanted:
+            continue
+        for flavour in flavours:
+            if wanted in there:
+                break
+            try:
+                built = ensure_fmu(name, fmu_cache.root, flavour=flavour).path
+            except (CosimError, OSError):  # no compiler, or a full disk: try the next flavour
+                continue
+            there.add(_sha256(built))
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

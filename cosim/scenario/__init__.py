@@ -1,4 +1,4 @@
-"""Scripted scenarios: read, assemble, fly, judge; from Python: `run`, `open_session`."""
+"""Scenarios: read and check them, assemble their systems, run them, evaluate the runs."""
 
 import lazy_loader as _lazy
 

@@ -1,9 +1,8 @@
-"""How old the measurements are that act on the plant: the whole way round.
+"""Measurement age: time since the measurement behind the command in force was taken.
 
-At each instant the command in force was computed from a measurement taken earlier; the time
-since is what a design "for any age up to d" is about. It holds the link to the controller,
-the wait for its sample instant and its own communication step, the step that the coupling adds,
-the link back, and the hold until the next command arrives.
+A design "for any age up to d" is about this age. It includes the link to the controller, the
+wait for its sample instant and its communication step, the step that the coupling adds, the
+link back, and the hold until the next command arrives.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ Integers = NDArray[np.int64]
 def measurement_age_ns(
     run: Run, plant: str, controller: str, algorithm: Algorithm = "jacobi"
 ) -> Integers:
-    """Largest age within each interval [t_k, t_{k+1}) [ns], int64 (points - 1,).
+    """Return the largest age in each interval [t_k, t_{k+1}) [ns], int64 (points - 1,).
 
-    `NONE_IN_USE` (-1) where no measurement acts yet, or a link's substitute stands in for
-    one. Where several links lie side by side, the oldest counts.
+    `NONE_IN_USE` (-1) where no measurement is in use yet, or a link's substitute replaces it.
+    Of several parallel links, the oldest measurement counts.
     """
     by_name = {s.name: s for s in run.instances}
     points = run.points_ns
@@ -46,10 +45,7 @@ def measurement_age_ns(
 
 
 def _feedthrough(controller: ComponentInstance, back: Route) -> bool:
-    """Whether these commands follow the inputs of the same point.
-
-    Under Gauss-Seidel they are read after the step, before whose beginning the inputs were set.
-    """
+    """Whether all commands on this route depend on inputs of the same point."""
     first = min(
         group.column
         for group in (*controller.outputs_without_feedthrough, *controller.outputs_with_feedthrough)
@@ -59,10 +55,9 @@ def _feedthrough(controller: ComponentInstance, back: Route) -> bool:
 
 
 def _read_row(controller: ComponentInstance, points: Integers) -> Integers:
-    """For each row, the point whose inputs the controller's outputs there come from; -1: none.
+    """For each row, the point whose inputs the controller's outputs depend on; -1: none.
 
-    What is computed in a step is seen at its end; of its own points, those count at whose steps
-    it samples.
+    Results of a step appear at its end; only steps that contain a sample instant use inputs.
     """
     own = controller.own_points.own[controller.own_points.own < points.size]
     times = points[own]
@@ -81,11 +76,9 @@ def _read_row(controller: ComponentInstance, points: Integers) -> Integers:
 
 
 def _origin_ns(back: Route, forth: Route, read: Integers, points: Integers) -> Integers:
-    """When the measurement behind the plant's input was taken, per interval; -1: none."""
+    """Return when the measurement behind the plant's input was taken, per interval; -1: none."""
     command = np.minimum(back.row[: points.size - 1], points.size - 1)
     inputs = np.where(command >= 0, read[np.maximum(command, 0)], -1)
     row = np.where(inputs >= 0, forth.row[np.maximum(inputs, 0)], -1)
-    origin: Integers = np.where(
-        row >= 0, points[np.minimum(np.maximum(row, 0), points.size - 1)], -1
-    )
+    origin: Integers = np.where(row >= 0, points[np.clip(row, 0, points.size - 1)], -1)
     return origin

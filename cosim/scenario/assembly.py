@@ -1,4 +1,4 @@
-"""From a scenario to what the master runs: links in nanoseconds, connections, inputs driven."""
+"""Assemble the system of a scenario: FMUs, links in nanoseconds, connections, driven inputs."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from cosim.scenario.channels import delay_source, link_of, nanoseconds
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
-from cosim.scenario.parameters import numbers_of
 from cosim.scenario.schema import ComponentLogPart, Scenario
 from cosim.scenario.script import changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
+from cosim.scenario.units import numbers_of
 
 __all__ = [
     "FmuCache",
@@ -45,13 +45,13 @@ __all__ = [
 ]
 
 Wires = list[tuple[Connection, Path]]
-"""Connections, each with the part of the scenario that it comes from."""
+"""Connections, each with its path in the scenario."""
 
 
 def find_fmus(
     scenario: Scenario, fmu_cache: FmuCache, findings: Findings | None = None
 ) -> dict[str, FmuDescription]:
-    """The FMU of every component, built if the catalogue has it and it is missing."""
+    """Find the FMU of every component; build missing ones of the catalogue."""
     findings = findings or Findings()
     found = {}
     for name, part in scenario.components.items():
@@ -62,10 +62,7 @@ def find_fmus(
 
 @dataclass(frozen=True)
 class SystemParts:
-    """What a system is made of.
-
-    wires : connections, each with the place in the scenario that it comes from.
-    """
+    """The parts of a system."""
 
     components: Mapping[str, Component]
     wires: Wires
@@ -83,20 +80,20 @@ def assemble(
     at_rest: bool = False,
     origin: Origin = NOWHERE,
 ) -> System:
-    """The system of a scenario.
+    """Assemble the system of a scenario.
 
     Parameters
     ----------
     fmus : by component.
-    parameters : by component, on top of the scenario's own (the gain of a design).
-    worst_case : what the scenario's disturbance is, found from its design.
-    at_rest : the companion run: from the zero state, the reference at zero, everything else
-        the same; the gain from disturbance to output is defined there.
-    origin : where the parts of the scenario stand, for messages.
+    parameters : by component, override the scenario's own (the gain of a design).
+    worst_case : the worst-case disturbance of the scenario's design.
+    at_rest : assemble the zero-state run: zero initial state and reference, all else equal;
+        the gain from w to z is defined there.
+    origin : locates the parts of the scenario in messages.
 
     Raises
     ------
-    InputError : a connection that matches nothing, names that do not exist.
+    InputError : unknown names, or parts that do not fit together.
     """
     findings = Findings(origin)
     parts = parts_of(
@@ -114,7 +111,7 @@ def parts_of(
     worst_case: WorstCase | None = None,
     at_rest: bool = False,
 ) -> SystemParts:
-    """The parts of a system, as `assemble`; faults go to `findings`."""
+    """Make the parts of a system, as `assemble`; errors go to `findings`."""
     links = _links(scenario, findings)
     comm_schedule = _comm_schedule(scenario, links, findings)
     own = {
@@ -149,7 +146,7 @@ def parts_of(
 
 
 def _wanted_log(scenario: Scenario, component: str) -> tuple[LogLevel, list[str] | None]:
-    """From which level on a component is recorded, and which of its categories."""
+    """Return the lowest level at which a component is logged, and its log categories."""
     if scenario.log is None:
         return "debug", None
     part = scenario.log.components.get(component, ComponentLogPart())
@@ -173,7 +170,7 @@ def _comm_schedule(
     every = [nanoseconds(p.step) for p in scenario.components.values() if p.step is not None]
     with findings.at("run"):
         return make_schedule(links, step, end, run.events, every, instants_ns(scenario))
-    # what can still be looked at is looked at over two points
+    # a check goes on after this error: two points are enough for the other parts
     return CommunicationSchedule(np.array([0, 1_000_000_000], np.int64), {}, 1_000_000_000)
 
 
@@ -224,12 +221,7 @@ def _driven(
 
 
 def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> System:
-    """The system; where it does not fit together, the part that the master names is blamed.
-
-    Raises
-    ------
-    InputError : see `System`.
-    """
+    """Make the system; an error of `System` is located at the part of the scenario it names."""
     run = scenario.run
     try:
         return System(
@@ -248,7 +240,7 @@ def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> Sys
 
 
 def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
-    """What decides the delays of links that the run yields."""
+    """Return the delay sources of live links."""
     found = {name: delay_source(part) for name, part in scenario.links.items()}
     return {name: source for name, source in found.items() if source is not None}
 
@@ -268,7 +260,7 @@ def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
 
 
 def same_start(one: System, other: System) -> bool:
-    """Whether two systems of one scenario are the same run, their inputs included."""
+    """Whether two systems of one scenario have equal start values and driven inputs."""
     return all(
         _start(one.components[name], port) == _start(other.components[name], port)
         for name, component in one.components.items()
@@ -277,7 +269,7 @@ def same_start(one: System, other: System) -> bool:
 
 
 def _values(system: System, end: Endpoint) -> NDArray[np.float64]:
-    """A driven input at the points that are known before the run."""
+    """Values of a driven input at the points known before the run."""
     signal = system.driven[end]
     return signal(system.comm_schedule.points_ns / 1e9) if callable(signal) else signal
 
@@ -288,10 +280,9 @@ def _start(component: Component, port: Port) -> Any:
 
 
 def _of_the_start(port: Port, connected: bool) -> bool:  # noqa: FBT001 - a predicate of both
-    """Whether a variable says where a run starts.
+    """Whether a variable belongs to the initial state: `initial.*`, or a connected input.
 
-    That is an initial state, or an input until something reaches it; the start value of an
-    input that nothing reaches holds for the whole run.
+    The start value of an unconnected input holds for the whole run.
     """
     if port.kind != "float":
         return False

@@ -1,6 +1,8 @@
-"""Verdicts on what a scenario says must hold, from the rows of its run."""
+"""Evaluate the assertions of a scenario on the rows of its run."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,29 +23,27 @@ _Truths = NDArray[np.bool_]
 def verdicts_of(
     scenario: Scenario, system: System, run: Run | None, findings: Findings
 ) -> tuple[AssertionResult, ...]:
-    """A verdict on every assertion; without a run, they are only checked against the system.
+    """Evaluate every assertion; without a run, only check them against the system.
 
     Raises
     ------
-    InputError : a name that does not exist, or two units that do not go together.
+    InputError : an unknown name, or incompatible units.
     """
     changed = [endpoint(target) for event in scenario.events for target in event.set]
     scope = RunScope(system, changed)
     end = scenario.run.end
     found = []
     for i, part in enumerate(scenario.assertions):
-        key = next(k for k in ("always", "eventually", "within") if getattr(part, k) is not None)
+        bound = partial(bind_condition, scope, findings)
         since = None
         if part.within is not None:
-            condition = bind_condition(
-                part.within.holds, scope, findings, "assertions", i, key, "holds"
-            )
+            condition = bound(part.within.holds, "assertions", i, "within", "holds")
             if part.within.when is not None:
-                since = bind_condition(
-                    part.within.when, scope, findings, "assertions", i, key, "when"
-                )
+                since = bound(part.within.when, "assertions", i, "within", "when")
+        elif part.always is not None:
+            condition = bound(part.always, "assertions", i, "always")
         else:
-            condition = bind_condition(getattr(part, key), scope, findings, "assertions", i, key)
+            condition = bound(part.eventually or "", "assertions", i, "eventually")
         if run is not None and condition is not None:
             found.append(_verdict(part, condition, since, scope, run, end))
     return tuple(found)
@@ -62,8 +62,7 @@ def _verdict(
     inside = (seconds >= after) & (seconds <= before)
     last_s = float(seconds[-1]) if seconds.size else -1.0
     whole = run.status == "finished" or last_s >= before
-    # a run that broke off cannot keep a promise that it did not get to; one stopped on purpose
-    # was not asked
+    # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
     rest: Result = "undecided" if run.status == "stopped" else "fails"
     holds = _judged(condition, scope, run)
     if part.within is not None:
@@ -97,7 +96,7 @@ def _judged(condition: BoundCondition, scope: RunScope, run: Run) -> _Truths:
 
 
 def _starts(since: _Truths | None, inside: _Truths) -> NDArray[np.intp]:
-    """Points from which a `within` counts: where its condition becomes true, or the first."""
+    """Return the points at which `within` starts to count: `when` becomes true, or the first."""
     if since is None:
         return np.flatnonzero(inside)[:1]
     rising = since & ~np.concatenate(([False], since[:-1]))
@@ -107,7 +106,7 @@ def _starts(since: _Truths | None, inside: _Truths) -> NDArray[np.intp]:
 def _late(
     starts: NDArray[np.intp], holds: _Truths, seconds: NDArray[np.float64], of: float
 ) -> NDArray[np.intp]:
-    """Starts after which it is not true in time."""
+    """Return the starts after which the condition does not become true in time."""
     true_at = np.append(seconds[holds], np.inf)
     following = true_at[np.searchsorted(true_at, seconds[starts])]
     late: NDArray[np.intp] = starts[following > seconds[starts] + of * (1 + 1e-12)]

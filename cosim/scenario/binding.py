@@ -1,8 +1,8 @@
-"""From the tree of a condition to a function of the values that it names.
+"""Bind a parsed condition to a scope: a function of the values of the signals it names.
 
-Dimensions are checked on the way: what is added or compared must be of one dimension; a plain
-number is in the SI unit of what it stands beside; a variable without a unit goes with all.
-Values are floats, or arrays of one length: the same function judges a point and a whole run.
+Dimensions are checked: terms that are added or compared must have the same one. A plain number
+takes the SI unit of the other operand; a variable without a unit goes with every dimension.
+Values are floats, or arrays of one length, so one function serves a point and a whole run.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ Kind = Literal["truth", "number"]
 
 
 class Meaning(NamedTuple):
-    """What a name is: truth or number, of which dimension (None: unknown), how it gets to SI."""
+    """Kind of a name, its dimension (None: unknown) and its conversion to SI."""
 
     kind: Kind
     dimension: Dimension | None
-    to_si: Callable[[Any], Any] | None = None
+    to_si: Callable[[Any], Any] = lambda value: value
 
 
 class Scope(Protocol):
-    """What names mean."""
+    """Resolves the names of conditions."""
 
     def meaning(self, reference: str) -> Meaning:
-        """The meaning of `component.variable`; an `InputError` if there is none."""
+        """Return the meaning of `component.variable`; an `InputError` if it has none."""
 
 
 class Node(NamedTuple):
-    """A part of a condition.
+    """A bound part of a condition.
 
-    plain : a number without a unit, which takes that of what it stands beside.
-    literal : a number as written.
+    plain : a number without a unit, which takes the unit of the other operand.
+    literal : the value of a number written in the text.
     """
 
     kind: Kind
@@ -56,11 +56,11 @@ class Node(NamedTuple):
 
 @dataclass(frozen=True)
 class BoundCondition:
-    """A condition that can be judged.
+    """A condition that can be evaluated.
 
     Attributes
     ----------
-    names : what it depends on, in the order of its values; "t" is the time.
+    names : the names it depends on, in the order of its values; "t" is the time.
     """
 
     expression: Expression
@@ -68,31 +68,36 @@ class BoundCondition:
     node: Node
 
     def __call__(self, values: Sequence[Any]) -> Any:
-        """Its value, given those of `names`; true or false where it is a condition."""
+        """Evaluate at the values of `names`; true or false where it is a condition."""
         with np.errstate(all="ignore"):
             return self.node.run([v if np.ndim(v) else np.float64(v) for v in values])
 
 
+def check_name(reference: str) -> None:
+    """Refuse a name without a dot between component and variable."""
+    if "." not in reference.strip("."):
+        raise InputError(
+            f"there is no name {reference!r}",
+            expected="component.variable, as in plant.eta.z; t is the time",
+        )
+
+
 class AnyName:
-    """A scope in which every name stands for everything: for the form alone."""
+    """A scope that accepts every name: only the form of a condition is checked."""
 
     def meaning(self, reference: str) -> Meaning:
-        """A number of unknown dimension; the dot between component and variable must be there."""
-        if "." not in reference.strip("."):
-            raise InputError(
-                f"there is no name {reference!r}",
-                expected="component.variable, as in plant.eta.z; t is the time",
-            )
+        """Return a number of unknown dimension."""
+        check_name(reference)
         return Meaning("number", None)
 
 
 def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundCondition:
-    """The condition as a function.
+    """Bind the names of a condition and check its dimensions.
 
     Raises
     ------
-    ExpressionError : a name that does not exist, a form that no condition has, two dimensions
-        where there must be one; says the column.
+    ExpressionError : an unknown name, an unsupported form, incompatible dimensions; says the
+        column.
     """
     binder = _Binder(expression, scope)
     try:
@@ -135,9 +140,10 @@ _CALLS: dict[str, tuple[int, int, Callable[..., Any]]] = {
 
 
 def _power(base: Any, exponent: float) -> Any:
-    """base ** exponent; a whole one by products, which round alike on every processor.
+    """Return base ** exponent with the same rounding on every processor.
 
-    Any other by the C library, value by value: NumPy's own differs in the last bit.
+    An integer exponent by products, any other by the C library, value by value: the last bit of
+    NumPy's own power varies.
     """
     if exponent == int(exponent):
         result = _folded(operator.mul, [base] * abs(int(exponent)) or [np.ones_like(base)])
@@ -146,7 +152,7 @@ def _power(base: Any, exponent: float) -> Any:
 
 
 def _pow(base: float, exponent: float) -> float:
-    """As IEEE 754 has it: no exception."""
+    """Return base ** exponent as in IEEE 754, without exceptions."""
     if base < 0.0 or (base == 0.0 and exponent < 0.0):
         return math.nan if base < 0.0 else math.inf
     try:
@@ -191,13 +197,13 @@ class _Binder:
     def _constant(self, node: ast.Constant) -> Node:
         value = node.value
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._expression.wrong(node, "no such value in a condition", "a number")
+            raise self._expression.wrong(node, "a condition cannot contain this value", "a number")
         try:
             number = float(value)
         except OverflowError:
             number = float("inf")
         if number == float("inf"):
-            raise self._expression.wrong(node, "this number is beyond all numbers")
+            raise self._expression.wrong(node, "this number is out of range")
         return Node("number", None, lambda _: number, plain=True, literal=number)
 
     def _named(self, node: ast.expr) -> Node:
@@ -205,7 +211,7 @@ class _Binder:
         if reference is None:
             raise self._expression.wrong(
                 node,
-                "no such form in a condition",
+                "a condition cannot contain this form",
                 "names, numbers, + - * / **, comparisons, and, or, not, "
                 + ", ".join(sorted(_CALLS)),
             )
@@ -219,12 +225,9 @@ class _Binder:
         if reference not in self.names:
             self.names.append(reference)
         place = self.names.index(reference)
-        to_si = meaning.to_si
         if meaning.kind == "truth":
             return Node("truth", None, lambda values: values[place] != 0)
-        if to_si is None:
-            return Node("number", meaning.dimension, lambda values: values[place])
-        return Node("number", meaning.dimension, lambda values: to_si(values[place]))
+        return Node("number", meaning.dimension, lambda values: meaning.to_si(values[place]))
 
     def _located(self, node: ast.expr, error: InputError) -> ExpressionError:
         located = self._expression.wrong(node, error.what, error.expected)
@@ -250,7 +253,7 @@ class _Binder:
     def _number(self, node: ast.expr) -> Node:
         found = self.visit(node)
         if found.kind != "number":
-            raise self._expression.wrong(node, "this is true or false, and no number")
+            raise self._expression.wrong(node, "this is a truth value, not a number")
         return found
 
     def _unary(self, node: ast.UnaryOp) -> Node:
@@ -258,7 +261,7 @@ class _Binder:
             inner = self._truth(node.operand)
             return Node("truth", None, lambda v: np.logical_not(inner.run(v)))
         if isinstance(node.op, ast.Invert):
-            raise self._expression.wrong(node, "no such sign in a condition", "not")
+            raise self._expression.wrong(node, "a condition cannot contain this operator", "not")
         part = self._number(node.operand)
         sign = -1.0 if isinstance(node.op, ast.USub) else 1.0
         literal = None if part.literal is None else sign * part.literal
@@ -269,7 +272,8 @@ class _Binder:
             return self._power(node)
         function = _ARITHMETIC.get(type(node.op))
         if function is None:
-            raise self._expression.wrong(node, "no such sign in a condition", "+ - * / **")
+            wrong = self._expression.wrong
+            raise wrong(node, "a condition cannot contain this operator", "+ - * / **")
         a, b = self._number(node.left), self._number(node.right)
         if isinstance(node.op, ast.Add | ast.Sub):
             measured, plain = self._same(node, a, b), a.plain and b.plain
@@ -289,7 +293,9 @@ class _Binder:
         base, exponent = self._number(node.left), self._number(node.right)
         power = exponent.literal
         if power is None or not exponent.plain or abs(power) > 9:
-            raise self._expression.wrong(node.right, "no such exponent", "a number from -9 to 9")
+            raise self._expression.wrong(
+                node.right, "this exponent is not supported", "a number from -9 to 9"
+            )
         measured = base.dimension and base.dimension.power(Fraction(power).limit_denominator(64))
         return Node("number", measured, lambda v: _power(base.run(v), power), base.plain)
 
@@ -299,7 +305,9 @@ class _Binder:
         for i, op in enumerate(node.ops):
             function = _COMPARISON.get(type(op))
             if function is None:
-                raise self._expression.wrong(node, "no such comparison", "< <= > >= == !=")
+                raise self._expression.wrong(
+                    node, "this comparison is not supported", "< <= > >= == !="
+                )
             self._same(node.comparators[i], parts[i], parts[i + 1])
             checks.append((function, parts[i].run, parts[i + 1].run))
         return Node(
@@ -327,20 +335,20 @@ class _Binder:
         return Node("number", measured, lambda v: function(*(p.run(v) for p in parts)), plain)
 
     def _same(self, node: ast.expr, a: Node, b: Node) -> Dimension | None:
-        """The dimension that two parts have in common."""
+        """Return the common dimension of two parts."""
         if a.plain or a.dimension is None:
             return b.dimension
         if b.plain or b.dimension is None or _alike(a, b):
             return a.dimension
         raise self._expression.wrong(
             node,
-            "two units that do not go together",
+            "the units are incompatible",
             f"both in {a.dimension}; one is in {b.dimension}",
         )
 
 
 def _alike(a: Node, b: Node) -> bool:
-    """Equal, or angles that an FMU calls numbers beside angles as written."""
+    """Whether dimensions are equal, or an angle in the text meets a variable without radians."""
     if a.dimension == b.dimension or a.dimension is None or b.dimension is None:
         return True
     written, variable = (a, b) if a.literal is not None else (b, a)

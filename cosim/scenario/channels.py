@@ -1,9 +1,8 @@
-"""From the links of a scenario to those of the network, with what events by time do to them.
+"""Make the links of the network from those of a scenario and its events at fixed times.
 
-What is known before the run becomes part of the link: another delay from some time on is a
-recorded delay, another loss a window in which that loss holds; an outage loses what is sent
-while it lasts (what is on its way arrives). A transport link carries no messages: in an outage
-its receiver keeps what it has, which is a delay that grows with the time.
+Such events become part of the link: a change of delay makes a recorded delay, a change of loss
+a window with that loss; an outage loses what is sent meanwhile (messages under way arrive). A
+transport link has no messages: in an outage its receiver keeps its value, so the delay grows.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from cosim.scenario.matching import endpoint
 
 
 class Change(NamedTuple):
-    """What an event by time does to a link in [from_ns, until_ns): one of the three."""
+    """A change of a link in [from_ns, until_ns): of its delay, of its loss, or an outage."""
 
     from_ns: int
     until_ns: int
@@ -47,21 +46,21 @@ class Change(NamedTuple):
 
     @property
     def outage(self) -> bool:
-        """Whether nothing gets through."""
+        """Whether the link delivers nothing."""
         return self.delay_ns is None and self.loss is None
 
 
 def nanoseconds(seconds: float) -> int:
-    """Seconds to the nearest nanosecond."""
+    """Round seconds to the nearest nanosecond."""
     return round(seconds * 1e9)
 
 
 def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()) -> Link:
-    """The link that a part of a scenario describes; `seed` of the run.
+    """Make the link that [links.NAME] describes; `seed` is that of the run.
 
     Raises
     ------
-    InputError : parameters that do not fit together, a change of a delay that is not constant.
+    InputError : inconsistent parameters, or a change of a delay that is not constant.
     """
     constant, varying = _delay(part)
     if not isinstance(part, PacketPart):
@@ -100,7 +99,7 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
 
 
 def delay_source(part: LinkPart) -> DelaySource | None:
-    """What decides the delay of a link; None where it is known before the run."""
+    """Return the signals that determine the delay of a live link; None for any other link."""
     delay = part.delay
     if isinstance(delay, SignalDelayPart):
         return DelaySource((endpoint(delay.signal),))
@@ -110,7 +109,7 @@ def delay_source(part: LinkPart) -> DelaySource | None:
 
 
 def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
-    """The constant delay [ns], or one that varies."""
+    """Return the constant delay [ns], and the varying delay or None."""
     match part.delay:
         case SignalDelayPart():
             return 0, DelaySignal(part.delay.scale, nanoseconds(part.delay.offset))
@@ -134,12 +133,12 @@ def _changed(
     *,
     outages: bool,
 ) -> DelayProfile | None:
-    """The delay over time; None without changes."""
+    """Return the delay over time; None without changes."""
     if not changes:
         return None
     if varying is not None or any(change.loss is not None for change in changes):
         raise InputError(
-            "this change does not go with this link",
+            "this link cannot be changed like this",
             where=f"link {name!r}",
             expected="a constant delay to be changed"
             if varying is not None

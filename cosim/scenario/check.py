@@ -1,4 +1,4 @@
-"""Everything that is wrong with a scenario, without flying it."""
+"""Check a scenario without running it."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from cosim.scenario.signals import no_disturbance
 
 
 def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
-    """Every fault of a scenario, in the order in which they are found; empty if there is none.
+    """Return every error of a scenario, in the order in which they are found.
 
-    What stands on something faulty is not looked at. The gain is not designed.
+    Parts that depend on a faulty part are not checked. No gain is designed.
     """
     broken = schema_problems(source)
     if broken:
@@ -51,7 +51,7 @@ def problems_of(source: Source, fmu_cache: FmuCache) -> list[CosimError]:
 
 
 def schema_problems(source: Source) -> list[InputError]:
-    """Every key that breaks the schema."""
+    """Return an error for every key that breaks the schema."""
     try:
         Scenario.model_validate(source.data)
     except ValidationError as error:
@@ -90,11 +90,12 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
         if not findings.errors:
             findings.errors.append(error)
         return
-    _conditions(scenario, system, findings)
+    script_of(scenario, system, findings)
+    verdicts_of(scenario, system, None, findings)
 
 
 def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> Wires:
-    """The connections that can be made, each looked at by itself; of two into one, the first."""
+    """Return the valid connections, each checked alone; of two into one input, the first."""
     good: Wires = []
     for wire in parts.wires:
         connection, path = wire
@@ -112,8 +113,3 @@ def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> W
             )
             good.append(wire)
     return good
-
-
-def _conditions(scenario: Scenario, system: System, findings: Findings) -> None:
-    script_of(scenario, system, findings)
-    verdicts_of(scenario, system, None, findings)

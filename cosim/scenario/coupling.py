@@ -1,11 +1,10 @@
-"""The delay that the coupling itself adds, apart from that of the links.
+"""Coupling delay: the delay that the exchange at communication points adds beyond the links.
 
-An input is held over its receiver's step. How late what it is held at is at the end of that step,
-beyond the delay of its link, is what the exchange costs: a step under Jacobi, nothing where the
-sender has stepped before (Gauss-Seidel), half a step where the value of the middle is taken; and
-the wait for the next point of a sender or receiver with a step of its own. A message is meant to
-be held: it counts only where a newer one has been delivered and is not yet used, or where the
-sender's value was old when it was sent.
+An input is held over its receiver's step. The coupling delay is the age of the held value at
+the end of that step, less the delay of the link: a step under Jacobi, nothing where the sender
+has stepped before (Gauss-Seidel), half a step with policy "midpoint"; plus the wait for the own
+points of a sender or receiver. Messages are held on purpose: they count only where a newer one
+was delivered and is not yet in use, or where the sender's value was old when it was sent.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ Integers = NDArray[np.int64]
 
 
 def coupling_delays_s(run: Run, system: System) -> dict[str, float]:
-    """Largest delay that the coupling adds [s], by `sender -> receiver` and the link between.
+    """Return the largest coupling delay [s] by connection.
 
-    Sender and receiver alone name a wire; `controller -> plant over downlink` a link.
+    A key is `sender -> receiver` for a wire, `controller -> plant over downlink` for a link.
     """
     found: dict[str, float] = {}
     if run.points_ns.size < 2:

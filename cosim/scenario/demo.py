@@ -1,4 +1,4 @@
-"""The main job in one go: both gains, both flights over the same link, one picture."""
+"""The demo: run the delay-aware and the naive gain over the same link and compare them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import Progress
+from cosim.core import Progress, silent
 from cosim.scenario.execute import check_writable, execute_run, prepare
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
@@ -14,7 +14,7 @@ from cosim.scenario.read import load
 from cosim.trace import LabelledTrace, compare_runs, pyplot
 
 DEMO_RUNS = (("auv-acoustic", "delay-aware"), ("auv-acoustic-naive", "naive"))
-"""Scenario and label, the first with the gain that is designed for the link."""
+"""Scenario and label; the gain of the first is designed for the link."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Demo:
     picture: Path
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return everything, for `--json`."""
         return {
             "runs": {label: outcome.to_json() for label, outcome in self.outcomes.items()},
             "picture": str(self.picture),
@@ -33,17 +33,16 @@ class Demo:
 
 
 def demonstrate(fmu_cache: FmuCache, folder: Path, progress: Progress | None = None) -> Demo:
-    """Design, fly and draw; traces and picture go to `folder`."""
-    # what would fail at the end is said at the beginning
+    """Run both scenarios and draw their comparison; traces and picture go to `folder`."""
+    # fail before the runs, not after them
     pyplot()
     check_writable(folder / "demo.png")
+    report = progress or silent
     outcomes = {}
     for name, label in DEMO_RUNS:
-        report_progress: Progress | None = None
-        if progress is not None:
 
-            def report_progress(what: str, share: float, label: str = label) -> None:
-                progress(f"{label}: {what}", share)
+        def report_progress(what: str, share: float, label: str = label) -> None:
+            report(f"{label}: {what}", share)
 
         prepared = prepare(load(name), fmu_cache, progress=report_progress)
         outcomes[label] = execute_run(prepared, folder / f"{name}.mcap", progress=report_progress)

@@ -1,4 +1,4 @@
-"""A scenario as a picture of boxes and arrows: text for a terminal, Mermaid for a page."""
+"""Draw a scenario as a diagram: text for a terminal, or Mermaid."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.scenario.schema import Scenario
 
 
 def as_text(scenario: Scenario) -> str:
-    """Components, links and connections, line by line."""
+    """Return components, links and connections, one per line."""
     lines = ["components"]
     wide = max(map(len, scenario.components))
     for name, part in scenario.components.items():
@@ -39,7 +39,7 @@ def as_text(scenario: Scenario) -> str:
 
 
 def as_mermaid(scenario: Scenario) -> str:
-    """A Mermaid flowchart."""
+    """Return a Mermaid flowchart."""
     lines = ["flowchart LR"]
     number = {name: f"c{i}" for i, name in enumerate(scenario.components)}
     for name, part in scenario.components.items():
@@ -65,7 +65,7 @@ def as_mermaid(scenario: Scenario) -> str:
 
 
 def link_words(link: Link) -> str:
-    """A link in a few words."""
+    """Describe a link in a few words."""
     delay = link.delay
     match delay:
         case RangeDelayPart():

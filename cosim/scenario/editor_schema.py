@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 from cosim.scenario.extend import builtin_names
@@ -12,7 +11,7 @@ _LOOSE = "In_extension_"
 
 
 def json_schema() -> dict[str, Any]:
-    """The schema of a scenario file; one that extends another needs no key."""
+    """Return the schema of a scenario file; a file with `extends` needs no other key."""
     whole = Scenario.model_json_schema(by_alias=True)
     parts = whole.pop("$defs")
     loose = {f"{_LOOSE}{name}": _optional(part) for name, part in parts.items()}
@@ -42,22 +41,17 @@ def json_schema() -> dict[str, Any]:
     }
 
 
-def _optional(part: dict[str, Any]) -> dict[str, Any]:
-    """The same where nothing is required, nor in what it refers to."""
-    copied: dict[str, Any] = _changed(copy.deepcopy(part))
-    return copied
-
-
-def _changed(value: Any) -> Any:
+def _optional(value: Any) -> Any:
+    """Return a copy in which nothing is required, references included."""
     if isinstance(value, dict):
         kept = {k: v for k, v in value.items() if not (k == "required" and isinstance(v, list))}
         kept.pop("discriminator", None)
-        if "oneOf" in kept:  # without what is required, one may be as good as the other
+        if "oneOf" in kept:  # without required keys, several alternatives may match
             kept["anyOf"] = kept.pop("oneOf")
         return {
-            k: v.replace("#/$defs/", f"#/$defs/{_LOOSE}") if k == "$ref" else _changed(v)
+            k: v.replace("#/$defs/", f"#/$defs/{_LOOSE}") if k == "$ref" else _optional(v)
             for k, v in kept.items()
         }
     if isinstance(value, list):
-        return [_changed(item) for item in value]
+        return [_optional(item) for item in value]
     return value

@@ -1,4 +1,4 @@
-"""Events on the way: a session is run from one to the next, and they act."""
+"""Run a session from one event to the next and execute the events."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cosim.scenario.script import Action, Event
 
 
 class Due(NamedTuple):
-    """What is to happen at some instant, in the order of the scenario; ends come first."""
+    """Begin or end of an event at an instant; ends come first, then the scenario's order."""
 
     time_ns: int
     begins: bool
@@ -21,14 +21,14 @@ class Due(NamedTuple):
 
 
 class LatestValues(Observer):
-    """The rows of a run, for conditions that look at the last one."""
+    """Gives conditions the values of the last complete row."""
 
     def __init__(self, scope: RunScope) -> None:
         self._scope = scope
         self._places: dict[str, tuple[ComponentInstance, int, bool]] = {}
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Where each signal stands."""
+        """Find the column of each signal."""
         for instance in instances:
             for is_input, columns in (
                 (False, instance.output_columns),
@@ -38,13 +38,13 @@ class LatestValues(Observer):
                     self._places[f"{instance.name}.{column.name}"] = instance, j, is_input
 
     def rows_complete(self, first: int, last: int) -> None:
-        """Nothing to do: rows are looked at when a condition asks."""
+        """Do nothing: rows are read when a condition asks."""
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def value(self, name: str, session: Session) -> float:
-        """The value of a name in the last complete row."""
+        """Return the value of a name in the last complete row."""
         k = session.rows - 1
         if name == "t":
             return session.row_time_ns / 1e9
@@ -59,7 +59,7 @@ class LatestValues(Observer):
         return float(getattr(session.link_state(link), "age_s" if what == "age" else what)[0])
 
     def inputs_of(self, connection: Connection) -> list[str]:
-        """Names of the elements of a connection's target."""
+        """Return the names of the elements of a connection's target."""
         name, variable = connection.target
         return [
             place.removeprefix(f"{name}.")
@@ -71,12 +71,12 @@ class LatestValues(Observer):
 
 
 class EventDriver:
-    """Carries the events of a run out.
+    """Executes the events of a run.
 
     Attributes
     ----------
     stopped : why an event ended the run; None if none did.
-    altered_by_events : whether an event changed something beside the links' traffic.
+    altered_by_events : whether an event changed anything but the traffic of links.
     event_counts : how often each event happened.
     """
 
@@ -111,7 +111,7 @@ class EventDriver:
         heapq.heappush(self._due, Due(time_ns, begins, number, self._turn))
 
     def _look(self, session: Session, watched: Sequence[Event]) -> bool:
-        """Whether a condition has become true in the last row; what it does is planned."""
+        """Plan events whose condition became true in the last row; whether there are any."""
         found = False
         for event in watched:
             condition = event.condition
@@ -169,12 +169,14 @@ class EventDriver:
                 self._hold(component, session, hold=action.kind == "outage")
 
     def _hold(self, link: str, session: Session, *, hold: bool) -> None:
-        """Hold the inputs that a link leads to at what they have, or let them go."""
-        for target, name in self._over(link):
-            if hold:
-                session.override(target, name, self._rows.value(f"{target}.{name}", session))
-            else:
-                session.release(target, name)
+        """Hold the inputs behind a link at their present values, or release them."""
+        for connection in self._system.connections:
+            target = connection.target.component
+            for name in self._rows.inputs_of(connection) if connection.link == link else ():
+                if hold:
+                    session.override(target, name, self._rows.value(f"{target}.{name}", session))
+                else:
+                    session.release(target, name)
 
     def _undo(self, event: Event, action: Action, session: Session) -> None:
         component, variable = action.target
@@ -185,15 +187,6 @@ class EventDriver:
                 session.release(component, variable)
             case "outage":
                 self._hold(component, session, hold=False)
-
-    def _over(self, link: str) -> list[tuple[str, str]]:
-        """Inputs that a link leads to."""
-        return [
-            (c.target.component, name)
-            for c in self._system.connections
-            if c.link == link
-            for name in self._rows.inputs_of(c)
-        ]
 
 
 def _key(action: Action) -> Action:

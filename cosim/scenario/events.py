@@ -1,9 +1,9 @@
-"""[[events]] and [[assertions]]: what a scenario does on the way, and what must hold.
+"""[[events]] and [[assertions]]: what happens during a run, and what must hold.
 
-An event happens at a time (`at`) or when a condition becomes true (`when`). A condition is
-looked at after every communication point, and what it makes happen takes effect at the next one;
-an event by time takes effect at its time, which is made a communication point (with events =
-"grid": at the next point). What is due at one point happens in the order in which it is written.
+An event happens at a time (`at`) or when a condition becomes true (`when`). Conditions are
+evaluated after every communication point; their events take effect at the next one. An event at
+a time takes effect at that time, which becomes a communication point (with events = "grid": at
+the next point). Events due at one point happen in the order in which they are written.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cosim.scenario.fields import (
 
 
 class ConditionError(ValueError):
-    """An `ExpressionError` on its way through pydantic."""
+    """Carries an `ExpressionError` through pydantic, which passes on ValueErrors only."""
 
     def __init__(self, error: ExpressionError) -> None:
         super().__init__(error.what)
@@ -50,7 +50,7 @@ Condition = Annotated[str, AfterValidator(_condition)]
 
 
 class BiasPart(Part):
-    """factor * value + offset in place of the value."""
+    """Replaces a value by factor * value + offset."""
 
     offset: SignalValue = 0.0
     factor: Number = 1.0
@@ -60,17 +60,17 @@ class EventPart(Part):
     """[[events]]: at a time, or when a condition becomes true.
 
     Exactly one of `at` and `when`. `trigger` : whether `when` counts the first time only or
-    every time it becomes true. `for`, or `until` with `at` : how long it lasts; then `set` puts
-    back what was there, `override` and `bias` are released, a link is as before.
+    every time it becomes true. `for`, or `until` with `at` : how long the event lasts; then `set`
+    restores the old values, `override` and `bias` are released, and links are as before.
 
-    set : tunable parameters and inputs that nothing is connected to.
+    set : tunable parameters and unconnected inputs.
     override, bias, release : outputs and connected inputs.
-    reset : components whose FMU goes back to how it started (FMI's reset; its time goes on).
+    reset : components whose FMU returns to its start (FMI's reset; its time goes on).
     stop : the run ends, with this reason.
-    outage : links that carry nothing. At a time: what is sent meanwhile is lost. By a condition:
-        their receivers keep what they have, whatever arrives.
+    outage : links that deliver nothing. At a time: what is sent meanwhile is lost. On a
+        condition: their receivers keep their values, whatever arrives.
     restore : ends outages that a condition began.
-    delay, loss : of links, by time alone.
+    delay, loss : of links, at a time only.
     """
 
     at: Seconds | None = None
@@ -88,11 +88,6 @@ class EventPart(Part):
     restore: list[Name] = Field(default_factory=list)
     delay: dict[Name, Delay] = Field(default_factory=dict)
     loss: dict[Name, Probability] = Field(default_factory=dict)
-
-    @property
-    def stops(self) -> bool:
-        """Whether it ends the run."""
-        return self.stop is not None
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -123,12 +118,13 @@ class EventPart(Part):
         return self
 
     def _acts(self) -> bool:
-        lasting = self.set or self.override or self.bias or self.outage or self.delay or self.loss
-        return bool(lasting or self.release or self.reset or self.restore or self.stops)
+        acts = self.set or self.override or self.bias or self.outage or self.delay or self.loss
+        acts = acts or self.release or self.reset or self.restore
+        return bool(acts) or self.stop is not None
 
 
 class WithinPart(Part):
-    """`within`: each time that `when` becomes true, `holds` is true at some time within `of`.
+    """`within`: each time `when` becomes true, `holds` must become true within `of`.
 
     Without `when` it counts from the beginning of the window.
     """
@@ -139,7 +135,7 @@ class WithinPart(Part):
 
 
 class AssertionPart(Part):
-    """[[assertions]]: what must hold at the communication points of [after, before].
+    """[[assertions]]: a condition on the communication points in [after, before].
 
     Exactly one of `always`, `eventually` and `within`. `expected = "fails"` : it must not hold.
     """
@@ -163,7 +159,7 @@ class AssertionPart(Part):
 
     @property
     def words(self) -> str:
-        """The assertion in one line."""
+        """Return the assertion in one line."""
         window = "" if self.after is None else f" after {self.after:g} s"
         window += "" if self.before is None else f" before {self.before:g} s"
         if self.within is not None:

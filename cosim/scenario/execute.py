@@ -1,4 +1,4 @@
-"""Fly a scenario: run, companion run, figures, trace."""
+"""Run a prepared scenario: the run itself, its zero-state run, metrics and trace."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from cosim.master import EngineName, Pace, Run, System, TraceRecorder
 from cosim.network import PacketSchedule
 from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import verdicts_of
-from cosim.scenario.gain import gain_parameters
 from cosim.scenario.metrics import RunContext, final_values, metrics_of, status_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
@@ -26,8 +25,6 @@ from cosim.trace import TraceWriter, content_hash, result_of_link
 
 __all__ = ["PreparedScenario", "check_writable", "execute_run", "execute_unrecorded", "prepare"]
 
-_Parameters = Mapping[str, Mapping[str, float]]
-
 
 def execute_run(
     prepared: PreparedScenario,
@@ -38,12 +35,12 @@ def execute_run(
     pace: Pace | None = None,
     fsync: bool = False,
 ) -> Outcome:
-    """Run the scenario and its companion from rest; write the trace; then end the slaves.
+    """Run the scenario and its zero-state run, write the trace, then end the slaves.
 
-    An FMU that allows one instance per process is ended before the companion begins.
+    An FMU that allows one instance per process is ended before the zero-state run begins.
 
-    `engine` is a matter of speed alone: "python", "compiled", or "auto". `pace` holds the run
-    back to the clock on the wall (the companion is not held back); `fsync` as for `TraceWriter`.
+    `engine` affects speed only: "python", "compiled", or "auto". `pace` slows the run (not the
+    zero-state run) down to wall-clock time; `fsync` as for `TraceWriter`.
 
     Raises
     ------
@@ -53,7 +50,7 @@ def execute_run(
         return execute_unrecorded(prepared, progress=progress, engine=engine, pace=pace)[0]
     report_progress = progress or silent
     began = time.perf_counter()
-    system, parameters, events = assembled_system(prepared)
+    system, events = assembled_system(prepared)
     check_writable(trace)
     try:
         trace.parent.mkdir(parents=True, exist_ok=True)
@@ -78,7 +75,7 @@ def execute_run(
             pace=pace,
         )
         zero_state_run = _zero_state_run(
-            prepared, system, completed.run, parameters, report_progress, living, writer.flush
+            prepared, system, completed.run, report_progress, living, writer.flush
         )
         outcome, schedules = _outcome(
             prepared, system, completed, zero_state_run, trace, began, pace
@@ -99,10 +96,10 @@ def execute_unrecorded(
     engine: EngineName = "auto",
     pace: Pace | None = None,
 ) -> tuple[Outcome, Run]:
-    """Run the scenario without a trace, for who looks at its rows.
+    """Run the scenario without a trace; return its outcome and its rows.
 
-    zero_state_run : whether to run it from rest as well; without, no gain is measured, and what is
-        said of envelope and limits is about this run alone.
+    zero_state_run : whether to make the zero-state run as well; without it no gain is measured,
+        and envelope and limits are evaluated on this run alone.
 
     Raises
     ------
@@ -110,25 +107,23 @@ def execute_unrecorded(
     """
     report_progress = progress or silent
     began = time.perf_counter()
-    system, parameters, events = assembled_system(prepared)
+    system, events = assembled_system(prepared)
     with ExitStack() as living:
         completed = run_system(
             system, "run", report_progress, engine, living=living, events=events, pace=pace
         )
         beside = None
         if zero_state_run:
-            beside = _zero_state_run(
-                prepared, system, completed.run, parameters, report_progress, living
-            )
+            beside = _zero_state_run(prepared, system, completed.run, report_progress, living)
         return _outcome(prepared, system, completed, beside, None, began, pace)[0], completed.run
 
 
 def check_writable(trace: Path) -> None:
-    """See that a trace can be written, before anything takes time; makes nothing.
+    """Check that a trace can be written, before anything takes time; creates nothing.
 
     Raises
     ------
-    InputError : its folder, or the nearest one there is, cannot be written.
+    InputError : its folder, or the nearest existing one, cannot be written.
     """
     nearest = next(folder for folder in trace.absolute().parents if folder.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
@@ -140,50 +135,45 @@ def check_writable(trace: Path) -> None:
         )
 
 
-def assembled_system(prepared: PreparedScenario) -> tuple[System, _Parameters, Sequence[Event]]:
-    """What flies, the parameters that its design sets, and what happens on the way."""
+def assembled_system(prepared: PreparedScenario) -> tuple[System, Sequence[Event]]:
+    """Assemble the system; return it and its events."""
     loaded = prepared.loaded
     scenario = loaded.scenario
-    parameters = {}
-    if scenario.design is not None and prepared.design is not None:
-        controller = prepared.fmus[scenario.design.controller]
-        parameters[scenario.design.controller] = gain_parameters(prepared.design.K, controller)
     system = assemble(
         scenario,
         prepared.fmus,
-        parameters=parameters,
+        parameters=prepared.gain,
         worst_case=prepared.worst_case,
         origin=loaded.origin,
     )
     findings = Findings(loaded.origin)
     events = script_of(scenario, system, findings)
     verdicts_of(scenario, system, None, findings)
-    return system, parameters, events
+    return system, events
 
 
 def _zero_state_run(
     prepared: PreparedScenario,
     system: System,
     run: Run,
-    parameters: _Parameters,
     report_progress: Progress,
     living: ExitStack,
     flush: Callable[[], None] | None = None,
 ) -> Run | None:
-    """The same from rest; None where nothing is designed, or there is nothing to compare.
+    """Make the zero-state run; None without a design, or after a failed run.
 
-    flush : brings what is recorded to the disk, where slaves must be ended now.
+    flush : writes what is recorded to disk, in case slaves must be ended first.
     """
     if prepared.design is None or run.status == "failed":
         return None
     at_rest = assemble(
         prepared.loaded.scenario,
         prepared.fmus,
-        parameters=parameters,
+        parameters=prepared.gain,
         worst_case=prepared.worst_case,
         at_rest=True,
     )
-    # a run that starts from rest is its own companion
+    # a run from the zero state is its own zero-state run
     if same_start(system, at_rest):
         return run
     if any(fmu.can_be_instantiated_only_once for fmu in prepared.fmus.values()):

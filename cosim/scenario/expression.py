@@ -1,11 +1,11 @@
-"""Conditions as text: `plant.eta.z > 5 m and t > 10 s`.
+"""Parse conditions: `plant.eta.z > 5 m and t > 10 s`.
 
-Names are `component.variable` as FMI has them, with indices (`plant.x[1]`, `controller.K[1,3]`),
+Names are `component.variable` as in FMI, with indices (`plant.x[1]`, `controller.K[1,3]`),
 quoted where Python could not read them (`'sea-2.der(x)' > 1`); `t` is the time [s]. Numbers may
 have a unit. Arithmetic, comparison, and, or, not, abs, min, max, sqrt, hypot; nothing else.
 
-The text is parsed by Python's `ast` and never run as Python; `cosim.scenario.binding` makes a
-function of the tree.
+The text is parsed by Python's `ast` and never executed; `cosim.scenario.binding` turns the tree
+into a function.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _TOKENS = re.compile(
     rf"|(?P<number>{NUMBER.removeprefix('[-+]?')})"
 )
 _FIRST = 0x4E00
-"""Where the letters begin that stand for quantities while Python parses: one letter each."""
+"""First of the letters that replace quantities while Python parses: one letter each."""
 
 
 class ExpressionError(InputError):
-    """A text that is no condition, and where in it: `column` counts from 1."""
+    """A text that is not a condition; `column` of the fault, from 1."""
 
     def __init__(self, what: str, text: str, column: int, expected: str | None = None) -> None:
         self.column = column
@@ -42,17 +42,17 @@ class ExpressionError(InputError):
 
 
 class Expression:
-    """A condition or a number, parsed.
+    """A parsed condition or number.
 
     Attributes
     ----------
     text : as written.
-    tree : Python's, of the text with a letter in place of each quantity.
+    tree : Python's syntax tree of the text, with a letter in place of each quantity.
     quantities : by that letter.
 
     Raises
     ------
-    ExpressionError : text that is none; says the column.
+    ExpressionError : not a condition; says the column.
     """
 
     def __init__(self, text: str) -> None:
@@ -64,22 +64,23 @@ class Expression:
             raise ExpressionError(
                 "the condition is too long", text[:60], 1, f"{MAX_LENGTH} letters"
             )
-        self._readable = self._plain(text)
-        self._front = 0
+        readable = self._plain(text)
+        self._readable = readable.lstrip()  # Python takes blanks in front for an indentation
+        self._front = len(readable) - len(self._readable)
         self.tree = self._parsed()
 
     def column(self, node: ast.AST) -> int:
-        """Column of a part of the tree in the text, from 1."""
+        """Return the column of a part of the tree in the text, from 1."""
         offset = getattr(node, "col_offset", 0)
-        before = self._readable.lstrip().encode()[:offset].decode("utf-8", "ignore")
+        before = self._readable.encode()[:offset].decode("utf-8", "ignore")
         return self._front + len(before) + 1
 
     def wrong(self, node: ast.AST, what: str, expected: str | None = None) -> ExpressionError:
-        """The error about a part of the tree."""
+        """Return the error about a part of the tree."""
         return ExpressionError(what, self.text, self.column(node), expected)
 
     def _plain(self, text: str) -> str:
-        """The text as Python can read it, letter by letter as long as before."""
+        """Return the text as Python can read it, every column where it was."""
 
         def plain(found: re.Match[str]) -> str:
             if found.lastgroup != "quantity":
@@ -89,7 +90,7 @@ class Expression:
                 self.quantities[letter] = parse_quantity(found[0])
             except QuantityError as error:
                 raise ExpressionError(
-                    f"{found[0]!r} is no quantity", text, found.start() + 1, str(error)
+                    f"{found[0]!r} is not a quantity", text, found.start() + 1, str(error)
                 ) from error
             return letter.ljust(len(found[0]))
 
@@ -97,18 +98,17 @@ class Expression:
         odd = next((c for c in without_quotes if not (c.isascii() or c in "µμΩ°·")), None)
         if odd is not None or "\n" in text or "\0" in text:
             at = text.find(odd) + 1 if odd else 1
-            raise ExpressionError("a letter that no condition has", text, at, "one line of ASCII")
+            message = "a condition cannot contain this character"
+            raise ExpressionError(message, text, at, "one line of ASCII")
         return _TOKENS.sub(plain, text)
 
     def _parsed(self) -> ast.expr:
-        # blanks in front would be an indentation
-        front = len(self._readable) - len(self._readable.lstrip())
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                tree = ast.parse(self._readable.lstrip(), mode="eval")
+                return ast.parse(self._readable, mode="eval").body
         except SyntaxError as error:
-            column = min(front + max(error.offset or 1, 1), len(self.text))
+            column = min(self._front + max(error.offset or 1, 1), len(self.text))
             raise ExpressionError(
                 f"the condition cannot be understood: {error.msg}",
                 self.text,
@@ -117,23 +117,20 @@ class Expression:
             ) from error
         except (ValueError, RecursionError, MemoryError) as error:
             raise ExpressionError("the condition cannot be understood", self.text, 1) from error
-        self._front = front
-        return tree.body
 
 
 def reference_of(node: ast.expr) -> str | None:
-    """`component.variable` that a part of the tree names; None if it names none."""
+    """Return the `component.variable` that a part of the tree names; None if it names none."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.Name):
         return node.id
+    if not isinstance(node, ast.Attribute | ast.Subscript):
+        return None
+    before = reference_of(node.value) if not isinstance(node.value, ast.Constant) else None
     if isinstance(node, ast.Attribute):
-        before = reference_of(node.value) if not isinstance(node.value, ast.Constant) else None
         return None if before is None else f"{before}.{node.attr}"
-    if isinstance(node, ast.Subscript):
-        before = reference_of(node.value) if not isinstance(node.value, ast.Constant) else None
-        places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        numbers = [p.value for p in places if isinstance(p, ast.Constant)]
-        whole = len(numbers) == len(places) and all(type(n) is int for n in numbers)
-        return f"{before}[{','.join(map(str, numbers))}]" if before and whole else None
-    return None
+    places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    numbers = [p.value for p in places if isinstance(p, ast.Constant)]
+    whole = len(numbers) == len(places) and all(type(n) is int for n in numbers)
+    return f"{before}[{','.join(map(str, numbers))}]" if before and whole else None

@@ -1,10 +1,10 @@
-"""`extends = "auv-acoustic"`: a scenario that says only what is different from another one.
+"""`extends = "auv-acoustic"`: a scenario that contains only its differences from another one.
 
-Tables are merged key by key, to any depth; everything else, lists among it, is replaced. Two
-things are replaced whole: a table whose `kind` changes, and the connections, whichever of their
-two forms (`connections`, `connect`) the extending scenario uses. `without = ["reference",
-"links.uplink"]` takes away what the base has. In [design], a `file` and what a design would be
-made from replace one another (`give_way`).
+Tables are merged key by key, to any depth; everything else, including lists, is replaced. A
+table whose `kind` changes is replaced whole, and so are the connections, whichever of their two
+forms (`connections`, `connect`) the extending scenario uses. `without = ["reference",
+"links.uplink"]` removes parts of the base. In [design], a `file` and the keys that a design is
+made from replace each other (`give_way`).
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ class Source:
     Attributes
     ----------
     name : the built-in name, or the file's stem.
-    data : as TOML has it, `extends` resolved.
-    layers : the files it was put together from, the base first.
-    folder : where relative paths begin.
-    file : the file itself; None for what is no file of a user.
+    data : the TOML values, `extends` resolved.
+    layers : the files it was merged from, the base first.
+    folder : start of relative paths.
+    file : the user's file; None if it was not read from one.
     """
 
     name: str
@@ -50,20 +50,18 @@ class Source:
 
     @property
     def text(self) -> str:
-        """The text of the file itself."""
+        """Text of the file itself."""
         return self.layers[-1].text
 
 
 def builtin_names() -> list[str]:
-    """Names of the scenarios that come with the package."""
-    library = files("cosim.scenario").joinpath("library")
-    return sorted(
-        p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml")
-    )
+    """Return the names of the built-in scenarios."""
+    names = [p.name for p in files("cosim.scenario").joinpath("library").iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def read_text(path: Path) -> str:
-    """Text of a file that a user named; an `InputError` if it cannot be read."""
+    """Return the text of a file that a user named; an `InputError` if it cannot be read."""
     try:
         return path.read_text("utf-8")
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, a null in the path
@@ -73,7 +71,7 @@ def read_text(path: Path) -> str:
 
 
 def open_source(name_or_path: str, *, relative_to: Path | None = None) -> Source:
-    """A built-in scenario by name, or a TOML file by path, with what it extends.
+    """Open a built-in scenario by name, or a TOML file by path, merged with what it extends.
 
     Raises
     ------
@@ -81,15 +79,22 @@ def open_source(name_or_path: str, *, relative_to: Path | None = None) -> Source
     """
     names = builtin_names()
     if name_or_path in names:
-        library = files("cosim.scenario").joinpath("library")
-        text = library.joinpath(f"{name_or_path}.toml").read_text("utf-8")
-        return source_of(text, name=name_or_path, where=f"{name_or_path}.toml", folder=Path.cwd())
+        return _builtin(name_or_path, Path.cwd())
     path = Path(name_or_path) if relative_to is None else relative_to / name_or_path
     if path.suffix != ".toml" and not path.exists():
         raise InputError.unknown("scenario", name_or_path, [*names, "FILE.toml"])
-    return source_of(
-        read_text(path), name=path.stem, where=str(path), folder=path.resolve().parent, file=path
-    )
+    return _from_file(path)
+
+
+def _builtin(name: str, folder: Path, chain: tuple[str, ...] = ()) -> Source:
+    file = files("cosim.scenario").joinpath("library", f"{name}.toml")
+    text = file.read_text("utf-8")
+    return source_of(text, name=name, where=f"{name}.toml", folder=folder, chain=chain)
+
+
+def _from_file(path: Path, chain: tuple[str, ...] = ()) -> Source:
+    text, folder = read_text(path), path.resolve().parent
+    return source_of(text, name=path.stem, where=str(path), folder=folder, file=path, chain=chain)
 
 
 def source_of(
@@ -101,7 +106,7 @@ def source_of(
     file: Path | None = None,
     chain: tuple[str, ...] = (),
 ) -> Source:
-    """The source that a text is, with what it extends."""
+    """Read the text of a scenario and merge it with what it extends; `chain`: extended by."""
     own = parse_toml(text, where)
     layer = Layer(where, text)
     base_name = own.pop("extends", None)
@@ -111,9 +116,9 @@ def source_of(
     at = f"{where}:{_line(text)}: extends"
     if not isinstance(base_name, str):
         raise InputError(
-            "what a scenario extends is named by a text"
+            "extends must be a text"
             if base_name is not None
-            else "without takes away from what a scenario extends, and this one extends nothing",
+            else "without removes parts of the extended scenario, and this one extends nothing",
             where=at,
             expected='extends = "auv-acoustic", or the path of a file',
             got=None if base_name is None else repr(base_name),
@@ -132,31 +137,18 @@ def _base(name: str, folder: Path, chain: tuple[str, ...], at: str) -> Source:
     file = None if name in names else folder / name
     own = name if file is None else str(file.resolve())
     if own in chain or len(chain) > _MOST:
-        cycle_names = (
-            [Path(link).name for link in (*chain[chain.index(own) :], own)]
-            if own in chain
-            else [Path(link).name for link in chain[:4]] + ["..."]
-        )
+        cycle = (*chain[chain.index(own) :], own) if own in chain else (*chain[:4], "...")
         raise InputError(
             "scenarios extend each other in a cycle",
             where=at,
-            got=" -> ".join(cycle_names),
-            hint="one of them has to stand on its own",
+            got=" -> ".join(Path(link).name for link in cycle),
+            hint="one of them must not extend another",
         )
     if file is None:
-        library = files("cosim.scenario").joinpath("library")
-        text = library.joinpath(f"{name}.toml").read_text("utf-8")
-        return source_of(text, name=name, where=f"{name}.toml", folder=folder, chain=chain)
+        return _builtin(name, folder, chain)
     if not file.is_file():
         raise InputError.unknown("scenario", name, [*names, "FILE.toml"], where=at)
-    return source_of(
-        read_text(file),
-        name=file.stem,
-        where=str(file),
-        folder=file.resolve().parent,
-        file=file,
-        chain=chain,
-    )
+    return _from_file(file, chain)
 
 
 def _paths(without: Any, at: str) -> list[str]:
@@ -164,7 +156,7 @@ def _paths(without: Any, at: str) -> list[str]:
         return []
     if not isinstance(without, list) or not all(isinstance(p, str) for p in without):
         raise InputError(
-            "without is a list of keys",
+            "without must be a list of keys",
             where=at.replace("extends", "without"),
             expected='without = ["reference", "links.uplink"]',
             got=repr(without)[:100],
@@ -178,7 +170,7 @@ def _line(text: str) -> int:
 
 
 def merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """The base with what the other says, tables merged."""
+    """Merge the tables of a scenario into those of its base."""
     data = copy.deepcopy(dict(base))
     if any(key in own for key in _CONNECTIONS):
         for key in _CONNECTIONS:
@@ -189,10 +181,10 @@ def merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def give_way(data: Mapping[str, Any], keys: Collection[str]) -> None:
-    """Take from the [design] of `data` what goes with these keys of a later [design] no longer.
+    """Remove from the [design] of `data` what these keys of a later [design] replace.
 
-    A `file` replaces the delays, and how a design was to be made; these, and what describes the
-    system, replace a `file`: then a new design is made.
+    A `file` replaces the delays and the keys for making a design; these, and keys that describe
+    the system, replace a `file`: then a new design is made.
     """
     design = data.get("design")
     if not isinstance(design, dict):
@@ -217,7 +209,7 @@ def _merged(base: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rebased(base: Source, folder: Path) -> dict[str, Any]:
-    """The base's data with its relative paths seen from another folder."""
+    """Return the base's data with its relative paths rewritten for another folder."""
     data = copy.deepcopy(base.data)
     if base.folder == folder:
         return data

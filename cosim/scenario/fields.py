@@ -1,6 +1,6 @@
-"""The kinds of values that a scenario has: names, times, numbers, with or without a unit.
+"""Field types of scenarios: names, times, numbers with or without a unit.
 
-A plain number is in SI; a text is a quantity with a unit, which must be of the right dimension.
+A plain number is in SI; a text is a quantity with a unit of the right dimension.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Text = Annotated[str, StringConstraints(min_length=1)]
 class Part(BaseModel):
     """A table of a scenario."""
 
-    # strict: "5.0" is no number and true is no 1, as TOML itself has it
+    # strict: "5.0" is not a number and true is not 1, as in TOML
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, strict=True)
 
 
@@ -68,8 +68,8 @@ QuantityText = Annotated[
 ]
 _SECONDS = _quantity(TIME)
 _PLAIN = _quantity(NUMBER_ONLY)
-# constraints first: what a validator wraps checks itself whole
-# three years: sums of a few such times still fit into 64-bit nanoseconds
+# constraints before validators: a constraint then applies to the validator's result
+# 1e8 s are three years: sums of a few such times still fit into 64-bit nanoseconds
 Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False), _SECONDS]
 Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
 Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
@@ -123,22 +123,18 @@ SignalValue = Annotated[
     AfterValidator(_finite),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}),
 ]
-"""A number or a text with a unit, whose dimension a variable decides that is known later."""
+"""A number, or a text with a unit; the FMU's variable determines its dimension later."""
 
 
-def _of_fmi(value: Any) -> Any:
-    _check_fmi(value, 0)
-    return value
-
-
-def _check_fmi(value: Any, depth: int) -> None:
+def _of_fmi(value: Any, *, depth: int = 0) -> Any:
     if isinstance(value, list) and depth <= 8:
         for item in value:
-            _check_fmi(item, depth + 1)
+            _of_fmi(item, depth=depth + 1)
     elif isinstance(value, float) and not math.isfinite(value):
         raise ValueError("a finite number")
     elif not isinstance(value, bool | int | float | str):
         raise ValueError("a number, a truth value, a text, or nested lists of them")
+    return value
 
 
 FmiValue = Annotated[

@@ -1,4 +1,4 @@
-"""Where the FMUs of a scenario are found and built."""
+"""Find the FMUs of a scenario, and build those that are missing."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cosim.fmu import CATALOGUE, DEFAULT_FLAVOUR, FmuDescription, describe_fmu, 
 
 @dataclass(frozen=True)
 class FmuCache:
-    """Where FMUs are found and built.
+    """A folder in which FMUs are found by name, path or hash, and built if missing.
 
     Attributes
     ----------
-    root : folder with FLAVOUR/NAME.fmu; what the catalogue has and is missing is built there.
-    folder : where relative paths of a scenario begin.
-    wanted : FMU reference -> SHA-256 that its file must have, wherever below `root` it lies
-        and whatever it is called; if there is none, the reference is followed as usual.
-    flavour : which FMUs a catalogue name means, a key of `cosim.fmu.export.build.FMI_VERSION`.
+    root : folder with FLAVOUR/NAME.fmu; missing FMUs of the catalogue are built there.
+    folder : start of relative paths of a scenario.
+    wanted : FMU reference -> SHA-256 of its file, which may lie anywhere below `root` under any
+        name; if there is no such file, the reference is resolved as usual.
+    flavour : flavour of catalogue FMUs, a key of `cosim.fmu.export.build.FMI_VERSION`.
     """
 
     root: Path
@@ -30,7 +30,7 @@ class FmuCache:
     flavour: str = DEFAULT_FLAVOUR
 
     def find(self, fmu: str) -> FmuDescription:
-        """An FMU by its hash if one is wanted, else by catalogue name or path."""
+        """Find an FMU by its hash if one is wanted, else by catalogue name or path."""
         if fmu in self.wanted:
             for path in sorted(self.root.rglob("*.fmu")):
                 if hashlib.sha256(path.read_bytes()).hexdigest() == self.wanted[fmu]:

@@ -1,4 +1,4 @@
-"""The gain that a scenario flies with, and the promise it comes with."""
+"""The design problem of a scenario, and its gain as parameters of the controller's FMU."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import (
     BUILT_IN_SYSTEMS,
-    DEFAULT_ENVELOPE,
     DEFAULT_K1,
     DEFAULT_K2,
     AuvDesignSettings,
@@ -33,11 +32,11 @@ _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelop
 
 @dataclass(frozen=True)
 class Problem:
-    """A design to be made.
+    """A design problem.
 
     system, k1, k2 : k1 and k2 None where they are to be searched.
-    vehicle : what the system was made from, if it is the vehicle.
-    design_constraints : what is to be met beside gamma.
+    vehicle : settings that the system was made from, if it is the vehicle.
+    design_constraints : what the gain must meet beside gamma.
     """
 
     system: DelaySystem
@@ -48,7 +47,7 @@ class Problem:
 
 
 def problem_of(part: DesignPart, folder: Path) -> Problem:
-    """The system that [design] describes; a file of it is looked up from `folder`.
+    """Return the problem that [design] describes; the file of a system is relative to `folder`.
 
     Raises
     ------
@@ -57,13 +56,7 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
     system = str(part.system)
     if system == "auv":
         return _auv_problem(part)
-    given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
-    if given:
-        raise InputError(
-            f"{', '.join(given)} belong to the system 'auv'",
-            where="design",
-            got=f"system = {part.system!r}",
-        )
+    _refuse_vehicle_keys(part, f"system = {part.system!r}")
     if is_file(part):
         named = system_by_name(str(folder / system))
     elif system in BUILT_IN_SYSTEMS:
@@ -77,19 +70,19 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
 
 
 def problem_about(part: DesignPart, found: Design, where: str, folder: Path | None) -> Problem:
-    """What a design that exists is about, which must be what [design] describes.
+    """Return the problem of an existing design, which must be the one [design] describes.
 
-    Where [design] names no system, that of the design counts; with a `file` its delays, too,
-    where [design] has none.
+    Without a system in [design], that of the design counts; with a `file` its delays count too,
+    unless [design] has them.
 
     Parameters
     ----------
     where : the design, for messages.
-    folder : where the file of a system is looked up; None where it is not to be looked at.
+    folder : start of the path of a system's file; None: do not read that file.
 
     Raises
     ------
-    InputError : it describes another system, or one that is not there.
+    InputError : [design] describes another system, or one that does not exist.
     """
     require_up_to(found)
     own = Problem(found.system, found.k1, found.k2, None)
@@ -97,11 +90,7 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
     if (part.system is None and named not in BUILT_IN_SYSTEMS) or (
         folder is None and is_file(part)
     ):
-        given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
-        if given:
-            raise InputError(
-                f"{', '.join(given)} belong to the system 'auv'", where="design", got=where
-            )
+        _refuse_vehicle_keys(part, where)
         return own
     known: dict[str, Any] = {"system": named}
     if part.file is not None and named == "auv":
@@ -122,13 +111,14 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
     return replace(own, vehicle=described.vehicle)
 
 
-def require_up_to(found: Design) -> None:
-    """Refuse a design whose proof is about one age of the measurements alone.
+def _refuse_vehicle_keys(part: DesignPart, got: str) -> None:
+    given = [key for key in _AUV_ONLY if getattr(part, key) is not None]
+    if given:
+        raise InputError(f"{', '.join(given)} belong to the system 'auv'", where="design", got=got)
 
-    Raises
-    ------
-    NotAchievableError : it is.
-    """
+
+def require_up_to(found: Design) -> None:
+    """Refuse a design that is proved for exactly one measurement age (NotAchievableError)."""
     if not found.covers_smaller_delays:
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
@@ -140,24 +130,17 @@ def require_up_to(found: Design) -> None:
 
 
 def is_file(part: DesignPart) -> bool:
-    """Whether [design] names a system by a file, which a trace does not carry."""
+    """Whether [design] names its system by a file, which a trace does not contain."""
     return part.system is not None and part.system.endswith(".toml")
 
 
 def _auv_problem(part: DesignPart) -> Problem:
-    default = AuvDesignSettings()
-    bounds = part.envelope
-    vehicle = AuvDesignSettings(
-        state_delay=default.state_delay if part.state_delay is None else part.state_delay,
-        loop_delay=default.loop_delay if part.loop_delay is None else part.loop_delay,
-        damping=default.damping
-        if part.damping is None
-        else (part.damping[0], part.damping[1], part.damping[2], part.damping[3]),
-        position_weight=part.position_weight or default.position_weight,
-        envelope=DEFAULT_ENVELOPE
-        if bounds is None
-        else Envelope(bounds.u, bounds.v, bounds.w, bounds.r, bounds.psi),
-    )
+    given = {key: value for key in _AUV_ONLY if (value := getattr(part, key)) is not None}
+    if part.damping is not None:
+        given["damping"] = tuple(part.damping)
+    if part.envelope is not None:
+        given["envelope"] = Envelope(**part.envelope.model_dump())
+    vehicle = AuvDesignSettings(**given)
     system = auv_system(vehicle)
     n = len(system.delays)
     k1 = DEFAULT_K1[:n] if part.k1 is None else tuple(part.k1)
@@ -168,11 +151,11 @@ def _auv_problem(part: DesignPart) -> Problem:
 def solve(
     problem: Problem, gain: Sequence[Sequence[float]] | None, order: int | None = None
 ) -> Design:
-    """Design the gain, or analyse the one that is given.
+    """Design a gain, or analyse the given one.
 
     Raises
     ------
-    NotAchievableError : nothing could be certified, or at this order for one age alone.
+    NotAchievableError : nothing could be certified, or only for exactly one age.
     """
     design_constraints = asdict(problem.design_constraints)
     found = design(
@@ -183,18 +166,14 @@ def solve(
 
 
 def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
-    """K as the parameters `K[i,j]` of a controller FMU.
+    """Return K as the parameters `K[i,j]` of a controller FMU.
 
     Raises
     ------
     InputError : the FMU has another number of entries.
     """
     rows = np.asarray(K, dtype=float)
-    values = {
-        f"K[{i + 1},{j + 1}]": float(rows[i, j])
-        for i in range(rows.shape[0])
-        for j in range(rows.shape[1])
-    }
+    values = {f"K[{i + 1},{j + 1}]": float(v) for (i, j), v in np.ndenumerate(rows)}
     own = {name for name in controller.ports if name.startswith("K[")}
     if own != set(values):
         raise InputError(
@@ -207,7 +186,7 @@ def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:
 
 
 def starts_with(K: Any, controller: FmuDescription) -> bool:
-    """Whether the start values of a controller FMU are the gain K."""
+    """Whether a controller FMU starts with the gain K."""
     return all(
         controller.ports[name].start == value
         for name, value in gain_parameters(K, controller).items()

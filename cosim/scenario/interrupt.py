@@ -1,9 +1,9 @@
-"""Ctrl-C, or the order to end (SIGTERM), while components compute.
+"""Handle Ctrl-C and SIGTERM while components compute.
 
-A Python FMU runs in this interpreter: a `KeyboardInterrupt` that is raised within its step is
-swallowed there and comes back as a component that failed. While a run goes the first signal is
-therefore only noted, and acted upon between two steps; a second one, for a component that does
-not come back, acts at once.
+A Python FMU runs in this interpreter: a `KeyboardInterrupt` raised within its step would be
+swallowed there and reported as a failed component. During a run the first signal is therefore
+only noted, and raised between two steps; a second one, for a step that never returns, acts at
+once.
 """
 
 from __future__ import annotations
@@ -22,17 +22,14 @@ class DeferredInterrupt:
         self._before: dict[int, Any] = {}
 
     def raise_if_requested(self) -> None:
-        """Leave if that was asked for since the beginning.
-
-        `KeyboardInterrupt` after Ctrl-C, `SystemExit` (143) after SIGTERM.
-        """
+        """Raise `KeyboardInterrupt` after Ctrl-C, `SystemExit` (143) after SIGTERM."""
         if self._requested == signal.SIGINT:
             raise KeyboardInterrupt
         if self._requested:
             raise SystemExit(128 + self._requested)
 
     def __enter__(self) -> Self:
-        # elsewhere than in the main thread nobody gets signals, and nobody may ask for them
+        # Python allows signal handlers in the main thread only
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._before[number] = signal.signal(number, self._note)

@@ -1,4 +1,4 @@
-"""Places in nested data by dotted path: `links.uplink.delay`, `connections[0].link`."""
+"""Read and set places in nested data by path: `links.uplink.delay`, `connections[0].link`."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _BARE = re.compile(r"""[^\s"'\[\]{}=#][^"'\[\]{}=#]*""")
 
 
 def split(path: str) -> Path:
-    """The keys of a path; a number in brackets is a place in a list, counted from 0.
+    """Split a path into its keys; a number in brackets is a place in a list, from 0.
 
-    The parameters of a component are one flat table, whose names may be written without quotes.
+    The parameters of a component are one flat table; their names need no quotes.
 
     Raises
     ------
-    InputError : it is no path.
+    InputError : not a path.
     """
     parameter = _PARAMETER.match(path)
     if parameter is not None:
@@ -51,11 +51,11 @@ def split(path: str) -> Path:
 
 
 def setting(text: str) -> tuple[Path, Any]:
-    """What `KEY=VALUE` sets; the value as TOML has it, or a bare word or quantity.
+    """Parse `KEY=VALUE` into path and value: TOML, or a bare word or quantity.
 
     Raises
     ------
-    InputError : it is no such thing.
+    InputError : not a setting.
     """
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
@@ -70,7 +70,7 @@ def setting(text: str) -> tuple[Path, Any]:
         if _BARE.fullmatch(value.strip()):
             return split(name.strip()), value.strip()
         raise InputError(
-            "the value of a setting is written as in TOML",
+            "the value of a setting must be written as in TOML",
             where=f"--set {text}",
             expected="a number, true, false, a word, [..] or {..}",
             got=value,
@@ -78,11 +78,11 @@ def setting(text: str) -> tuple[Path, Any]:
 
 
 def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> None:
-    """Set what stands at a path; tables on the way that are not there are made.
+    """Set the value at a path; missing tables on the way are made.
 
     Raises
     ------
-    InputError : a place in a list that is not there, or a way through what is no table.
+    InputError : a missing place in a list, or a path through something that is not a table.
     """
     *way, last = path
     here: Any = data
@@ -96,12 +96,7 @@ def put(data: MutableMapping[str, Any], path: Path, value: Any, where: str) -> N
 
 
 def remove(data: MutableMapping[str, Any], path: Path, where: str) -> None:
-    """Take away what stands at a path.
-
-    Raises
-    ------
-    InputError : nothing stands there.
-    """
+    """Remove the value at a path; an InputError if there is none."""
     here: Any = data
     for key in path[:-1]:
         here = inside(here, key, where)
@@ -112,20 +107,20 @@ def remove(data: MutableMapping[str, Any], path: Path, where: str) -> None:
 
 
 def inside(here: Any, key: str | int, where: str) -> Any:
-    """What stands under a key, None for what a table does not have."""
+    """Return the value under a key; None if the table does not have it."""
     if isinstance(key, int):
         if not isinstance(here, list):
-            raise InputError("there is no list to count in", where=where, got=kind_of(here))
+            raise InputError("a number in brackets needs a list", where=where, got=kind_of(here))
         if key >= len(here):
             raise InputError(
                 f"there is no place {key}", where=where, expected=f"0 to {len(here) - 1}"
             )
         return here[key]
     if not isinstance(here, dict):
-        raise InputError(f"{key!r} lies in what is no table", where=where, got=kind_of(here))
+        raise InputError(f"{key!r} is not inside a table", where=where, got=kind_of(here))
     return here.get(key)
 
 
 def kind_of(value: Any) -> str:
-    """A value in a message, in few words."""
+    """Describe a value in a message."""
     return f"{value!r}"[:60] if not isinstance(value, dict) else "a table"

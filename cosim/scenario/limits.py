@@ -1,4 +1,4 @@
-"""Where the commands stood at their limits, and whether that was a limit cycle."""
+"""Saturation of the commands of a run, and whether it was a limit cycle."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ _REVERSALS = 4
 
 @dataclass(frozen=True)
 class Saturation:
-    """How the limits were used.
+    """Saturation of the commands of one run.
 
     Attributes
     ----------
-    fraction : share of the time in which at least one command stood at its limit.
+    fraction : share of the time in which at least one command was at its limit.
     largest : command name -> largest magnitude [N, N m].
-    limit_cycle : in the last quarter of the run commands stood at their limits more than half
+    limit_cycle : in the last quarter of the run commands were at their limits more than half
         of the time, and one of them went from one limit to the other at least four times: the
         limits, not the feedback, bound the motion.
     """
@@ -40,7 +40,7 @@ class Saturation:
 
 
 def saturation(run: Run, controller: str) -> Saturation | None:
-    """Use of the limits by a controller; None if it has none."""
+    """Return the saturation of a controller's commands; None if it has no limits."""
     instance = next((s for s in run.instances if s.name == controller), None)
     if instance is None or run.points_ns.size < 2:
         return None

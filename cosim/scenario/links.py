@@ -1,4 +1,4 @@
-"""[links.NAME]: what a scenario says about a link."""
+"""[links.NAME]: the links of a scenario."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class BurstPart(Part):
 
 
 class ProfilePart(Part):
-    """A delay that was recorded: { times = [...], delays = [...] }."""
+    """A recorded delay: { times = [...], delays = [...] }."""
 
     times: Annotated[list[Seconds], Field(min_length=1)]
     delays: Annotated[list[Delay], Field(min_length=1)]
@@ -63,7 +63,7 @@ class ProfilePart(Part):
 
 
 class ProfileFilePart(Part):
-    """The same from a CSV file, whose columns `time` and `delay` are in seconds."""
+    """A recorded delay from a CSV file with columns `time` and `delay` in seconds."""
 
     file: Text
     time: Text = "time"
@@ -72,7 +72,7 @@ class ProfileFilePart(Part):
 
 
 class SignalDelayPart(Part):
-    """A delay that a signal decides: offset + scale * signal, `scale` in seconds per unit."""
+    """A delay that follows a signal: offset + scale * signal, `scale` in seconds per unit."""
 
     signal: Reference
     scale: Number
@@ -80,7 +80,7 @@ class SignalDelayPart(Part):
 
 
 class RangeDelayPart(Part):
-    """The delay of sound: offset + distance / speed, of `range` (signals) from the place `from`."""
+    """Delay of sound: offset + distance / speed, from `from` to the position signals `range`."""
 
     range: Annotated[list[Reference], Field(min_length=1, max_length=3)]
     place: Annotated[list[Length], Field(alias="from", min_length=1, max_length=3)]
@@ -107,15 +107,10 @@ _DELAYS = {
 
 
 def _kind_of_delay(value: Any) -> str | None:
-    if isinstance(value, dict):
-        return next((kind for key, kind in _DELAYS.items() if key in value), None)
-    known: dict[type[Any], str] = {
-        ProfilePart: "recorded",
-        ProfileFilePart: "from a file",
-        SignalDelayPart: "of a signal",
-        RangeDelayPart: "of a range",
-    }
-    return known.get(type(value), "constant")
+    if not isinstance(value, dict | Part):
+        return "constant"
+    keys = value if isinstance(value, dict) else type(value).model_fields
+    return next((kind for key, kind in _DELAYS.items() if key in keys), None)
 
 
 _NO_DELAY = (

@@ -1,8 +1,7 @@
-"""Where a key stands in a TOML file, for messages that point at it.
+"""Find the line of a key in a TOML file, for messages.
 
-`tomllib` gives no positions. This scan knows headers, dotted and quoted keys and multi-line
-values well enough to find the line of a key in a file that has already been parsed; when it
-finds nothing it says so instead of guessing.
+`tomllib` gives no positions. This scan handles headers, dotted and quoted keys and multi-line
+values of a file that has already been parsed; where it finds nothing it returns None.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 _HEADER = re.compile(r"^\s*(\[\[|\[)\s*(?P<keys>[^\]]+?)\s*\]")
@@ -20,14 +20,14 @@ _PART = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
 
 
 class Place(NamedTuple):
-    """A line (from 1), and how much of the path stands there."""
+    """A line (from 1), and how many keys of the path are there."""
 
     line: int
     depth: int
 
 
 def place_of(text: str, path: Sequence[str | int]) -> Place | None:
-    """Place of the longest prefix of `path` that stands in `text`; None if none does.
+    """Find the longest prefix of `path` that is in `text`; None if none is.
 
     `path` has a string per key and an integer per place in an array of tables.
     """
@@ -57,20 +57,20 @@ def place_of(text: str, path: Sequence[str | int]) -> Place | None:
 
 
 def line_of(text: str, path: Sequence[str | int]) -> int | None:
-    """Line (from 1) of the longest prefix of `path` that stands in `text`; None if none does."""
+    """Return the line (from 1) of the longest prefix of `path` that is in `text`, or None."""
     found = place_of(text, path)
     return found.line if found else None
 
 
 def _statements(text: str) -> list[tuple[int, str]]:
-    """Lines that begin a statement; the inside of multi-line values is passed over."""
+    """Return the lines that begin a statement, without the inside of multi-line values."""
     result = []
     lines = text.splitlines()
     i = 0
     while i < len(lines):
         start = i
         if _ASSIGNMENT.match(lines[i]):
-            # a value goes on as long as what stands there does not parse by itself
+            # a value continues until its lines parse by themselves
             while i + 1 < len(lines) and not _parses("\n".join(lines[start : i + 1])):
                 i += 1
         result.append((start + 1, lines[start]))
@@ -91,9 +91,4 @@ def _split(keys: str) -> list[str | int]:
 
 
 def _common(a: Sequence[str | int], b: Sequence[str | int]) -> int:
-    depth = 0
-    for x, y in zip(a, b, strict=False):
-        if x != y:
-            break
-        depth += 1
-    return depth
+    return len(list(takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False))))

@@ -1,4 +1,4 @@
-"""Which variables a connection or a target of a scenario means."""
+"""Resolve the ends of a connection, or a target, to variables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cosim.master import Connection, Endpoint, Policy
 
 
 def endpoint(text: str) -> Endpoint:
-    """`component.variable`, or `component.group`."""
+    """Split `component.variable`, or `component.group`, at the first dot."""
     component, _, variable = text.partition(".")
     return Endpoint(component, variable)
 
@@ -19,7 +19,7 @@ def endpoint(text: str) -> Endpoint:
 def members(
     fmu: FmuDescription, name: str, causality: Literal["output", "input"]
 ) -> dict[str, str]:
-    """Ending -> variable: "" for the variable itself, ".x" or "[1]" for members of a group."""
+    """Return suffix -> variable: "" for the variable itself, ".x" or "[1]" for a member."""
     found = {}
     for port in fmu.ports.values():
         suffix = port.name[len(name) :]
@@ -40,13 +40,13 @@ def matched(
     policy: Policy = "hold",
     components: Iterable[str] = (),
 ) -> list[Connection]:
-    """One connection per variable: the names themselves, or two groups with equal endings.
+    """Make one connection per variable: of two variables, or of two groups with equal members.
 
-    `components` : names that exist, though their FMUs were not found.
+    `components` : names of components that exist, even if their FMUs were not found.
 
     Raises
     ------
-    InputError : components, variables or members that do not exist.
+    InputError : unknown components, variables or members.
     """
     where = f"{source} -> {target}"
     for end in (source, target):
@@ -87,7 +87,7 @@ _Kind = Literal["output", "input"]
 
 
 def _no_member(fmu: FmuDescription, end: Endpoint, kind: _Kind, where: str) -> InputError:
-    """The error for an end that is no output, or no input."""
+    """Make the error for an end that is not an output, or not an input."""
     other: _Kind = "input" if kind == "output" else "output"
     if members(fmu, end.variable, other):
         problem = "two outputs cannot be connected" if kind == "input" else "nothing comes from it"

@@ -1,7 +1,7 @@
-"""What may be said about a run: its status, its figures, and which promises were kept.
+"""Status and metrics of a run, and the assumptions of its guarantee.
 
-A guarantee is claimed for a run only where the assumptions it rests on were met; each is
-listed by name, true or false, also where nobody asked.
+The guarantee applies to a run only if all its assumptions were met; each is always listed by
+name, true or false.
 """
 
 from __future__ import annotations
@@ -32,12 +32,11 @@ _POSITION = ("eta.x", "eta.y", "eta.z")
 
 @dataclass(frozen=True)
 class RunContext:
-    """A run with what it was made from.
+    """A run with everything its metrics depend on.
 
-    `zero_state_run` is the same from rest, None if not made; `worst_case` the worst case of the
-    design,
-    None if the scenario does not ask for it; `altered_by_events`: events changed more than the
-    traffic of links.
+    zero_state_run : None if not made.
+    worst_case : of the design; None if the scenario does not apply it.
+    altered_by_events : events changed something other than the traffic of links.
     """
 
     scenario: Scenario
@@ -52,7 +51,7 @@ class RunContext:
 
 
 def status_of(context: RunContext) -> str:
-    """finished, limit_cycle, stopped, diverged or failed."""
+    """Return the status: finished, limit_cycle, stopped, diverged or failed."""
     if context.run.status != "finished":
         return context.run.status
     used = _saturation(context)
@@ -60,26 +59,25 @@ def status_of(context: RunContext) -> str:
 
 
 def metrics_of(context: RunContext) -> dict[str, Any]:
-    """Figures of a flight, JSON-safe: None for what does not exist."""
-    design, problem = context.design, context.problem
+    """Return the metrics of a run, JSON-safe: None for what does not exist."""
+    design = context.design
+    gamma, norm = (None, None) if design is None else (design.gamma, design.exact_norm)
     used = _saturation(context)
     age = _largest_age_s(context)
     gain = _gain(context)
     return {
         "gain": gain,
-        "norm_reached": _share(gain, None if design is None else design.exact_norm),
-        "gain_within_gamma": None
-        if gain is None or design is None or design.gamma is None
-        else gain <= design.gamma,
-        "gamma": None if design is None else design.gamma,
-        "exact_norm": None if design is None else design.exact_norm,
+        "norm_reached": gain / norm if gain is not None and norm else None,
+        "gain_within_gamma": None if gain is None or gamma is None else gain <= gamma,
+        "gamma": gamma,
+        "exact_norm": norm,
         "abscissa": None if design is None else design.abscissa,
         "worst_case": None if context.worst_case is None else asdict(context.worst_case),
         "position_error_m": _position_error(context),
         "saturated_fraction": None if used is None else used.fraction,
         "largest_command": None if used is None else used.largest,
         "message_age_s": age,
-        "designed_age_s": _designed_age_s(problem),
+        "designed_age_s": _designed_age_s(context),
         "envelope_use": _envelope_use(context),
         **_coupling(context),
         "assumptions": _assumptions(context, used, age),
@@ -87,7 +85,7 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
 
 
 def _coupling(context: RunContext) -> dict[str, Any]:
-    """What the exchange adds to the delays of the links: the most, and where they differ, each."""
+    """Return the largest coupling delay, and that of each connection where steps differ."""
     if context.system is None or context.run.points_ns.size < 2:
         return {"coupling_delay_s": None}
     delays = coupling_delays_s(context.run, context.system)
@@ -97,18 +95,14 @@ def _coupling(context: RunContext) -> dict[str, Any]:
     return most if plain else {**most, "coupling_delays_s": delays}
 
 
-def _share(gain: float | None, norm: float | None) -> float | None:
-    return None if gain is None or not norm else gain / norm
-
-
 def _assumptions(
     context: RunContext, used: Saturation | None, age: float | None
 ) -> dict[str, bool]:
-    """What the guarantee rests on, by name; empty where nothing is guaranteed."""
+    """Return whether each assumption was met, by name; empty without a guarantee."""
     if context.design is None or context.problem is None:
         return {}
     result = {"certificate_verified": _certificate_verified(context.design)}
-    designed = _designed_age_s(context.problem)
+    designed = _designed_age_s(context)
     if designed is not None:
         substituted = any(s.statistics()["substitutions"] for s in context.schedules.values())
         result["message_age_within_design"] = (
@@ -132,7 +126,7 @@ _verified: WeakKeyDictionary[Design, bool] = WeakKeyDictionary()
 
 
 def _certificate_verified(design: Design) -> bool:
-    """Whether the proof holds; checked once per design, also where thousands of runs fly it."""
+    """Whether the proof holds; checked once per design, even in a study of many runs."""
     if design not in _verified:
         _verified[design] = check_certificate(design.certificate).valid
     return _verified[design]
@@ -161,21 +155,15 @@ def _position_error(context: RunContext) -> float | None:
     values = last_outputs(context.run, part.plant)
     if not all(name in values for name in _POSITION):
         return None
-    target = _final_reference(context.scenario)
+    path = context.scenario.reference
+    target = {} if path is None else dict(zip(path.axes, path.points[-1][1:], strict=True))
     error = [values[name] - target.get(name.removeprefix("eta."), 0.0) for name in _POSITION]
     size = math.sqrt(total(part * part for part in error))
     return size if np.isfinite(size) else None
 
 
-def _final_reference(scenario: Scenario) -> dict[str, float]:
-    path = scenario.reference
-    if path is None:
-        return {}
-    return dict(zip(path.axes, path.points[-1][1:], strict=True))
-
-
 def last_outputs(run: Run, component: str) -> dict[str, float]:
-    """Outputs of a component at the last point reached."""
+    """Return the outputs of a component at the last point reached."""
     for instance in run.instances:
         if instance.name == component and run.points_ns.size:
             row = instance.outputs[instance.own_points.last[run.points_ns.size - 1]]
@@ -184,7 +172,7 @@ def last_outputs(run: Run, component: str) -> dict[str, float]:
 
 
 def final_values(run: Run) -> dict[str, float | None]:
-    """`component.variable` -> value at the last point reached; None where not finite."""
+    """Return `component.variable` -> value at the last point reached; None if not finite."""
     return {
         f"{instance.name}.{name}": value if np.isfinite(value) else None
         for instance in run.instances
@@ -202,13 +190,13 @@ def _largest_age_s(context: RunContext) -> float | None:
     return float(used.max()) / 1e9 if used.size else None
 
 
-def _designed_age_s(problem: Problem | None) -> float | None:
-    """Largest age of the measurements that the design allows for; 0 for immediate feedback."""
-    return None if problem is None else problem.system.feedback_delay
+def _designed_age_s(context: RunContext) -> float | None:
+    """Return the largest measurement age the design allows; 0 for immediate feedback."""
+    return None if context.problem is None else context.problem.system.feedback_delay
 
 
 def _envelope_use(context: RunContext) -> dict[str, float] | None:
-    """Largest excursion over the bound, per axis, of the run and its companion."""
+    """Return the largest |value| / bound per axis, over the run and its zero-state run."""
     part = context.scenario.design
     if context.problem is None or context.problem.vehicle is None or part is None:
         return None
@@ -222,7 +210,7 @@ def _envelope_use(context: RunContext) -> dict[str, float] | None:
 
 
 def _plant_as_designed(context: RunContext) -> bool:
-    """Whether the plant that flew is the one the design is about, parameter by parameter."""
+    """Whether every parameter of the plant is that of the design."""
     problem, part = context.problem, context.scenario.design
     instance = next((s for s in context.run.instances if part and s.name == part.plant), None)
     if problem is None or instance is None:

@@ -1,7 +1,7 @@
-"""Where in which file something stands, for messages that point at it.
+"""Locate parts of a scenario in its files, for messages.
 
-A scenario may be put together from several files and from settings of the command line; the
-last layer that speaks of a key is where it stands.
+A scenario may be merged from several files and from settings of the command line; a key is
+located in the last layer that contains it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Path = tuple[str | int, ...]
 
 
 class Layer(NamedTuple):
-    """One file with its text, or one setting: then `path` is what it sets."""
+    """A file with its text, or a setting with the `path` that it sets."""
 
     where: str
     text: str
@@ -26,20 +26,20 @@ class Layer(NamedTuple):
 
 
 def key(path: Sequence[str | int]) -> str:
-    """A path as people write it: `links.up.delay`, `connections[0].to`."""
+    """Format a path: `links.up.delay`, `connections[0].to`."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
 
 
 @dataclass(frozen=True)
 class Origin:
-    """The layers of a scenario, from the base to the last word."""
+    """The layers of a scenario, the base first."""
 
     layers: tuple[Layer, ...] = ()
 
     def place(self, path: Sequence[str | int]) -> str | None:
-        """File and line of a key, or the setting that it comes from; None where nothing is known.
+        """Return file and line of a key, or the setting that it comes from; None if unknown.
 
-        Of a key that is nowhere, the place of what it would stand in.
+        For a missing key, the place of the table that should contain it.
         """
         best: tuple[int, str] | None = None
         for layer in self.layers:
@@ -63,12 +63,12 @@ NOWHERE = Origin()
 
 @dataclass
 class Findings:
-    """Raises the first fault, or, where all are wanted, collects them.
+    """Raises the first error, or collects all of them; adds where in the scenario they are.
 
     Parameters
     ----------
-    origin : where the parts of the scenario stand.
-    collect : go on after a fault; what depends on the faulty part is passed over.
+    origin : locates the parts of the scenario.
+    collect : go on after an error; what depends on the faulty part is skipped.
     """
 
     origin: Origin = NOWHERE
@@ -77,7 +77,7 @@ class Findings:
 
     @contextmanager
     def at(self, *path: str | int) -> Iterator[None]:
-        """What is refused inside is about the part of the scenario at this path."""
+        """Locate errors raised inside at this path of the scenario."""
         try:
             yield
         except InputError as error:
@@ -87,7 +87,7 @@ class Findings:
             self.errors.append(placed)
 
     def placed(self, error: InputError, path: Sequence[str | int]) -> InputError:
-        """The same error with file, line and key in front."""
+        """Return the error with file, line and key in front."""
         place = self.origin.place(path)
         if place is None:
             return error

@@ -1,4 +1,4 @@
-"""What comes out of a run: for people, for scripts, and for the end of the trace."""
+"""The outcome of a run, as JSON and as metadata of the trace."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from cosim.trace import AssertionResult
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of flying one scenario.
+    """The outcome of one run of a scenario.
 
     Attributes
     ----------
     status : finished, limit_cycle, stopped, diverged or failed.
     reason : why, None when finished.
-    trace : the file, None if none was asked for.
-    engine : which engine carried it out, and why that one.
-    pace : how the clock on the wall was kept, None for a run that was not held back to it.
-    assertions : a verdict on each, in the order of the scenario.
-    log_after_end : what was said while the slaves were ended, when the trace was complete:
-        `level`, `name` of the component, `message`.
-    design : where the design that flew comes from; None without one.
+    trace : the file, None if none was written.
+    engine : the engine used, and why.
+    pace : real-time figures; None for a run at full speed.
+    assertions : verdicts, in the order of the scenario.
+    log_after_end : log lines while the slaves were ended, after the trace was complete: `level`,
+        `name` of the component, `message`.
+    design : where the design comes from; None without one.
     steps : communication steps done.
-    metrics, links, final : JSON-safe figures; `metrics` and `links` as the documentation lists
-        them, `final` the last value of every output by `component.variable`.
+    metrics, links, final : JSON-safe figures; `metrics` and `links` as in the documentation,
+        `final` the last value of every output by `component.variable`.
     """
 
     scenario: str
@@ -52,11 +52,11 @@ class Outcome:
 
     @property
     def as_expected(self) -> bool:
-        """Whether no assertion came out otherwise than it was expected to."""
+        """Whether every assertion has its expected verdict."""
         return all(verdict.as_expected for verdict in self.assertions)
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return everything, for `--json`."""
         data: dict[str, Any] = {
             "scenario": self.scenario,
             "title": self.title,
@@ -84,7 +84,7 @@ class Outcome:
 
 
 def pace_figures(pace: Pace) -> dict[str, float | int]:
-    """How well a run kept to real time times a factor."""
+    """Return how well a run kept to real time, scaled by its factor."""
     return {
         "factor": pace.factor,
         "points": pace.points,
@@ -95,7 +95,7 @@ def pace_figures(pace: Pace) -> dict[str, float | int]:
 
 
 def result_entries(outcome: Outcome) -> dict[str, str]:
-    """`cosim.result`: strings, host-dependent ones under `host.`."""
+    """Return the entries of `cosim.result`: strings, host-dependent ones under `host.`."""
     entries = {
         "status": outcome.status,
         "steps": str(outcome.steps),

@@ -1,7 +1,7 @@
-"""What the run did to the disturbance: z = D x + D1 w + D2 u of Eq. (7) along the rows.
+"""Measured gain of a run from w to z = D x + D1 w + D2 u, Eq. (7) of the paper.
 
-Inputs are held between communication points, so integrals of w'w are exact; z'z is taken by
-the trapezoidal rule within each interval, both ends with the held u and w of the interval.
+Inputs are held between communication points, so integrals of w'w are exact; z'z is integrated
+by the trapezoidal rule in each interval, both ends with the held u and w of the interval.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ _DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.
 
 @dataclass(frozen=True)
 class Binding:
-    """Which variables of the plant are x, u and w of Eq. (7).
+    """The variables of the plant that are x, u and w of Eq. (7).
 
-    `input_map` (m, m) turns the plant's inputs into u: for the vehicle, forces into the
-    accelerations that the theory calls u.
+    `input_map` (m, m) maps the plant's inputs to u: for the vehicle, forces to accelerations.
     """
 
     state: tuple[str, ...]
@@ -35,7 +34,7 @@ class Binding:
 
 
 def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
-    """The binding of a plant, from the names of its variables; None if they are others."""
+    """Bind a plant by the names of its variables; None if they are not those of a known plant."""
     instance = next((s for s in run.instances if s.name == plant), None)
     if instance is None:
         return None
@@ -58,7 +57,7 @@ def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
 
 
 def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -> float | None:
-    """sqrt(int z'z / int w'w) over the run; None if there was no disturbance, or no z."""
+    """Return sqrt(int z'z / int w'w) over the run; None without a disturbance, or without z."""
     if not system.has_performance:
         return None
     x = _signals(run, plant, binding.state)
@@ -76,30 +75,28 @@ def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -
 
 
 def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """rows @ matrix.T in one order of operations: a BLAS has its own on every processor."""
+    """Return rows @ matrix.T in a fixed order of operations: that of a BLAS varies by processor."""
     columns = [total(a * rows[:, j] for j, a in enumerate(row)) for row in matrix.tolist()]
     wide = [np.broadcast_to(column, len(rows)) for column in columns]
     return np.column_stack(wide) if wide else np.zeros((len(rows), 0))
 
 
 def _integral(h: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Sum of h |values|^2, one after the other: `sum` takes them in an order of its own."""
+    """Return the sum of h |values|^2, added in order: the order of `sum` may vary."""
     parts = np.cumsum(h[:, None] * values * values)
     return float(parts[-1]) if parts.size else 0.0
 
 
 def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float64]:
-    """Values at the points reached, (k, len(names)); an input nobody drives stays at its start."""
-    columns = []
+    """Return values at the points reached, (k, len(names)); unconnected inputs at their start."""
     instance = next(s for s in run.instances if s.name == component)
+    parameters, ports = instance.component.parameters, instance.component.description.ports
+    recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
     count = run.points_ns.size
-    for name in names:
-        recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
-        if name in recorded:
-            columns.append(run.signal(component, name))
-        else:
-            start = instance.component.parameters.get(
-                name, instance.component.description.ports[name].start or 0.0
-            )
-            columns.append(np.full(count, start))
+    columns = [
+        run.signal(component, name)
+        if name in recorded
+        else np.full(count, parameters.get(name, ports[name].start or 0.0))
+        for name in names
+    ]
     return np.column_stack(columns) if columns else np.zeros((count, 0))

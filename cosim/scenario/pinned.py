@@ -1,9 +1,8 @@
-"""Designs that were made before: named by `[design] file`, or kept beside the scenario.
+"""Existing designs: named by `[design] file`, or kept beside the scenario by an earlier run.
 
-What a solver answers differs in its last digits from one machine to the next. So a gain is
-designed once: the design that a scenario names flies as it is, and one that a run had to make is
-kept beside the scenario, as `<stem>.design.json`, for the next run. Either way its proof is
-checked again, exactly, before it flies.
+The last digits of a solver's answer differ from machine to machine, so a gain is designed once:
+a design that a run had to make is kept beside the scenario, as `<stem>.design.json`, for the
+next run. The proof of an existing design is checked again, exactly, before it is used.
 """
 
 from __future__ import annotations
@@ -33,13 +32,12 @@ _MADE_FOR = "made_for"
 
 @dataclass(frozen=True)
 class DesignSource:
-    """Where the design that flies comes from.
+    """Where the design of a run comes from.
 
     Attributes
     ----------
     words : a sentence for people.
-    file : its file, or its name among the designs of the package; None where only the trace
-        holds it.
+    file : its file, or its name among the designs of the package; None if only the trace has it.
     made : whether a solver made it for this run.
     """
 
@@ -49,14 +47,14 @@ class DesignSource:
 
 
 def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, DesignSource]:
-    """The design that `[design] file` names, its proof checked, and what it is about.
+    """Read the design that `[design] file` names, check its proof, and find its problem.
 
-    `folder` : where a path begins.
+    `folder` : start of relative paths.
 
     Raises
     ------
-    InputError : there is none, its proof does not hold, or it is for another system.
-    NotAchievableError : its proof is about one age of the measurements alone.
+    InputError : no such design, its proof does not hold, or it is for another system.
+    NotAchievableError : it is proved for exactly one measurement age.
     """
     name = str(part.file)
     where, content = design_content(name, folder)
@@ -66,13 +64,13 @@ def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, Desig
 
 
 def design_content(name: str, folder: Path) -> tuple[str, bytes]:
-    """What a design is called in messages, and the bytes of its file.
+    """Return the name of a design for messages, and the bytes of its file.
 
-    `name` : a path that ends in .json and begins in `folder`, or a design of the package.
+    `name` : a path that ends in .json, relative to `folder`, or a design of the package.
 
     Raises
     ------
-    InputError : there is none.
+    InputError : no such design.
     """
     if name.endswith(".json"):
         path = folder / name
@@ -93,10 +91,10 @@ def design_content(name: str, folder: Path) -> tuple[str, bytes]:
 
 
 def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, DesignSource]:
-    """The design that an earlier run kept beside the scenario; else a new one, kept there.
+    """Return the design that an earlier run kept beside the scenario; else make and keep one.
 
-    One that is kept is taken where it answers the same question: the same system, and the same
-    demands. A file that no run of this scenario wrote is never written over.
+    A kept design is used if it answers the same question: same system, same design constraints.
+    A file that no run of this scenario wrote is never overwritten.
 
     Raises
     ------
@@ -135,13 +133,13 @@ def _in_trace(why: str) -> DesignSource:
 
 
 def _question(part: DesignPart, problem: Problem) -> Any:
-    """What is demanded of a gain beside its system, as JSON values."""
+    """Return what is asked of a gain beside its system, as JSON values."""
     asked = {key: getattr(part, key) for key in MADE_WITH} | {"k1": problem.k1, "k2": problem.k2}
     return json.loads(json.dumps(asked | asdict(problem.design_constraints)))
 
 
 def _kept(path: Path, made_for: Any, problem: Problem) -> tuple[Design | None, str, bool]:
-    """The design in a file, if it answers the question; why; whether the file may be replaced."""
+    """Return the design in a file if it fits; the reason; whether the file may be replaced."""
     if not path.exists():
         return None, "none was kept before", True
     try:

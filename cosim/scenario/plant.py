@@ -1,4 +1,4 @@
-"""Whether the plant that flew is the one that a design is about, parameter by parameter."""
+"""Compare the parameters of a run's plant with the system of its design."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ENTRY = re.compile(r"(?:[AH][0-9]*|[BCE]|D[12]?)\[[0-9]+,[0-9]+\]")
 
 
 def is_vehicle_of(design: AuvDesignSettings, parameters: Mapping[str, float | None]) -> bool:
-    """Whether these parameters are the vehicle that was designed for."""
+    """Whether these parameters are those of the vehicle in the design."""
     wanted = {name: design.parameters[name] for name in TABLE_1}
     wanted |= {f"damping.{axis}": a for axis, a in zip("uvwr", design.damping, strict=True)}
     return all(parameters.get(name) == value for name, value in wanted.items()) and _no_longer(
@@ -25,16 +25,16 @@ def is_vehicle_of(design: AuvDesignSettings, parameters: Mapping[str, float | No
 
 
 def is_plant_of(system: DelaySystem, parameters: Mapping[str, float | None]) -> bool:
-    """Whether these parameters are the matrices and delays of a system in Eq. (7)'s letters.
+    """Whether these parameters are the matrices and delays of a system, named as in Eq. (7).
 
-    Matrices that the system does not have may be there, if they are zero.
+    Matrices that the system does not have may be present if they are zero.
     """
     wanted = {
         f"{letter}[{i + 1},{j + 1}]": float(value)
         for letter, matrix in _PLANT.plant_matrices(system).items()
         for (i, j), value in np.ndenumerate(matrix)
     }
-    # an entry that the system has and the plant does not is no number, and not equal either
+    # an entry that the plant lacks is None here, hence unequal
     found = {
         name: parameters.get(name) for name in (*wanted, *filter(_ENTRY.fullmatch, parameters))
     }
@@ -46,6 +46,6 @@ def is_plant_of(system: DelaySystem, parameters: Mapping[str, float | None]) -> 
 
 
 def _no_longer(parameters: Mapping[str, float | None], delays: Mapping[str, float]) -> bool:
-    """What is proved for a delay is proved for every shorter one."""
+    """Whether no delay is longer than proved: a proof covers every shorter delay."""
     found = [(parameters.get(name), d) for name, d in delays.items()]
     return all(value is not None and value <= d for value, d in found)

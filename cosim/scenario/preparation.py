@@ -1,4 +1,4 @@
-"""Everything that a scenario needs, found or made before anything runs: FMUs, gain."""
+"""Prepare a scenario before it runs: find or build its FMUs, find or make its design."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cosim.scenario.signals import no_disturbance, reference_inputs, worst_case_
 
 @dataclass(frozen=True)
 class PreparedScenario:
-    """A scenario with everything found that it needs, before anything runs.
+    """A scenario that is ready to run.
 
-    worst_case : the worst case that the scenario's disturbance is.
+    worst_case : the worst-case disturbance to apply.
     source : where the design comes from.
     """
 
@@ -34,6 +34,14 @@ class PreparedScenario:
     worst_case: WorstCase | None = None
     source: DesignSource | None = None
 
+    @property
+    def gain(self) -> dict[str, dict[str, float]]:
+        """The designed gain as parameters, by component; empty without a design."""
+        part = self.loaded.scenario.design
+        if part is None or self.design is None:
+            return {}
+        return {part.controller: gain_parameters(self.design.K, self.fmus[part.controller])}
+
 
 def prepare(
     loaded: LoadedScenario,
@@ -43,10 +51,10 @@ def prepare(
     worst_case: WorstCase | None = None,
     progress: Progress | None = None,
 ) -> PreparedScenario:
-    """Find or build the FMUs, and find the design that the scenario names, or make one.
+    """Find or build the FMUs; find the design that the scenario names, or make one.
 
-    saved : what a design is about and the design, in place of the scenario's.
-    worst_case : its worst case, in place of the one that the design holds.
+    saved : problem and design to use instead of the scenario's.
+    worst_case : its worst case, instead of the one in the design.
 
     Raises
     ------
@@ -73,7 +81,7 @@ def prepare(
             problem, found, source = named_design(part, loaded.folder)
         else:
             problem = problem_of(part, loaded.folder)
-        # fit everything together before a design, which takes longest: what cannot run says so
+        # assemble before the design, which takes longest: a scenario that cannot run fails early
         blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     with findings.at("disturbance"):
         still = None if disturbance is None else no_disturbance(problem.system)
@@ -90,7 +98,7 @@ def prepare(
 def with_numbers(
     loaded: LoadedScenario, fmus: Mapping[str, FmuDescription], findings: Findings
 ) -> LoadedScenario:
-    """The same with a reference in the units of the inputs that follow it."""
+    """Convert the reference to the units of the inputs that follow it."""
     reference = loaded.scenario.reference
     if reference is None:
         return loaded
@@ -102,10 +110,10 @@ def with_numbers(
 
 
 def check_disturbance(loaded: LoadedScenario) -> None:
-    """Refuse a worst case where nothing is designed."""
+    """Refuse a worst-case disturbance without a design."""
     if loaded.scenario.disturbance is not None and loaded.scenario.design is None:
         raise InputError(
-            "a worst case is that of a design, and this scenario has none",
+            "a worst case needs a design, and this scenario has none",
             where="disturbance",
             expected="[design]",
             hint="a wave field as a component needs no design",
@@ -113,7 +121,7 @@ def check_disturbance(loaded: LoadedScenario) -> None:
 
 
 def check_roles(loaded: LoadedScenario, fmus: Mapping[str, FmuDescription]) -> None:
-    """See that the components exist that a design is about."""
+    """Check that the controller and the plant of the design exist."""
     part = loaded.scenario.design
     if part is not None:
         for role, name in (("controller", part.controller), ("plant", part.plant)):

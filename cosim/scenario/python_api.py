@@ -1,4 +1,4 @@
-"""Scenarios from Python: flown as `cosim run` flies them, or opened as a session to be driven."""
+"""Run scenarios from Python, or open them as sessions."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def run(
     engine: EngineName = "auto",
     pace: Pace | None = None,
 ) -> Outcome:
-    """Fly a scenario; the same as `cosim run`.
+    """Run a scenario, as `cosim run` does.
 
     Parameters
     ----------
     scenario : a built-in name, a file, or one that was built in Python.
-    trace : where the trace goes; None: nowhere.
+    trace : file of the trace; None: write none.
     settings : as `--set`, "links.uplink.delay='400 ms'".
-    fmus : folder of the FMUs; what is missing is built there.
+    fmus : folder of the FMUs; missing ones are built there.
     flavour, engine, pace : as the options of `cosim run`.
 
     Raises
@@ -56,21 +56,21 @@ def open_session(
     engine: EngineName = "auto",
     observers: Sequence[Observer] = (),
 ) -> Iterator[Session]:
-    """A scenario at its start, designed and initialised, for you to drive.
+    """Open a scenario as a session at its start, designed and initialised.
 
-    Parameters as for `run`; `observers` look on.
+    Parameters as for `run`; `observers` receive its rows and log lines.
 
     Raises
     ------
-    InputError : as `run`, or a scenario with events, which would not happen.
+    InputError : as `run`, or a scenario with events, which a session does not execute.
     """
     prepared = _prepared(scenario, settings, fmus, flavour)
-    system, _, events = assembled_system(prepared)
+    system, events = assembled_system(prepared)
     if events:
         raise InputError(
-            "this scenario drives itself",
+            "a session does not execute the events of a scenario",
             where=prepared.loaded.name,
-            expected="a scenario without events: in a session they are yours",
+            expected="a scenario without events: in a session you set and override signals",
             got=f"{len(events)} events",
             hint="without = ['events'] in a scenario that extends it",
         )
@@ -84,7 +84,7 @@ def _prepared(
     if isinstance(scenario, Scenario):
         if settings:
             raise InputError(
-                "settings are for scenarios that are read",
+                "settings apply to scenarios that are read from a file or by name",
                 where="settings",
                 hint="scenario.model_copy(update=...)",
             )

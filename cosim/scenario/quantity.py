@@ -1,7 +1,7 @@
-"""Values with units: `"50 ms"`, `"2 kN"`, `"20 deg"`, `"3 kn"`.
+"""Parse values with units: `"50 ms"`, `"2 kN"`, `"20 deg"`, `"3 kn"`.
 
-A quantity is a number and a unit; units are names that Pint knows, with `*`, `/`, `^` and
-FMI's way to write powers (`m/s2`). Angles count as a dimension of their own: 1 Hz is no rad/s.
+A quantity is a number and a unit; units are names known to Pint, with `*`, `/`, `^` and FMI's
+notation of powers (`m/s2`). Angles are a dimension of their own: 1 Hz is not 1 rad/s.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "bit")
 _PINT = ("kilogram", "meter", "second", "ampere", "kelvin", "mole", "candela", "radian", "bit")
-NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
+# the lookaheads read a number whole: "1e6" must not become 1 e^6, nor "51/s" become 5 1/s
+NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3}(?!\d)|(?!\d|[eE][-+]?\d))"
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)?-?\d)?"
 EXPONENT = r"[eE][-+]?\d"  # where no unit begins: 1e-7 is no electron's charge
@@ -36,7 +37,7 @@ class Dimension(NamedTuple):
         return Dimension(tuple(a + b for a, b in pairs))
 
     def power(self, exponent: Fraction) -> Dimension:
-        """The dimension of a power."""
+        """Return the dimension of a power."""
         return Dimension(tuple(a * exponent for a in self.exponents))
 
     @property
@@ -45,7 +46,7 @@ class Dimension(NamedTuple):
         return self.exponents[_BASES.index("rad")]
 
     def without_angle(self) -> Dimension:
-        """The same for who does not tell radians from numbers."""
+        """Return the dimension with radians as plain numbers."""
         place = _BASES.index("rad")
         return Dimension((*self.exponents[:place], Fraction(0), *self.exponents[place + 1 :]))
 
@@ -62,7 +63,7 @@ def _written(base: str, exponent: Fraction) -> str:
 
 
 def dimension(**exponents: int) -> Dimension:
-    """A dimension by the exponents of its base units: dimension(m=1, s=-2)."""
+    """Make a dimension from exponents of base units: dimension(m=1, s=-2)."""
     return Dimension(tuple(Fraction(exponents.get(base, 0)) for base in _BASES))
 
 
@@ -71,7 +72,7 @@ TIME = dimension(s=1)
 
 
 class Quantity(NamedTuple):
-    """A value in SI units, its dimension, and how it was written."""
+    """A value in SI units, its dimension, and its text."""
 
     si: float
     dimension: Dimension
@@ -79,21 +80,21 @@ class Quantity(NamedTuple):
 
 
 def unit_in(text: str) -> str | None:
-    """The unit that a quantity is written in; None where the text is no quantity."""
+    """Return the unit in the text of a quantity; None if the text is not a quantity."""
     found = _QUANTITY.fullmatch(text)
     return None if found is None else found.group(2)
 
 
 class QuantityError(ValueError):
-    """A text that is no quantity, or one of another dimension; says which."""
+    """A text that is not a quantity, or has the wrong dimension."""
 
 
 def parse_quantity(text: str) -> Quantity:
-    """The quantity that a text is.
+    """Parse the text of a quantity.
 
     Raises
     ------
-    QuantityError : no number with a unit, a unit that is not known, or beyond all numbers.
+    QuantityError : not a number with a unit, an unknown unit, or out of range.
     """
     found = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
     if found is None:
@@ -110,24 +111,14 @@ def parse_quantity(text: str) -> Quantity:
 
 
 def quantity_in(text: str, wanted: Dimension) -> float:
-    """The SI value of a text of a certain dimension.
-
-    Raises
-    ------
-    QuantityError : it is of another one; both are named.
-    """
+    """Parse a quantity of the dimension `wanted` and return its SI value; see `check_dimension`."""
     found = parse_quantity(text)
     check_dimension(found, wanted)
     return found.si
 
 
 def check_dimension(found: Quantity, wanted: Dimension) -> None:
-    """Refuse a quantity of another dimension.
-
-    Raises
-    ------
-    QuantityError : both dimensions are named.
-    """
+    """Raise a QuantityError that names both dimensions if they differ."""
     if found.dimension != wanted:
         raise QuantityError(
             f"a value in {wanted}; {found.text!r} is in {found.dimension}"
@@ -142,7 +133,7 @@ def _rotations(found: Dimension, wanted: Dimension) -> str:
 
 @cache
 def _unit(text: str) -> tuple[Decimal, Decimal, Dimension]:
-    """Factor and offset to SI, and the dimension, of a unit."""
+    """Return factor and offset to SI, and the dimension, of a unit."""
     factors = _FACTORS.findall(text.removeprefix("1/"))
     if len(factors) == 1 and not factors[0][2] and not text.startswith("1/"):
         return _named(factors[0][1])
@@ -165,8 +156,8 @@ def _named(name: str) -> tuple[Decimal, Decimal, Dimension]:
         at_zero = registry.Quantity(Decimal(0), registry.Unit(name)).to_base_units()
         at_one = registry.Quantity(Decimal(1), registry.Unit(name)).to_base_units()
         exponents = {str(base): Fraction(e) for base, e in at_one.unit_items()}
-    except Exception as error:  # pint has many; each means that this is no unit for us
-        raise QuantityError(f"a unit that is known; {name!r} is none") from error
+    except Exception as error:  # pint raises many kinds; each means that the unit is unknown
+        raise QuantityError(f"a known unit; {name!r} is none") from error
     if not set(exponents) <= set(_PINT) or not isinstance(at_one.magnitude, Decimal):
         raise QuantityError(f"a unit of physics; {name!r} is none")
     measured = Dimension(tuple(exponents.get(base, Fraction(0)) for base in _PINT))
@@ -175,7 +166,7 @@ def _named(name: str) -> tuple[Decimal, Decimal, Dimension]:
 
 @cache
 def _registry() -> Any:
-    from pint import UnitRegistry  # noqa: PLC0415 - half a second, for those who write units
+    from pint import UnitRegistry  # noqa: PLC0415 - takes half a second: only where units are used
 
     # decimals keep "50 ms" at the double nearest to 0.05
     return UnitRegistry(non_int_type=Decimal)

@@ -1,4 +1,4 @@
-"""From a name or a file to a validated `Scenario`."""
+"""Read and validate a scenario from a built-in name, a file or a text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from cosim.core import InputError
 from cosim.network import DelayProfile
 from cosim.scenario.extend import (
     Source,
@@ -34,17 +33,16 @@ Model = TypeVar("Model", bound=BaseModel)
 
 @dataclass(frozen=True)
 class LoadedScenario:
-    """A scenario with the text it was read from.
+    """A validated scenario with the text it was read from.
 
     Attributes
     ----------
     name : the built-in name, or the file's stem.
-    text : TOML that says all of it: as it stands, or, of what extends another scenario or was
-        set on the command line, put together.
-    folder : where relative FMU paths are looked up.
-    origin : where its parts stand.
-    source_sha256 : of the file itself, where `text` is put together.
-    file : the file of a user that it was read from; None if it was not.
+    text : complete TOML: the file itself, or merged with what it extends and with settings.
+    folder : start of relative FMU paths.
+    origin : locates its parts in messages.
+    source_sha256 : of the file itself, if `text` is merged.
+    file : the user's file; None if it was not read from one.
     """
 
     name: str
@@ -61,10 +59,10 @@ def load(
     settings: Sequence[str] = (),
     stops: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LoadedScenario:
-    """A built-in scenario by name, or a TOML file by path.
+    """Load a built-in scenario by name, or a TOML file by path.
 
     settings : KEY=VALUE each.
-    stops : events that end the run, by what they are called in messages.
+    stops : events that end the run, by their name in messages.
 
     Raises
     ------
@@ -75,19 +73,19 @@ def load(
 
 
 def parse(text: str, *, name: str, where: str, folder: Path) -> LoadedScenario:
-    """Validate the TOML text of a scenario; `where` stands in the messages."""
+    """Validate the TOML text of a scenario; `where` names it in messages."""
     return loaded_of(source_of(text, name=name, where=where, folder=folder))
 
 
 def of_scenario(scenario: Scenario, name: str, folder: Path | None = None) -> LoadedScenario:
-    """A scenario that was built in Python, ready to be prepared and flown."""
+    """Load a scenario that was built in Python."""
     text = scenario.to_toml()
     origin = Origin((Layer(f"{name}.toml", text),))
     return LoadedScenario(name, scenario, text, folder or Path.cwd(), origin)
 
 
 def with_settings(source: Source, settings: Sequence[str]) -> Source:
-    """The source with what `KEY=VALUE` texts set, in their order."""
+    """Apply `KEY=VALUE` settings to a source, in their order."""
     data, layers = copy.deepcopy(source.data), list(source.layers)
     parts = [(text, *setting(text)) for text in settings]
     give_way(data, {str(path[1]) for _, path, _ in parts if path[0] == "design" and len(path) > 1})
@@ -98,7 +96,7 @@ def with_settings(source: Source, settings: Sequence[str]) -> Source:
 
 
 def _with_stops(source: Source, stops: Mapping[str, Mapping[str, Any]]) -> Source:
-    """The source with events that end the run: a trace of it can be run again."""
+    """Add events that end the run to a source, so that a rerun of its trace has them too."""
     data, layers = copy.deepcopy(source.data), list(source.layers)
     for where, event in stops.items():
         events = data.setdefault("events", [])
@@ -109,26 +107,23 @@ def _with_stops(source: Source, stops: Mapping[str, Mapping[str, Any]]) -> Sourc
 
 
 def loaded_of(source: Source) -> LoadedScenario:
-    """A source validated, and files that it names read.
+    """Validate a source and read the files that it names.
 
     Raises
     ------
     InputError : it breaks the schema, or a file cannot be read.
     """
-    found = valid(Scenario, source.data, Origin(source.layers))
-    scenario = with_files(found, source.folder, Findings(Origin(source.layers)))
-    own = [layer for layer in source.layers if layer.path is None]
-    text = own[-1].text
-    if len(source.layers) == 1 and scenario is found:
-        digest = None
-    else:
-        digest, text = hashlib.sha256(text.encode()).hexdigest(), scenario.to_toml()
     origin = Origin(source.layers)
+    found = valid(Scenario, source.data, origin)
+    scenario = with_files(found, source.folder, Findings(origin))
+    text, digest = [layer.text for layer in source.layers if layer.path is None][-1], None
+    if len(source.layers) > 1 or scenario is not found:
+        digest, text = hashlib.sha256(text.encode()).hexdigest(), scenario.to_toml()
     return LoadedScenario(source.name, scenario, text, source.folder, origin, digest, source.file)
 
 
 def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario:
-    """The scenario with the delays in it that files hold: a run is to need no other file."""
+    """Replace delays in files by their values, so that the scenario needs no other file."""
     links = dict(scenario.links)
     for name, part in scenario.links.items():
         if isinstance(part.delay, ProfileFilePart):
@@ -141,10 +136,7 @@ def with_files(scenario: Scenario, folder: Path, findings: Findings) -> Scenario
 
 def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:
     profile = DelayProfile.from_csv(
-        folder / part.file,
-        time=part.time,
-        delay=part.delay,
-        interpolation=part.interpolation,
+        folder / part.file, time=part.time, delay=part.delay, interpolation=part.interpolation
     )
     return ProfilePart(
         times=[t / 1e9 for t in profile.times_ns.tolist()],
@@ -154,28 +146,22 @@ def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:
 
 
 def validated(model: type[Model], text: str, data: dict[str, Any], where: str) -> Model:
-    """The `data` of a TOML `text` as an object of `model`.
+    """Validate the `data` of a TOML `text` as an object of `model`.
 
     Raises
     ------
-    InputError : it breaks the model; says file, line, key, and the nearest keys there are.
+    InputError : it breaks the model; says file, line, key, and the nearest known keys.
     """
     return valid(model, data, Origin((Layer(where, text),)))
 
 
 def valid(model: type[Model], data: dict[str, Any], origin: Origin) -> Model:
-    """The same of data that come from several layers."""
+    """Validate data that come from several layers, as `validated`."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        found = refusals(model, error, data, origin)
-        first = found[0]
-        if first.hint is None and len(found) > 1:
-            first = InputError(
-                first.what,
-                where=first.where,
-                expected=first.expected,
-                got=first.got,
-                hint=f"{len(found) - 1} more after this one: cosim scenario check",
-            )
+        first, *more = refusals(model, error, data, origin)
+        if first.hint is None and more:
+            first.hint = f"{len(more)} more after this one: cosim scenario check"
+            first.args = (first.text(),)
         raise first from error

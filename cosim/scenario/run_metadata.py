@@ -1,4 +1,4 @@
-"""What a trace says of its run, and carries so that it can be run and proved again."""
+"""Metadata and attachments of a trace, with which it can be run and proved again."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from cosim.trace import (
 def run_metadata_of(
     prepared: PreparedScenario, system: System
 ) -> tuple[dict[str, str], Sequence[Attachment]]:
-    """Entries of `cosim.run`, and the attachments."""
+    """Return the entries of `cosim.run`, and the attachments."""
     loaded = prepared.loaded
     text = loaded.text.encode()
     attachments = [Attachment(SCENARIO_ATTACHMENT, "application/toml", text)]
@@ -72,8 +72,7 @@ def run_metadata_of(
 
 
 _LATER = {"delay": None, "duplicate": 0.0, "queue_limit": None, "windows": ()}
-"""What links came to have, and what it is where it is not used: then it is not named, and the
-trace is the one that it was before."""
+"""Later fields of links and their unused values, which are left out: old traces lack them."""
 
 
 def _link_entry(link: Link) -> dict[str, Any]:
@@ -98,7 +97,7 @@ def _link_entry(link: Link) -> dict[str, Any]:
 
 
 def _certificate(prepared: PreparedScenario, design: Design) -> tuple[dict[str, str], Attachment]:
-    """The proof of the gain that flies, and the entries of `cosim.run` that name it."""
+    """Return the entries of `cosim.run` about the certificate, and its attachment."""
     proof = certificate_bytes(design.certificate)
     part = prepared.loaded.scenario.design
     name = "" if part is None else part.controller

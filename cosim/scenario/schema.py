@@ -1,7 +1,7 @@
-"""A scenario as data: what flies, over which links, for how long, with which gain.
+"""A scenario as data: components, connections, links, reference, design, events, assertions.
 
-Times are in seconds, angles in radian, everything else in the SI unit of its variable; a text
-with a unit stands for a number: `step = "50 ms"`.
+Times are in seconds, angles in radians, everything else in the SI unit of its variable; a text
+with a unit may replace a number: `step = "50 ms"`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 from cosim.master import Algorithm, Policy
 from cosim.scenario.events import AssertionPart, EventPart
 from cosim.scenario.fields import (
-    NAME_PATTERN,
-    REFERENCE_PATTERN,
     Angle,
     Delay,
     Duration,
@@ -37,15 +35,13 @@ from cosim.scenario.fields import (
 from cosim.scenario.links import LinkPart
 from cosim.scenario.quantity import TIME, quantity_in
 
-__all__ = ["NAME_PATTERN", "REFERENCE_PATTERN", "Scenario"]
-
 
 class RunPart(Part):
-    """[run]: when, in which order, and with which luck.
+    """[run]: end, communication step, algorithm, seed.
 
-    `algorithm` : "jacobi": all components step from the same point on what was exchanged there;
-    "gauss-seidel": one after the other in `order`, each on what those before it have reached
-    (without `order`: senders before receivers, as far as that goes).
+    `algorithm` : "jacobi": all components step with the values exchanged at the same point;
+    "gauss-seidel": one after the other in `order`, each with the new outputs of those before it
+    (without `order`: senders before receivers, as far as possible).
     """
 
     end: Duration
@@ -61,7 +57,7 @@ class ComponentPart(Part):
     """[components.NAME]: an FMU of the catalogue by name, or any `.fmu` path.
 
     `step` : its own communication step; without one it communicates at every point. Parameters
-    and start values are of the variable's type: numbers (in the variable's unit, or with one),
+    and start values have the variable's type: numbers (in the variable's unit, or with one),
     texts, truth values, and nested lists of them for arrays.
     """
 
@@ -71,10 +67,10 @@ class ComponentPart(Part):
 
 
 class ConnectionPart(Part):
-    """[[connections]]: `from = "plant.eta"` stands for every variable `eta.*` or `eta[...]`.
+    """[[connections]]: `from = "plant.eta"` means every variable `eta.*` or `eta[...]`.
 
-    `policy` : what the input is held at over a step: the value at its beginning ("hold"), or
-    that in its middle, known from a transport delay ("midpoint") or extrapolated ("linear").
+    `policy` : the value of the input during a step: that at its beginning ("hold"), or that at
+    its middle, known from a transport delay ("midpoint") or extrapolated ("linear").
     """
 
     source: Reference = Field(alias="from")
@@ -91,12 +87,7 @@ _SHORT = re.compile(
 
 
 def connection_of(text: str) -> ConnectionPart:
-    """The connection that `"plant.eta -> controller.eta : uplink"` is.
-
-    Raises
-    ------
-    ValueError : it is none.
-    """
+    """Parse the short form `"plant.eta -> controller.eta : uplink"`; ValueError if it is none."""
     found = _SHORT.fullmatch(text)
     if found is None:
         raise ValueError('as in "plant.eta -> controller.eta" or, over a link, "... : uplink"')
@@ -115,16 +106,16 @@ Connect = Annotated[str, AfterValidator(_connect)]
 
 
 def _seconds(value: Any) -> Any:
-    """A time as a number; QuantityError is a ValueError, as pydantic wants it."""
+    """Return a time as a number; a QuantityError is a ValueError, which pydantic reports."""
     return quantity_in(value, TIME) if isinstance(value, str) else value
 
 
 class PathPart(Part):
     """[reference]: a path through points, for inputs that follow it.
 
-    `points` are rows of time and one value per axis; between two of them the path is a
-    straight line, run with a speed that starts and ends at rest ("smooth") or is constant
-    ("linear"); before the first and after the last it stands still.
+    `points` are rows of time and one value per axis; between two points the path is a straight
+    line, with a speed that starts and ends at zero ("smooth") or is constant ("linear"); before
+    the first and after the last point it is constant.
     """
 
     target: Reference
@@ -154,13 +145,12 @@ class PathPart(Part):
 
 
 class DisturbancePart(Part):
-    """[disturbance]: what the design of the same scenario withstands least.
+    """[disturbance]: the worst-case disturbance of the scenario's design.
 
-    "worst-case": the sinusoid that the nominal closed loop amplifies most, at the frequency of
-    its peak or at `omega` [rad/s], |w| at most `amplitude`, swelling and fading as
-    sin(pi t / end). At frequency zero that is a constant push; a peak at infinite frequency is
-    attained by no disturbance and refused. `target` is a group of inputs, one per entry of w
-    in Eq. (7).
+    "worst-case": the sinusoid that the nominal loop amplifies most, at the frequency of its peak
+    or at `omega` [rad/s], |w| at most `amplitude`, with the envelope sin(pi t / end). At frequency
+    zero that is a constant; a peak at infinite frequency is attained by no disturbance and
+    refused. `target` is a group of inputs, one per entry of w in Eq. (7).
     """
 
     kind: Literal["worst-case"]
@@ -180,15 +170,15 @@ class EnvelopePart(Part):
 
 
 MADE_WITH = ("gain", "order", "k1", "k2")
-"""Keys of [design] that say how a design is made, not what it is about."""
+"""Keys of [design] that say how a design is made, not for which system."""
 
 
 class DesignPart(Part):
-    """[design]: which gain flies, and for what it is proved.
+    """[design]: the gain of the controller, and the system for which it is proved.
 
-    With `file` that design flies: a `.json` that `cosim design --save` wrote, or the name of one
-    that comes with the package. What else is said of the system must be what it was made for.
-    Without it the least-gamma gain is designed, or `gain` is analysed.
+    `file` : use this design: a `.json` that `cosim design --save` wrote, or the name of a design
+    of the package; other keys about the system must agree with it. Without `file` the gain of
+    least gamma is designed, or `gain` is analysed.
     """
 
     model_config = ConfigDict(
@@ -218,10 +208,6 @@ class DesignPart(Part):
                 f"{', '.join(beside)} beside file: the gain and its proof are those of the file; "
                 "leave out file to have a design made"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _rows(self) -> Self:
         lengths = sorted({len(row) for row in self.gain or ()})
         if len(lengths) > 1:
             raise ValueError(
@@ -234,10 +220,9 @@ Level = Literal["debug", "info", "warning", "error"]
 
 
 class ComponentLogPart(Part):
-    """[log.components.NAME]: what is recorded of what one component says.
+    """[log.components.NAME]: which log messages of one component are recorded.
 
-    `categories` : of the FMU's own log categories, those that are wanted; what it says with a
-    status beyond Warning is wanted always.
+    `categories` : the FMU's log categories to record; a status above Warning is always recorded.
     """
 
     level: Level | None = None
@@ -245,7 +230,7 @@ class ComponentLogPart(Part):
 
 
 class LogPart(Part):
-    """[log]: which messages of components and master are recorded, from which level on."""
+    """[log]: lowest level at which messages of components and master are recorded."""
 
     level: Level = "debug"
     components: dict[Name, ComponentLogPart] = Field(default_factory=dict)
@@ -269,14 +254,14 @@ class Scenario(Part):
     log: LogPart | None = None
 
     def to_data(self) -> dict[str, Any]:
-        """The tables of the scenario; what was left out stays left out."""
+        """Return the tables of the scenario, without defaults."""
         return self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
 
     def to_toml(self) -> str:
-        """The text that is read as this scenario again, without loss."""
+        """Return TOML text that reads back as this scenario."""
         return tomli_w.dumps(self.to_data(), multiline_strings="\r" not in self.description)
 
     def wires(self) -> list[tuple[tuple[str, int], ConnectionPart]]:
-        """The connections of both forms, each with the place where it stands."""
+        """Return the connections of both forms, each with its path."""
         short = [(("connect", i), connection_of(text)) for i, text in enumerate(self.connect)]
         return [(("connections", i), part) for i, part in enumerate(self.connections)] + short

@@ -1,4 +1,4 @@
-"""What breaks the schema of a scenario, in words: file, line, key, what was expected and got."""
+"""Turn pydantic's validation errors into messages with file, line, key, expected and got."""
 
 from __future__ import annotations
 
@@ -9,21 +9,8 @@ from pydantic import BaseModel, ValidationError
 
 from cosim.core import InputError
 from cosim.scenario.events import ConditionError
-from cosim.scenario.expression import ExpressionError
 from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN
 from cosim.scenario.origin import Origin, Path, key
-
-
-def condition_error(error: ExpressionError, path: Path, origin: Origin) -> InputError:
-    """What is wrong with a condition, with the place and the column of it."""
-    return InputError(
-        f"{key(path)}, {error.where}: {error.what}",
-        where=origin.place(path),
-        expected=error.expected,
-        got=error.got,
-        hint=error.hint,
-    )
-
 
 _SCALAR_WANTED = ("float_type", "int_type", "bool_type", "literal_error", "value_error")
 _NO_TABLE = ("model_type", "model_attributes_type", "dict_type")
@@ -32,12 +19,12 @@ _NO_TABLE = ("model_type", "model_attributes_type", "dict_type")
 def refusals(
     model: type[BaseModel], error: ValidationError, data: Any, origin: Origin
 ) -> list[InputError]:
-    """One error per place of the file, the most telling first."""
+    """Return one error per place of the file, the most specific first."""
     found: dict[Path, Any] = {}
     for detail in sorted(error.errors(include_url=False), key=_rank, reverse=True):
         path = tuple(_path(detail, data))
-        # a value that fits no branch of a union is reported once per branch: that a table is no
-        # number says less than what is wrong in the table
+        # a value that fits no branch of a union is reported once per branch: report what is wrong
+        # in a table rather than that it is not a number
         if path in found or (
             _of_other_branch(detail) and any(p[: len(path)] == path for p in found)
         ):
@@ -47,24 +34,27 @@ def refusals(
 
 
 def _rank(detail: Any) -> tuple[bool, bool, int]:
-    """The longest path came closest."""
+    """Sort key: the error with the longest path came closest to a match."""
     return not _of_other_branch(detail), detail["type"] != "missing", len(detail["loc"])
 
 
 def _of_other_branch(detail: Any) -> bool:
-    is_table = isinstance(detail["input"], dict)
-    if is_table:
+    if isinstance(detail["input"], dict):
         return detail["type"] in _SCALAR_WANTED
-    return detail["type"] in _NO_TABLE and detail["loc"][-1] in _BRANCHES
-
-
-_BRANCHES = ("BurstPart",)
+    return detail["type"] in _NO_TABLE and detail["loc"][-1] == "BurstPart"
 
 
 def _refusal(model: type[BaseModel], detail: Any, path: Path, origin: Origin) -> InputError:
     cause = detail.get("ctx", {}).get("error")
     if isinstance(cause, ConditionError):
-        return condition_error(cause.error, path, origin)
+        found = cause.error
+        return InputError(
+            f"{key(path)}, {found.where}: {found.what}",
+            where=origin.place(path),
+            expected=found.expected,
+            got=found.got,
+            hint=found.hint,
+        )
     return InputError(
         _sentence(detail, key(path)),
         where=origin.place(path),
@@ -75,7 +65,7 @@ def _refusal(model: type[BaseModel], detail: Any, path: Path, origin: Origin) ->
 
 
 def _path(detail: Any, data: Any) -> list[str | int]:
-    """The place of a fault as keys of the file; pydantic's names of union branches are none."""
+    """Return the path of an error in the file, without pydantic's names of union branches."""
     path: list[str | int] = []
     for i, part in enumerate(detail["loc"]):
         here = (isinstance(data, dict) and part in data) or (
@@ -119,7 +109,7 @@ _PATTERNS = {
 
 
 def _hint(model: type[BaseModel], detail: Any, path: Path) -> str | None:
-    """The nearest key that the table has, else the nearest that any table has."""
+    """Suggest the nearest allowed words, or the nearest known keys."""
     if detail["type"] == "literal_error":
         words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
         choices = [c.strip("' ") for word in words for c in word.split(",")]

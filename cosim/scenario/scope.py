@@ -1,4 +1,4 @@
-"""What names in conditions mean: signals of a run, constants, and the state of links."""
+"""Resolve names in conditions: signals of a run, constants, and the state of links."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cosim.core import InputError
 from cosim.fmu import Port
 from cosim.master import LINK_STATE, Endpoint, Run, System, element_names
 from cosim.network import PacketLink
-from cosim.scenario.binding import Meaning
+from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.matching import endpoint
 from cosim.scenario.quantity import NUMBER_ONLY, TIME
 from cosim.scenario.units import unit_of
@@ -21,11 +21,11 @@ _STATE = {"age": "age_s"}
 
 
 class RunScope:
-    """The names of one system.
+    """Resolves the names of one system.
 
-    Outputs, and inputs that something reaches, are signals; parameters, and inputs that nothing
-    reaches, constants, unless an event sets them (`changed`); `LINK.age`, `.sequence`,
-    `.dropped`, `.delivered` the state of a packet link.
+    Outputs and connected inputs are signals; parameters and unconnected inputs are constants,
+    unless an event sets them (`changed`); `LINK.age`, `.sequence`, `.dropped`, `.delivered` are
+    the state of a packet link.
     """
 
     def __init__(self, system: System, changed: Sequence[Endpoint] = ()) -> None:
@@ -41,21 +41,18 @@ class RunScope:
                 into.update(dict.fromkeys(element_names(port), port))
 
     def signals(self, component: str) -> Mapping[str, Port]:
-        """Outputs and connected inputs of a component, by the names of their elements."""
+        """Return outputs and connected inputs of a component, by the names of their elements."""
         if component not in self._signals:
             raise InputError.unknown("component", component, self._signals)
         return self._signals[component]
 
     def meaning(self, reference: str) -> Meaning:
-        """The meaning of `component.variable`; an `InputError` with the nearest names."""
+        """Return the meaning of `component.variable`; an `InputError` with the nearest names."""
         name, _, variable = reference.partition(".")
         if name in self._system.links and name not in self._system.components:
             return self._state(name, variable)
         if not variable:
-            raise InputError(
-                f"there is no name {reference!r}",
-                expected="component.variable, as in plant.eta.z; t is the time",
-            )
+            check_name(reference)
         port = self.signals(name).get(variable)
         if port is None:
             port = self._constant(name, variable)
@@ -66,8 +63,7 @@ class RunScope:
         unit = unit_of(self._system.components[name].description, port)
         if unit is None:
             return Meaning("number", None)
-        plain = unit.factor == 1.0 and unit.offset == 0.0
-        return Meaning("number", unit.dimension, None if plain else unit.to_si)
+        return Meaning("number", unit.dimension, unit.to_si)
 
     def _constant(self, name: str, variable: str) -> Port:
         port = self._others[name].get(variable)
@@ -88,7 +84,7 @@ class RunScope:
         return Meaning("number", TIME if what == "age" else NUMBER_ONLY)
 
     def constant(self, reference: str) -> float | None:
-        """The value of what does not change; None for a signal."""
+        """Return the value of a constant; None for a signal."""
         end = endpoint(reference)
         port = self._others.get(end.component, {}).get(end.variable)
         if port is None:
@@ -98,7 +94,7 @@ class RunScope:
 
 
 def values_over(run: Run, scope: RunScope, names: Sequence[str]) -> list[Any]:
-    """Values of names at the points that a run reached, (k,) each."""
+    """Return the values of names at the points that a run reached, (k,) each."""
     seconds = run.points_ns / 1e9
     return [seconds if name == "t" else _over(run, scope, name) for name in names]
 

@@ -1,4 +1,4 @@
-"""The events of a scenario, checked against its system: conditions bound, targets found."""
+"""Check the events of a scenario against its system: bind conditions, resolve targets."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cosim.master import Endpoint, System
 from cosim.scenario.binding import BoundCondition, bind
 from cosim.scenario.channels import Change, nanoseconds
 from cosim.scenario.events import EventPart
-from cosim.scenario.expression import Expression, ExpressionError
+from cosim.scenario.expression import Expression
 from cosim.scenario.matching import endpoint
 from cosim.scenario.origin import Findings
-from cosim.scenario.parameters import in_own_unit
 from cosim.scenario.quantity import unit_in
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope
+from cosim.scenario.units import in_own_unit
 
 
 class Action(NamedTuple):
-    """One thing that an event does; `value` and `factor` as its kind asks."""
+    """One action of an event; `value` and `factor` where its kind needs them."""
 
     kind: str
     target: Endpoint
@@ -30,26 +30,21 @@ class Action(NamedTuple):
     factor: float = 1.0
 
     def __str__(self) -> str:
-        where = str(self.target).strip(".")
-        value_text = (
-            ""
-            if self.value is None
-            else f" {self.value:g}"
-            if isinstance(self.value, float)
-            else f" {self.value}"
-        )
-        return f"{self.kind} {where}{value_text}"
+        words = [self.kind, str(self.target).strip(".")]
+        if self.value is not None:
+            words.append(f"{self.value:g}" if isinstance(self.value, float) else f"{self.value}")
+        return " ".join(words)
 
 
 @dataclass(frozen=True)
 class Event:
-    """An event that is ready.
+    """A checked event.
 
     Attributes
     ----------
     number : its place in the scenario.
     at_ns, condition : one of them.
-    lasts_ns : after which it is undone; None: never.
+    lasts_ns : time after which it is undone; None: never.
     stop : the reason if it ends the run.
     """
 
@@ -63,14 +58,14 @@ class Event:
 
     @property
     def words(self) -> str:
-        """When it happens."""
+        """Describe the event and when it happens."""
         if self.condition is not None:
             return f"event {self.number + 1} (when {self.condition.expression.text})"
         return f"event {self.number + 1} (at {(self.at_ns or 0) / 1e9:g} s)"
 
 
 def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]]:
-    """What events by time do to links, by link; it is part of the link before the run."""
+    """Return the changes of each link by events at a time; they are known before the run."""
     found: dict[str, list[Change]] = {}
     end = nanoseconds(scenario.run.end)
     for i, event in enumerate(scenario.events):
@@ -90,7 +85,7 @@ def changes_of(scenario: Scenario, findings: Findings) -> dict[str, list[Change]
 
 
 def instants_ns(scenario: Scenario) -> list[int]:
-    """When events by time happen, and end: these become communication points."""
+    """Return when events at a time begin and end: these become communication points."""
     found = set()
     for event in scenario.events:
         if event.at is not None:
@@ -108,7 +103,7 @@ def _lasts_ns(event: EventPart) -> int | None:
 
 
 def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[Event, ...]:
-    """Every event of a scenario, ready; faults go to `findings`."""
+    """Check every event of a scenario; errors go to `findings`."""
     changed = [endpoint(target) for event in scenario.events for target in event.set]
     scope = RunScope(system, changed)
     events = []
@@ -117,7 +112,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[E
             _check_time(part, scenario)
         condition = None
         if part.when is not None:
-            condition = bind_condition(part.when, scope, findings, "events", i, "when")
+            condition = bind_condition(scope, findings, part.when, "events", i, "when")
         events.append(
             Event(
                 number=i,
@@ -133,27 +128,18 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[E
 
 
 def bind_condition(
-    text: str, scope: RunScope, findings: Findings, *path: str | int
+    scope: RunScope, findings: Findings, text: str, *path: str | int
 ) -> BoundCondition | None:
-    """A condition at some place of the scenario, as a function."""
+    """Bind the condition at some path of the scenario; None if it is refused."""
     with findings.at(*path):
-        try:
-            return bind(Expression(text), scope)
-        except ExpressionError as error:
-            raise InputError(
-                error.what,
-                where=error.where,
-                expected=error.expected,
-                got=error.got,
-                hint=error.hint,
-            ) from error
+        return bind(Expression(text), scope)
     return None
 
 
 def _check_time(part: EventPart, scenario: Scenario) -> None:
     if part.at is not None and part.at > scenario.run.end:
         raise InputError(
-            "this event never happens: it is after the end of the run",
+            "this event is after the end of the run",
             where="at",
             expected=f"at most {scenario.run.end:g} s (run.end)",
             got=f"{part.at:g} s",
@@ -198,12 +184,12 @@ def _set(system: System, scope: RunScope, end: Endpoint, value: Any) -> Action:
         raise InputError(
             f"{end} is an output"
             if port.causality == "output"
-            else f"{end} is connected: what is set would be overwritten at the next point",
-            expected="a tunable parameter, or an input that nothing is connected to",
-            hint="override, or set what drives it",
+            else f"{end} is connected: its value would be overwritten at the next point",
+            expected="a tunable parameter, or an unconnected input",
+            hint="override it, or set what drives it",
         )
     if not may_be_set(port, "stepping"):
-        raise InputError(f"{end} cannot be set while the run goes", got=describe_settable(port))
+        raise InputError(f"{end} cannot be set during a run", got=describe_settable(port))
     own = in_own_unit(fmu, port, value)
     checked_scalars(port, own, str(end))
     return Action("set", end, own)
@@ -225,7 +211,7 @@ def _number(system: System, scope: RunScope, end: Endpoint, value: Any) -> float
 
 
 def _offset(system: System, scope: RunScope, end: Endpoint, value: Any) -> float:
-    """A difference: of a unit with an offset, such as degC, only the factor counts."""
+    """Convert a difference: of a unit with an offset, such as degC, only the factor counts."""
     found = _number(system, scope, end, value)
     unit = unit_in(value) if isinstance(value, str) else None
     return found if unit is None else found - _number(system, scope, end, f"0 {unit}")
@@ -240,5 +226,5 @@ def _reset(system: System, name: str) -> Action:
 def _outage(system: System, kind: str, name: str) -> Action:
     link_ports = [system.port(c.source) for c in system.connections if c.link == name]
     if any(port.kind == "string" for port in link_ports):
-        raise InputError(f"link {name!r} carries texts, which cannot be held by a condition")
+        raise InputError(f"link {name!r} carries texts, which a condition cannot hold")
     return Action(kind, Endpoint(name, ""))

@@ -1,4 +1,4 @@
-"""Inputs that follow a given signal: the path of a reference, the worst case of a design."""
+"""Inputs driven by given signals: the path of a reference, the worst case of a design."""
 
 from __future__ import annotations
 
@@ -25,16 +25,14 @@ Signals = dict[Endpoint, Function]
 
 
 def reference_inputs(path: PathPart, fmus: Mapping[str, FmuDescription]) -> PathPart:
-    """The path with every value in the unit of the input that follows it.
+    """Convert every value of the path to the unit of the input that follows it.
 
     Raises
     ------
     InputError : no such component or input, or a value of another dimension.
     """
     base = endpoint(path.target)
-    if base.component not in fmus:
-        raise InputError.unknown("component", base.component, fmus, where="reference.target")
-    fmu = fmus[base.component]
+    fmu = _fmu_at(base, fmus, "reference.target")
     ports = [
         fmu.port(f"{base.variable}.{axis}", where=f"component {base.component!r}")
         for axis in path.axes
@@ -52,8 +50,14 @@ def reference_inputs(path: PathPart, fmus: Mapping[str, FmuDescription]) -> Path
     return path.model_copy(update={"points": points})
 
 
+def _fmu_at(base: Endpoint, fmus: Mapping[str, FmuDescription], where: str) -> FmuDescription:
+    if base.component not in fmus:
+        raise InputError.unknown("component", base.component, fmus, where=where)
+    return fmus[base.component]
+
+
 def along_path(path: PathPart, *, at_rest: bool) -> Signals:
-    """The reference; zero for a run `at_rest`."""
+    """Return the reference as signals; zero for a run `at_rest`."""
     points: NDArray[np.float64] = np.array(path.points)
     base = endpoint(path.target)
     driven: Signals = {}
@@ -78,10 +82,9 @@ def _along(
 
 
 def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
-    """The harmonic that the design's nominal loop amplifies most.
+    """Return the sinusoid that the design's nominal loop amplifies most.
 
-    It is the one that the design holds; where that holds none, or a frequency is given, it is
-    found here.
+    That of the design; computed if it has none, or if a frequency is given.
 
     Raises
     ------
@@ -104,7 +107,7 @@ def worst_case_of(part: DisturbancePart, design: Design) -> WorstCase:
 
 
 def no_disturbance(system: DelaySystem) -> WorstCase:
-    """No disturbance, of the size that a design of `system` will have.
+    """Return a zero disturbance with the dimensions of `system`.
 
     Raises
     ------
@@ -127,21 +130,19 @@ def worst_case_inputs(
     fmus: Mapping[str, FmuDescription],
     seconds: NDArray[np.float64],
 ) -> Signals:
-    """The worst case from 0 to the end T of the run, whose points are `seconds`.
+    """Return the worst case from 0 to the end T of the run, whose points are `seconds`.
 
-    The sinusoid swells and fades as sin(pi t / T). A hard start and end would cost a share of
-    1/T of the gain, by the transient and by what has not come out when the run ends; so it is
-    1/T^2.
+    Its envelope is sin(pi t / T): the measured gain is then short by O(1/T^2), instead of O(1/T)
+    with a hard start and end.
 
     Raises
     ------
-    InputError : the target has another number of inputs than w has entries, or the step is
-        too long for the frequency.
+    InputError : the target does not have one input per entry of w, or the step is too long for
+        the frequency.
     """
     base = endpoint(part.target)
-    if base.component not in fmus:
-        raise InputError.unknown("component", base.component, fmus, where="disturbance.target")
-    names = list(members(fmus[base.component], base.variable, "input").values())
+    fmu = _fmu_at(base, fmus, "disturbance.target")
+    names = list(members(fmu, base.variable, "input").values())
     if len(names) != len(found.amplitude):
         raise InputError(
             "the target does not fit the disturbance of the design",
@@ -157,7 +158,7 @@ def worst_case_inputs(
             expected=f"less than {math.pi / found.omega:.4g} s, half a period of "
             f"{found.omega:.4g} rad/s",
             got=f"{longest:g} s",
-            hint="a tenth of that: the disturbance is held between two points",
+            hint="a tenth of that, since the disturbance is held between two points",
         )
     end = float(seconds[-1])
     return {
@@ -176,7 +177,7 @@ def _swelling(
     end: float,
     seconds: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    # the C library's sine: NumPy's own differs in the last bit from processor to processor
+    # the C library's sine: the last bit of NumPy's varies by processor
     return np.array(
         [
             amplitude * math.sin(math.pi * t / end) * size * math.cos(omega * t + phase)

@@ -1,4 +1,4 @@
-"""One run of a system: it says how far it is, keeps to a pace, and can be interrupted."""
+"""Run a system once, with events, progress reports and interruption."""
 
 from __future__ import annotations
 
@@ -10,14 +10,37 @@ from cosim.core import Progress
 from cosim.master import EngineName, Observer, Pace, Run, Session, System
 from cosim.scenario.event_driver import EventDriver, LatestValues
 from cosim.scenario.interrupt import DeferredInterrupt
-from cosim.scenario.progress_observer import ProgressObserver
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 
 
+class ProgressObserver(Observer):
+    """Reports the progress of a run, and ends it on Ctrl-C between two steps."""
+
+    def __init__(
+        self, system: System, what: str, report_progress: Progress, interruption: DeferredInterrupt
+    ) -> None:
+        self._points = system.comm_schedule.points_ns.size
+        self._what, self._report_progress, self._interruption = what, report_progress, interruption
+
+    def begin(self, instances: object) -> None:
+        """Report the start."""
+        del instances
+        self.rows_complete(0, 0)
+
+    def rows_complete(self, first: int, last: int) -> None:
+        """Report that rows up to `last` are done."""
+        del first
+        self._interruption.raise_if_requested()
+        self._report_progress(self._what, last / self._points)
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Do nothing: log lines go to the trace."""
+
+
 @dataclass(frozen=True)
 class CompletedRun:
-    """A run, whether events changed more in it than the traffic of links, and how often each."""
+    """A run, whether events changed more than the traffic of links, and how often each happened."""
 
     run: Run
     altered_by_events: bool = False
@@ -38,8 +61,8 @@ def run_system(
 
     Parameters
     ----------
-    what, report_progress : what the progress is called, and who is told.
-    living : ends the slaves when it is closed, which is for when the run is on disk: some FMUs
+    what, report_progress : name of the run in progress reports, and their receiver.
+    living : ends the slaves when it is closed; close it when the run is on disk, since some FMUs
         end the process with them.
 
     Raises

@@ -1,14 +1,14 @@
-"""What `cosim scenario new` writes."""
+"""The scenario files that `cosim scenario new` writes."""
 
 from __future__ import annotations
 
 from cosim.scenario.read import load
 
 _WHOLE = '''\
-# A scenario: what flies, over which links, for how long, and what must hold.
+# A scenario: components, connections, links, events and assertions.
 # Times are in seconds and everything else in SI; "50 ms", "20 deg", "2 kN" are numbers too.
-#   cosim scenario check {name}.toml     what is wrong with it
-#   cosim run {name}.toml                fly it
+#   cosim scenario check {name}.toml     list its errors
+#   cosim run {name}.toml                run it
 title = "{name}"
 description = """
 Why these numbers are plausible.
@@ -30,14 +30,14 @@ fmu = "AuvPlant"               # of the catalogue, or the path of any .fmu
 [components.controller]
 fmu = "HinfController"
 [components.controller.parameters]
-"eta.x" = "0.5 m"              # what it goes by until the first message arrives
+"eta.x" = "0.5 m"              # used until the first message arrives
 
 [components.sea]
 fmu = "WaveField"
 parameters = {{ Hs = 0.5, Tp = 8.0 }}
 
 # from -> to, groups of variables or single ones, over a link if one is named.
-# connect = ["plant.eta -> controller.eta : uplink", ...] says the same in short.
+# Short form: connect = ["plant.eta -> controller.eta : uplink", ...]
 [[connections]]
 from = "sea.disturbance"
 to = "plant.disturbance"
@@ -67,7 +67,7 @@ delay = "0.3 s"                # or {{ range = [...], from = [...] }}, or record
 loss = "5 %"                   # or {{ p_enter = 0.05, p_exit = 0.3 }}: in bursts
 # jitter = {{ kind = "uniform", width = "50 ms" }}
 
-# What happens on the way: at a time, or when a condition becomes true.
+# What happens during the run: at a time, or when a condition becomes true.
 [[events]]
 at = "30 s"
 for = "3 s"
@@ -87,22 +87,22 @@ always = "hypot(plant.eta.x, plant.eta.y) < 2 m"
 # within = {{ of = "20 s", when = "uplink.age > 1 s", holds = "uplink.age < 1 s" }}
 # after = "5 s"
 
-# The gain: without [design] the controller flies with its own.
+# The gain: without [design] the controller uses its own.
 # [design]
 # system = "auv"
 # loop_delay = "1.25 s"        # a design is made once, and kept in {name}.design.json
-# file = "auv-1.25s"           # or a design that exists: of the package, or FILE.json
+# file = "auv-1.25s"           # or an existing design: of the package, or FILE.json
 '''
 
 _EXTENSION = """\
-# {base}, but for what stands here.
-#   cosim scenario show {name}.toml      all of it, put together
-#   cosim scenario check {name}.toml     what is wrong with it
-#   cosim run {name}.toml                fly it
+# {base} with the changes below.
+#   cosim scenario show {name}.toml      the merged scenario
+#   cosim scenario check {name}.toml     list its errors
+#   cosim run {name}.toml                run it
 # Tables are merged; lists, the connections among them, are replaced.
 extends = "{base}"
 title = "{title}, changed"
-# without = ["reference"]              # takes away what {base} has
+# without = ["reference"]              # removes parts of {base}
 
 [run]
 end = "{end:g} s"
@@ -119,12 +119,7 @@ end = "{end:g} s"
 
 
 def template(name: str, base: str | None = None) -> str:
-    """The text of a new scenario: a whole one, or one that extends `base`.
-
-    Raises
-    ------
-    InputError : there is no such base.
-    """
+    """Return the text of a new scenario: complete, or extending `base` (InputError if unknown)."""
     if base is None:
         return _WHOLE.format(name=name)
     scenario = load(base).scenario

@@ -1,4 +1,4 @@
-"""Recorded signals into an FMU: what it did then it does again; links anew; any FMU."""
+"""Injection: recorded outputs reproduced, signals over new links, any FMU."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def same_bits(a: Table, b: Table) -> bool:
         ("paper-example", "DelayedPlant", "plant"),
     ],
 )
-def test_what_was_delivered_gives_what_was_answered(
+def test_delivered_inputs_give_the_recorded_outputs(
     tmp_path: Path, scenario: str, fmu: str, component: str
 ) -> None:
     """Each component of a run, at its irregular instants, fed what it received."""
@@ -64,7 +64,7 @@ def test_what_was_delivered_gives_what_was_answered(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Python and the FMU must call one C library")
 @pytest.mark.parametrize("flavour", ["native_fmus", "native_fmus_of_fmi3"])
-def test_the_native_flavour_answers_the_same(
+def test_the_native_flavour_gives_the_recorded_outputs(
     flavour: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     """Another FMU of the same component, with the parameters and gain of the recorded one."""
@@ -96,7 +96,7 @@ def test_the_recorded_link_again_delivers_the_same(tmp_path: Path) -> None:
     assert all(then[name].tobytes() == now[name].tobytes() for name in then.columns)
 
 
-def test_without_the_link_it_answers_otherwise(tmp_path: Path) -> None:
+def test_sent_inputs_without_the_link_give_other_outputs(tmp_path: Path) -> None:
     """Sent and received at once: the first answer that differs is named, exit code 1."""
     arguments = ("--into", "HinfController", "--as", "sent", "--compare", "controller")
     result = injected(trace_of("auv-acoustic"), *arguments, "-o", "n.mcap", cwd=tmp_path)
@@ -246,7 +246,7 @@ def test_a_link_of_a_scenario_file(tmp_path: Path) -> None:
     assert set(given["eta.x"].tolist()) == {3.0}  # nothing ever arrives
 
 
-def test_what_a_link_delivered_of_a_sent_signal(tmp_path: Path) -> None:
+def test_mapped_output_is_taken_as_its_link_delivered_it(tmp_path: Path) -> None:
     """plant.eta mapped by hand, as delivered: the deliveries of the link that carried it."""
     source = trace_of("auv-acoustic")
     groups = ("--map-group", "plant.eta=eta", "--map-group", "plant.nu=nu")
@@ -298,7 +298,7 @@ WRONG = {
     "no such signal": (("--map", "pilot.w=u"), "there is no signal"),
     "no such input": (("--map", "pilot.u=w"), "there is no input"),
     "no such group": (("--map-group", "pilot.w=v"), "no members"),
-    "nothing in common": ((), "no recorded signal goes into"),
+    "nothing in common": ((), "no recorded signal fits"),
     "no pair": (("--map", "pilot.u"), "not a pair"),
     "no such component": (("--as-component", "captain"), "there is no recorded component"),
     "nothing to compare with": (("--compare", "captain"), "there is no recorded component"),

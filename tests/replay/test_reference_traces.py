@@ -1,4 +1,4 @@
-"""Traces that were kept: still readable, still the same run."""
+"""Reference traces: still readable, still the same run."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def same_machine(kept: Trace, now: Trace) -> bool:
 
 
 def close(old: Any, new: Any, where: str) -> None:
-    """Everything the kept figures say is said again, numbers to nine digits."""
+    """Compare recorded metrics with new ones, numbers to nine digits."""
     if isinstance(old, Mapping):
         for key, value in old.items():
             close(value, new[key], f"{where}.{key}")

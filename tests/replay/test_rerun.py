@@ -1,4 +1,4 @@
-"""A run again from its trace alone: identical, or refused, or told apart."""
+"""Rerun from a trace alone: identical, different or refused."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def tampered(source: Path, target: Path, **changes: Callable[[bytes], bytes]) ->
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_every_built_in_scenario_comes_out_again(name: str, tmp_path: Path) -> None:
+def test_every_built_in_scenario_reruns_identically(name: str, tmp_path: Path) -> None:
     """From another folder, with nothing but the trace: every message again, bit for bit."""
     path = tmp_path / "given.mcap"
     copied(trace_of(name), path)
@@ -112,8 +112,11 @@ def rehashed(source: Path, key: str, attachment: str, change: Callable[[bytes], 
 
 
 TAMPERED = {
-    "scenario": (swapped(b"seed = 1", b"seed = 2"), "scenario.toml in this trace is not the one"),
-    "design": (swapped(b'"paper"', b'"other"'), "design.json in this trace is not the one"),
+    "scenario": (
+        swapped(b"seed = 1", b"seed = 2"),
+        "scenario.toml in this trace is not that of its run",
+    ),
+    "design": (swapped(b'"paper"', b'"other"'), "design.json in this trace is not that of its run"),
 }
 
 
@@ -190,7 +193,7 @@ def test_other_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
     assert found.json["identical"] is True
     result = cosim("trace", "rerun", ran.json["trace"], "--json", cwd=tmp_path)
     assert result.code == 2
-    assert "another one than in the trace" in result.error["what"]
+    assert "not the one in the trace" in result.error["what"]
     assert "c.fmu" in result.error["where"]
 
 
@@ -240,9 +243,7 @@ def cut(source: Path, target: Path, share: float) -> Path:
 
 
 @pytest.mark.parametrize("share", [0.4, 0.85])
-def test_a_run_that_was_cut_short_is_the_beginning_of_its_run_again(
-    tmp_path: Path, share: float
-) -> None:
+def test_a_trace_cut_short_equals_the_beginning_of_its_rerun(tmp_path: Path, share: float) -> None:
     """Every message that there is comes out again; a changed one is found."""
     path = cut(trace_of("auv-acoustic"), tmp_path / "r.mcap.partial", share)
     fmus = ("--fmus", fmu_store())
@@ -272,7 +273,7 @@ def test_a_cut_run_of_another_seed_differs(tmp_path: Path) -> None:
     "name",
     ["paper-example", *(pytest.param(n, marks=pytest.mark.slow) for n in BUILT_IN if n[0] == "a")],
 )
-def test_a_native_run_comes_out_again_from_nothing(name: str, tmp_path: Path) -> None:
+def test_a_native_run_reruns_identically_without_its_fmus(name: str, tmp_path: Path) -> None:
     """The flavour that flew is known by its hash alone: it is built again, and is the same."""
     ran = cosim("run", name, "--flavour", "native", "--json", cwd=tmp_path)
     assert ran.code == 0, ran.err

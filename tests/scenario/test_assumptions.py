@@ -1,4 +1,4 @@
-"""What a guarantee rests on is said to be met only where it was: one fault at a time."""
+"""Assumptions of a guarantee are reported as met only if they were: one fault at a time."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ MET = {
 
 
 class StudyRunner:
-    """Flies the scenario, with one design for all."""
+    """Runs the scenario, with one design for all."""
 
     def __init__(self, fmus: Path, folder: Path) -> None:
         self._folder = folder
@@ -85,15 +85,15 @@ def execute_run(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     return StudyRunner(native_fmus, tmp_path_factory.mktemp("flights"))
 
 
-def test_all_are_met_where_nothing_is_wrong(execute_run: StudyRunner) -> None:
+def test_all_assumptions_are_met_in_a_normal_run(execute_run: StudyRunner) -> None:
     """Losses that are held make measurements older, not wrong."""
     metrics, link, _ = execute_run(loss=0.2)
     assert metrics["assumptions"] == MET
     assert link["lost"] > 0
 
 
-def test_substitute_for_a_lost_measurement_is_none(execute_run: StudyRunner) -> None:
-    """However young what is used instead of it, no measurement acts then."""
+def test_substituted_measurement_fails_the_age_assumption(execute_run: StudyRunner) -> None:
+    """A substitute is no measurement, however recent it is."""
     metrics, link, _ = execute_run(loss=0.2, on_loss="zero")
     assert metrics["assumptions"] == MET | {"message_age_within_design": False}
     assert metrics["message_age_s"] <= metrics["designed_age_s"]
@@ -113,8 +113,8 @@ def largest(run: Run, component: str, variable: str) -> float:
     return float(np.abs(run.signal(component, variable)).max())
 
 
-def test_run_from_rest_beside_it_is_looked_at_too(execute_run: StudyRunner) -> None:
-    """Its gain is measured: it leaves the envelope, or reaches a limit, where the run does not."""
+def test_zero_state_run_counts_for_envelope_and_limits(execute_run: StudyRunner) -> None:
+    """It leaves the envelope, or reaches a limit, where the run itself does not."""
     _, _, rest = execute_run(push=0.25)
     most = largest(rest, "controller", "force.x")
     metrics, _, own = execute_run(push=0.25, start=-0.28, limit=0.98 * most)

@@ -1,4 +1,4 @@
-"""The scenarios that come with the package, against what is promised of them."""
+"""The built-in scenarios do what their descriptions say."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_output_has_the_promised_keys(name: str) -> None:
         assert figures["sent"] == (figures["delivered"] + figures["dropped"] + figures["in_flight"])
 
 
-def test_gain_designed_for_the_link_keeps_every_promise() -> None:
+def test_gain_designed_for_the_link_meets_every_assumption() -> None:
     """Delay-aware: finished, measured gain below the certified one, every assumption met."""
     data = shared_run("auv-acoustic").json
     metrics = data["metrics"]
@@ -53,7 +53,7 @@ def test_gain_designed_for_the_link_keeps_every_promise() -> None:
 
 
 def test_gain_designed_without_the_link_ends_in_a_limit_cycle() -> None:
-    """Naive: over the same link the limits bound the motion; done, and the run says so."""
+    """Naive: over the same link the limits bound the motion, and the status says so."""
     naive, aware = shared_run("auv-acoustic-naive"), shared_run("auv-acoustic")
     assert naive.code == 0
     assert naive.json["status"] in {"limit_cycle", "diverged"}

@@ -1,4 +1,4 @@
-"""A component that fails in the middle of a run, or is no component at all."""
+"""A component that fails during a run, and a file that is not an FMU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the coupling adds, and how old measurements are, under every way to exchange."""
+"""Coupling delay and measurement age under every algorithm and policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events: when they act, to the point; what they do, against arithmetic on the rows."""
+"""Events act at the right points and do what arithmetic on the rows says."""
 
 from __future__ import annotations
 
@@ -139,8 +139,10 @@ def test_bias_is_a_difference_and_an_override_a_point(
 
 
 @pytest.mark.parametrize(("trigger", "times"), [("once", 1), ("every-time", 3)])
-def test_every_time_it_becomes_true(trigger: str, times: int, fmus: Path, tmp_path: Path) -> None:
-    """The time crosses a mark three times, or the first one counts."""
+def test_trigger_counts_the_first_or_every_time(
+    trigger: str, times: int, fmus: Path, tmp_path: Path
+) -> None:
+    """A condition becomes true three times; with trigger once, only the first counts."""
     mark = "t > 0.25 and t < 0.45 or t > 0.75 and t < 0.95 or t > 1.25"
     event = (
         f'\n[[events]]\nwhen = "{mark}"\ntrigger = "{trigger}"\nfor = 0.1\n'
@@ -153,7 +155,7 @@ def test_every_time_it_becomes_true(trigger: str, times: int, fmus: Path, tmp_pa
     assert len(message) == times
 
 
-def test_what_is_set_for_a_time_is_put_back(fmus: Path, tmp_path: Path) -> None:
+def test_set_for_a_time_restores_the_old_value(fmus: Path, tmp_path: Path) -> None:
     """A push of 0.2 m/s2 for a second adds 0.2 m/s less what drag and control take; then none."""
     event = '\n[[events]]\nat = 0.5\nfor = 1.0\nset = { "plant.disturbance.v" = "0.2 m/s2" }\n'
     _, with_disturbance = run(LOOP + event, fmus, tmp_path)
@@ -178,7 +180,7 @@ def test_outage_by_time_loses_what_is_sent_and_nothing_else(fmus: Path, tmp_path
     assert data["links"]["up"]["max_age_s"] == pytest.approx(0.55)
 
 
-def test_delay_by_time_is_that_of_what_is_sent_then(fmus: Path, tmp_path: Path) -> None:
+def test_delay_at_a_time_applies_to_messages_sent_from_then_on(fmus: Path, tmp_path: Path) -> None:
     """0.05 s, from 1 s on 0.2 s."""
     event = '\n[[events]]\nat = 1.0\ndelay = { up = "0.2 s" }\n'
     _, trace = run(LOOP + PACKETS + event, fmus, tmp_path)
@@ -266,7 +268,7 @@ def test_assertion_that_fails_is_exit_code_1(fmus: Path, tmp_path: Path) -> None
 
 
 def test_pace_and_log_level_are_as_asked(fmus: Path, tmp_path: Path) -> None:
-    """The overrun statistics stand in the answer; what is below the level is not recorded."""
+    """The JSON has the overrun statistics; messages below the level are not recorded."""
     data, trace = run(LOOP, fmus, tmp_path, "--pace", "1000", "--log-level", "error")
     assert data["pace"]["factor"] == 1000.0
     assert data["pace"]["points"] == data["steps"] + 1

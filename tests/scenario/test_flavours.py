@@ -1,4 +1,4 @@
-"""A scenario flown with native FMUs is the scenario flown with Python ones."""
+"""A scenario gives the same run with native and with Python FMUs."""
 
 from __future__ import annotations
 

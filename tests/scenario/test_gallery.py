@@ -1,4 +1,4 @@
-"""The gallery: every scenario that comes with the package holds what it says, or says it fails."""
+"""The gallery: the assertions of every built-in scenario have their expected verdicts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
 
 
 def executed(name: str) -> tuple[dict[str, object], Trace]:
-    """What a scenario's run says, and its trace; flown once per session."""
+    """JSON of a scenario's run, and its trace; run once per session."""
 
     def execute_run(folder: Path) -> None:
         words = ("run", name, "--json", "--flavour", "native", "--out", "t.mcap")
@@ -31,8 +31,8 @@ def executed(name: str) -> tuple[dict[str, object], Trace]:
 
 
 @pytest.mark.parametrize("name", GALLERY)
-def test_gallery_holds_what_it_promises(name: str) -> None:
-    """Each has assertions; each is as expected, and told in the trace; the run gets to its end."""
+def test_gallery_assertions_are_as_expected(name: str) -> None:
+    """Each has assertions with the expected verdicts, also in the trace; the run finishes."""
     data, trace = executed(name)
     verdicts = data["assertions"]
     assert isinstance(verdicts, list)
@@ -45,7 +45,7 @@ def test_gallery_holds_what_it_promises(name: str) -> None:
     assert "Why these numbers" in load(name).scenario.description
 
 
-def test_there_is_what_the_field_would_look_for() -> None:
+def test_gallery_has_eleven_situations() -> None:
     """Eleven situations, by name."""
     assert set(builtin_names()) >= {
         *("station-keeping", "heading-step", "set-point-path", "acoustic-range", "burst-loss"),
@@ -54,7 +54,7 @@ def test_there_is_what_the_field_would_look_for() -> None:
     }
 
 
-def test_delay_of_the_acoustic_link_is_the_way_of_sound() -> None:
+def test_delay_of_the_acoustic_link_is_range_over_speed_of_sound() -> None:
     """Recomputed from the trace: range at sending / 1500 m/s + 20 ms <= delay < that + jitter."""
     _, trace = executed("acoustic-range")
     plant, link = trace.read("/plant/output"), trace.read("/link/uplink")

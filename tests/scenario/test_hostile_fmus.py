@@ -1,4 +1,4 @@
-"""FMUs that reach out of their folder: refused alike by run, session and study, nothing done."""
+"""FMUs with paths outside their folder: run, session and study refuse them without side effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of a run, computed again from its trace with other means."""
+"""The metrics of a run, recomputed from its trace by other methods."""
 
 from __future__ import annotations
 

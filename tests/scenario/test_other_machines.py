@@ -1,4 +1,4 @@
-"""A run's content on other processors, played by environment variables, each in its own process.
+"""Content of a run on other processors, emulated by environment variables in own processes.
 
 `OPENBLAS_CORETYPE` makes the BLAS choose the kernels of another processor,
 `NPY_DISABLE_CPU_FEATURES` makes NumPy leave out instructions that it has loops for. Neither may
@@ -55,7 +55,7 @@ print(json.dumps({
 def content_hashes(
     names: list[str], fmus: Path, folder: Path, machine: dict[str, str]
 ) -> dict[str, str]:
-    """Content hash by scenario, flown into `folder` by a process with this environment."""
+    """Content hash by scenario, run into `folder` by a process with this environment."""
     own = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES")
     environment = {key: value for key, value in os.environ.items() if key not in own}
     done = subprocess.run(  # noqa: S603 - this interpreter, with arguments from here
@@ -93,7 +93,7 @@ def here(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[st
 def test_every_built_in_scenario_has_one_content_hash(
     name: str, here: dict[str, str], native_fmus: Path, tmp_path: Path
 ) -> None:
-    """All of them, under every processor that can be played."""
+    """All of them, under every processor that can be emulated."""
     assert content_hashes(builtin_names(), native_fmus, tmp_path, MACHINES[name]) == here
 
 

@@ -75,13 +75,13 @@ def no_solver() -> Iterator[None]:
 
 
 def prepared(path: str | Path, fmus: Path, *settings: str) -> PreparedScenario:
-    """A scenario before it flies, with native FMUs."""
+    """A prepared scenario with native FMUs."""
     loaded = load(str(path), settings)
     return prepare(loaded, FmuCache(fmus.parent, loaded.folder, flavour="native"))
 
 
 def ran(path: Path, fmus: Path, *more: str) -> Any:
-    """What `cosim run` says as JSON."""
+    """JSON of `cosim run`."""
     result = cosim(
         *("run", path, "--json", "--flavour", "native", "--fmus", fmus.parent, *more),
         cwd=path.parent,
@@ -108,8 +108,8 @@ def test_a_shipped_design_is_proved_and_holds_what_is_printed(path: Path) -> Non
 
 @pytest.mark.parametrize("name", builtin_names())
 @pytest.mark.usefixtures("no_solver")
-def test_no_built_in_scenario_asks_a_solver(name: str, native_fmus: Path) -> None:
-    """Each names its design, whose system is the one that the scenario describes."""
+def test_every_built_in_scenario_names_its_design(name: str, native_fmus: Path) -> None:
+    """The system of the design is the one that the scenario describes."""
     found = prepared(name, native_fmus)
     part = found.loaded.scenario.design
     assert part is not None
@@ -125,7 +125,7 @@ def test_no_built_in_scenario_asks_a_solver(name: str, native_fmus: Path) -> Non
 
 
 @pytest.mark.usefixtures("no_solver")
-def test_a_built_in_run_flies_without_a_solver(native_fmus: Path) -> None:
+def test_a_built_in_scenario_runs_without_a_solver(native_fmus: Path) -> None:
     """The worst case, the measured gain and every assumption included."""
     outcome, _ = execute_unrecorded(prepared("auv-worst-case", native_fmus, "run.end=5"))
     assert outcome.metrics["worst_case"]["gain"] == 2.35284
@@ -168,8 +168,8 @@ def own(folder: Path, design: Any, table: str) -> Path:
 
 @pytest.mark.parametrize("table", ["", 'system = "paper"\n'])
 @pytest.mark.usefixtures("no_solver")
-def test_a_saved_design_flies_as_it_is(table: str, tmp_path: Path, native_fmus: Path) -> None:
-    """Looked up beside the scenario, from whatever folder the run begins."""
+def test_a_saved_design_is_used_unchanged(table: str, tmp_path: Path, native_fmus: Path) -> None:
+    """It is found beside the scenario, whatever the working directory is."""
     found = prepared(own(tmp_path, shipped("paper-printed-gain"), table), native_fmus)
     assert found.design is not None
     assert found.design.K.tolist() == [[0.6432, -0.5679]]
@@ -312,7 +312,7 @@ def test_a_setting_of_the_design_replaces_the_file() -> None:
         ("[run]\nend = 5.0", {"system": "auv", "loop_delay": 1.25, "file": "auv-1.25s"}),
     ],
 )
-def test_so_does_a_scenario_that_extends(
+def test_an_extending_scenario_replaces_the_file(
     table: str, expected: dict[str, Any], tmp_path: Path
 ) -> None:
     """And `without` takes the file away alone."""
@@ -330,8 +330,8 @@ def test_the_path_of_a_file_goes_along_with_what_extends(tmp_path: Path) -> None
     assert design_of(open_source(str(path))) == {"file": "base/own.json"}
 
 
-def test_so_does_an_axis_of_a_study() -> None:
-    """What is varied in [design] is designed for, value by value."""
+def test_an_axis_of_a_study_replaces_the_file() -> None:
+    """A design is made for every value of an axis in [design]."""
     axis = {"kind": "grid", "path": "design.loop_delay", "values": [0.6, 1.25]}
     study = Study.model_validate(
         {"title": "t", "scenario": "auv-acoustic", "vary": [axis], "metrics": {"s": "status"}}
@@ -346,7 +346,7 @@ def test_so_does_an_axis_of_a_study() -> None:
 
 
 @pytest.mark.usefixtures("no_solver")
-def test_another_delay_with_its_file_flies_what_the_file_says(native_fmus: Path) -> None:
+def test_setting_another_file_uses_its_delay(native_fmus: Path) -> None:
     """`--set design.file` alone: the delay is that of the file."""
     found = prepared("auv-acoustic", native_fmus, 'design.file="auv-0.6s"')
     assert found.problem is not None
@@ -400,8 +400,8 @@ def test_another_solver_does_not_change_a_run_that_has_a_design(
         assert ran(mine, native_fmus)["content_hash"] != first["content_hash"]
 
 
-def test_another_question_is_answered_anew(mine: Path, native_fmus: Path) -> None:
-    """Other k1 and k2, or another system: the file is replaced, and that is said."""
+def test_another_problem_is_designed_again(mine: Path, native_fmus: Path) -> None:
+    """Other k1 and k2, or another system: the file is replaced, and the run says so."""
     ran(mine, native_fmus)
     beside = mine.with_name("mine.design.json")
     before = beside.read_bytes()
@@ -420,7 +420,7 @@ def test_another_question_is_answered_anew(mine: Path, native_fmus: Path) -> Non
 
 
 def test_a_broken_proof_is_replaced(mine: Path, native_fmus: Path) -> None:
-    """Of a file that a run kept: somebody changed the gain in it."""
+    """The gain in a kept file was changed: a new design is made."""
     first = ran(mine, native_fmus)
     beside = mine.with_name("mine.design.json")
     data = json.loads(beside.read_text())
@@ -434,8 +434,10 @@ def test_a_broken_proof_is_replaced(mine: Path, native_fmus: Path) -> None:
 @pytest.mark.parametrize(
     "content", ["my notes", '{"K": [[1, 2]]}', '{"made_for": {"scenario": "other.toml"}}']
 )
-def test_a_file_of_somebody_else_is_left_alone(content: str, mine: Path, native_fmus: Path) -> None:
-    """The design is made, flies, is in the trace; and the run says why it is not kept."""
+def test_a_file_that_no_run_wrote_is_not_overwritten(
+    content: str, mine: Path, native_fmus: Path
+) -> None:
+    """The design is made, used and in the trace; the run says why it is not kept."""
     beside = mine.with_name("mine.design.json")
     beside.write_text(content, "utf-8")
     message = ran(mine, native_fmus)["design"]
@@ -456,10 +458,10 @@ def test_a_setting_does_not_replace_what_is_kept(mine: Path, native_fmus: Path) 
     assert ran(mine, native_fmus, "--set", "run.end=2")["design"]["made"] is False
 
 
-def test_where_nothing_can_be_written_the_trace_alone_keeps_it(
+def test_design_is_kept_in_the_trace_if_the_folder_is_read_only(
     mine: Path, native_fmus: Path
 ) -> None:
-    """A folder that takes no file: said, and flown."""
+    """The run says that the folder takes no file."""
     with patch("cosim.scenario.pinned.Path.write_text", side_effect=PermissionError(13, "denied")):
         loaded = load(str(mine))
         found = prepare(loaded, FmuCache(native_fmus.parent, loaded.folder, flavour="native"))

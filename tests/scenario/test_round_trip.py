@@ -1,4 +1,4 @@
-"""A scenario written down is read as the same one; nothing that is mistyped gets further."""
+"""A written scenario reads back equal; a mistyped one is refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EVERY = [*builtin_names(), *VALID]
 
 
 @pytest.mark.parametrize("name", EVERY, ids=lambda name: Path(name).stem)
-def test_written_and_read_is_the_same(name: str, tmp_path: Path) -> None:
+def test_written_scenario_reads_back_equal(name: str, tmp_path: Path) -> None:
     """Through TOML and through JSON, equal in every field, and the text is then its own image."""
     scenario = load(name).scenario
     text = scenario.to_toml()
@@ -50,12 +50,12 @@ def editor() -> Any:
 
 
 @pytest.mark.parametrize("name", EVERY, ids=lambda name: Path(name).stem)
-def test_editor_takes_what_is_right(name: str) -> None:
+def test_json_schema_accepts_valid_files(name: str) -> None:
     """The JSON Schema accepts every file that the reader accepts, extending or not."""
     editor().validate(tomllib.loads(open_source(name).text))
 
 
-def test_editor_refuses_what_is_wrong() -> None:
+def test_json_schema_refuses_invalid_files() -> None:
     """An unknown key, a time of another form, a missing table; less in what extends."""
     data = tomllib.loads(open_source("auv-direct").text)
     for change in ({"colour": 1}, {"run": {"end": "soon", "step": 1.0}}):
@@ -148,7 +148,7 @@ SEEDS = [tomllib.loads(Path(name).read_text("utf-8")) for name in VALID]
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_no_mutation_gives_anything_but_a_message(
+def test_every_mutation_runs_or_gives_a_message(
     data: st.DataObject, fmus: Path, tmp_path: Path
 ) -> None:
     """Values of every wrong kind in every place: refused in words, or right; never a traceback."""
@@ -170,7 +170,7 @@ def test_no_mutation_gives_anything_but_a_message(
 @given(
     text=st.text(alphabet="plant.et>< =()[]'\"0123456789 msandort*/+-^%!,_:\\\n\u00b5", max_size=40)
 )
-def test_no_text_breaks_a_condition(text: str) -> None:
+def test_every_text_is_a_condition_or_gives_a_message(text: str) -> None:
     """Any letters: a condition, or a message with a column."""
     data = tomllib.loads(Path(VALID[0]).read_text("utf-8"))
     data["events"] = [{"when": text, "stop": True}]

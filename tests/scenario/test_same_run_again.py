@@ -12,7 +12,7 @@ LINKED = (SCENARIOS / "valid" / "over-a-packet-link.toml").read_text("utf-8")
 
 
 def hash_of(text: str, fmus: Path, folder: Path) -> str:
-    """Content hash of a scenario flown from a new folder."""
+    """Content hash of a scenario run from a new folder."""
     folder.mkdir()
     (folder / "given.toml").write_text(text, "utf-8")
     result = cosim("run", "given.toml", "--json", "--fmus", fmus.parent, cwd=folder)
@@ -26,7 +26,7 @@ def test_twice_in_one_process_from_two_folders(fmus: Path, tmp_path: Path) -> No
     assert hash_of(LINKED, fmus, tmp_path / "a") == hash_of(LINKED, fmus, tmp_path / "b")
 
 
-def test_other_seed_is_another_run(fmus: Path, tmp_path: Path) -> None:
+def test_another_seed_gives_another_content_hash(fmus: Path, tmp_path: Path) -> None:
     """The seed is what the links draw from."""
     other = LINKED.replace("step = 0.1", "step = 0.1\nseed = 2", 1)
     assert hash_of(LINKED, fmus, tmp_path / "a") != hash_of(other, fmus, tmp_path / "b")

@@ -1,4 +1,4 @@
-"""`cosim scenario check`: every fault of a file, each where it is, and nothing is flown."""
+"""`cosim scenario check` reports every error of a file with its place, and runs nothing."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ CHECKED = [path for path in INVALID if path.stem not in ONLY_AT_RUN_TIME]
 
 
 @pytest.mark.parametrize("path", CHECKED, ids=lambda path: path.stem)
-def test_check_says_what_run_would_say(path: Path, fmus: Path, tmp_path: Path) -> None:
-    """The words that a run is refused with stand among the problems; each has a place."""
+def test_check_reports_the_message_of_run(path: Path, fmus: Path, tmp_path: Path) -> None:
+    """The message with which `run` refuses is among the problems; each has a place."""
     text = path.read_text("utf-8")
     wanted = re.findall(r"^# expect: (.*)$", text, re.MULTILINE)
     result = cosim("scenario", "check", path, "--fmus", fmus.parent, cwd=tmp_path)
@@ -39,7 +39,7 @@ def test_check_says_what_run_would_say(path: Path, fmus: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_what_comes_with_the_package_is_right(name: str, fmus: Path, tmp_path: Path) -> None:
+def test_builtin_scenarios_pass_the_check(name: str, fmus: Path, tmp_path: Path) -> None:
     """Every built-in scenario is ok."""
     result = cosim("scenario", "check", name, "--fmus", fmus.parent, "--json", cwd=tmp_path)
     assert result.code == 0
@@ -101,7 +101,7 @@ def test_every_fault_is_reported_and_not_only_the_first(fmus: Path, tmp_path: Pa
     assert lines == ["9", "9", "14", "18", "22", "27", "28", "31"]
     for words in ("initial.eta.x is measured in m", "'masss'", "'etta'", "units of the two ends"):
         assert words in message
-    for words in ("never happens", "plant.eta.q", "'mass'", "two units"):
+    for words in ("after the end", "plant.eta.q", "'mass'", "incompatible"):
         assert words in message
 
 

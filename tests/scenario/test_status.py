@@ -1,4 +1,4 @@
-"""Limit cycle, steady saturation, decay: told apart on runs of a controller that is commanded.
+"""Limit cycle, steady saturation and decay are distinguished on runs with given commands.
 
 A table of signals, as an FMU, gives the reference; the vehicle's controller, an FMU too, makes
 its commands of it and limits them. What is judged is the run.
@@ -47,7 +47,7 @@ STEPS_NS = sorted({*range(0, 81 * S, S), *range(2 * S, 3 * S, S // 1000), 70 * S
 
 
 def turning(times_ns: Sequence[int], size: float, pause_ns: int = 0) -> np.ndarray:
-    """From each time to the next a limit, in turn the upper and the lower; else zero."""
+    """Command that alternates between the limits from each time to the next; else zero."""
     found = np.zeros(len(STEPS_NS))
     for k, (begin, end) in enumerate(pairwise(times_ns)):
         inside = [begin <= t < end - pause_ns * (k < len(times_ns) - 2) for t in STEPS_NS]
@@ -127,7 +127,7 @@ class Commander:
         self._controller = describe_fmu(fmus / "HinfController.fmu")
 
     def judged(self, case: str, force: float = FORCE) -> Saturation:
-        """How the limits were used where the commands were these."""
+        """Saturation of a run with these commands."""
         start = dict.fromkeys(STATE, 0.0) | {"limit.force": force, "limit.moment": MOMENT}
         start |= AS_COMMANDED | {"sample_time": 0.0}
         end = self._points[-1]

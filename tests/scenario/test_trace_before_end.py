@@ -33,7 +33,7 @@ def scenario(folder: Path, call: str, status: int, text: str = ALONE, version: s
 
 
 def apart(folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    """The command in a process of its own, which may die."""
+    """Run the command in its own process, which may die."""
     line = [sys.executable, "-m", "cosim", *map(str, words), "--json"]
     return subprocess.run(  # noqa: S603 - ourselves
         line, cwd=folder, capture_output=True, text=True, check=False
@@ -65,9 +65,7 @@ def test_process_that_dies_with_its_slave_leaves_a_whole_trace(
     assert verified.code == 0, verified.out
 
 
-def test_zero_state_run_is_done_by_then_and_not_ended_either(
-    native_fmus: Path, tmp_path: Path
-) -> None:
+def test_zero_state_run_is_made_before_slaves_are_ended(native_fmus: Path, tmp_path: Path) -> None:
     """The gain is that of a run whose pump ends as it should."""
     more = ("--flavour", "native", "--fmus", native_fmus.parent)
     scenario(tmp_path, "nothing", 0, BESIDE)
@@ -103,7 +101,7 @@ def test_slave_that_refuses_to_terminate_is_reported(tmp_path: Path, version: st
 
 
 def test_injection_is_on_disk_before_its_slave_is_ended(tmp_path: Path) -> None:
-    """The same where recorded signals are fed into an FMU; its refusal is told there, too."""
+    """Also for an injection; its refusal to terminate is reported there, too."""
     scenario(tmp_path, "nothing", 0)
     assert cosim(*RUN, cwd=tmp_path).code == 0
     words = ("trace", "inject", "t.mcap", "--into", "pump.fmu", "--map", "pump.x=u", "-o", "i.mcap")
@@ -124,7 +122,7 @@ def test_injection_is_on_disk_before_its_slave_is_ended(tmp_path: Path) -> None:
 def test_fmu_of_one_instance_is_ended_before_the_zero_state_run(
     native_fmus: Path, tmp_path: Path
 ) -> None:
-    """It flies all the same, and what it says at its end is in the trace."""
+    """It runs, and its last log lines are in the trace."""
     source = native_fmus / "AuvPlant.fmu"
     flag = 'canBeInstantiatedOnlyOncePerProcess="{}"'
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(tmp_path / "one.fmu", "w") as new:

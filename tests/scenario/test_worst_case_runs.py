@@ -1,4 +1,4 @@
-"""Flights under the worst disturbance: how close the measured gain comes to the exact norm."""
+"""Runs under the worst-case disturbance: the measured gain comes close to the exact norm."""
 
 from __future__ import annotations
 
@@ -201,10 +201,10 @@ def test_frequency_beyond_the_step_is_refused(fmus: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("start", "expected_stages"), [(0.0, ["run"]), (0.5, ["run", "zero-state run"])]
 )
-def test_a_run_from_rest_is_its_own_zero_state_run(
+def test_a_run_from_the_zero_state_is_its_own_zero_state_run(
     start: float, expected_stages: list[str], fmus: Path, tmp_path: Path
 ) -> None:
-    """What starts at rest is not flown twice; what does not, is, and the gain is that of rest."""
+    """A run from the zero state is not made twice; any other is, and gives the gain."""
     text = load("paper-worst-case").text.replace("end = 5.0", "end = 0.2")
     text = text.replace('"initial.x[2]" = 0.0', f'"initial.x[2]" = {start}')
     loaded = parse(text, name="short", where="short", folder=tmp_path)

@@ -1,4 +1,4 @@
-"""What an exported archive holds, and what is refused or warned of."""
+"""Content of exported archives, refusals and warnings."""
 
 from __future__ import annotations
 
@@ -105,8 +105,8 @@ def test_link_fmus_come_back_as_links(native_fmus: Path, tmp_path: Path) -> None
     assert all(np.array_equal(before[name], after[name]) for name in NAMES)
 
 
-def test_link_fmus_in_our_own_master_act_as_links(native_fmus: Path, tmp_path: Path) -> None:
-    """The archive as it is, its link FMUs taken for any other components."""
+def test_link_fmus_act_as_links_in_the_master(native_fmus: Path, tmp_path: Path) -> None:
+    """The archive is run as it is, its link FMUs like any other components."""
     done = export(LINKED.format(events="align"), native_fmus, tmp_path, "fmu")
     plain = tmp_path / "plain.ssp"
     with zipfile.ZipFile(done.path) as old, zipfile.ZipFile(plain, "w") as new:
@@ -124,7 +124,7 @@ def test_link_fmus_in_our_own_master_act_as_links(native_fmus: Path, tmp_path: P
 
 @pytest.mark.parametrize("links", ["annotate", "fmu"])
 def test_path_and_designed_gain_come_back(native_fmus: Path, tmp_path: Path, links: str) -> None:
-    """A reference becomes a table, exact where it is read; a design the gain it has led to."""
+    """A reference becomes an exact table, a design its gain."""
     text = load("auv-acoustic").text.replace("end = 180.0", "end = 20.0")
     done = export(text, native_fmus, tmp_path, links)  # type: ignore[arg-type]
     assert "signals" in done.components

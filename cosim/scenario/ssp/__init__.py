@@ -1,1 +1,1 @@
-"""SSP: a scenario as an archive that other tools load, and theirs as a scenario."""
+"""SSP archives: export a scenario for other tools, import theirs as a scenario."""

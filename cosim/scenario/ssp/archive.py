@@ -1,4 +1,4 @@
-"""An SSP archive from the outside: its entries, none of which is trusted."""
+"""Read an SSP archive; none of its entries is trusted."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_XML = 64 * 2**20
 MAX_FMU = 2**29
 MAX_IN_ALL = 2**31
 MAX_ENTRIES = 10_000
-"""More than these is no system but an attack, or needs another tool."""
+"""Larger archives are attacks, or need another tool."""
 
 _ROOTS = (
     tag("ssd", "SystemStructureDescription"),
@@ -37,11 +37,11 @@ class Archive:
 
     Attributes
     ----------
-    notes : what is not as it should be, or was left out; sentences.
+    notes : sentences about deviations from the standard, and what was left out.
 
     Raises
     ------
-    InputError : no archive, too many entries, or two of one name.
+    InputError : not an archive, too many entries, or two of one name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,16 +69,16 @@ class Archive:
         self._zip.close()
 
     def wrong(self, what: str, inside: str | None = None, **more: str | None) -> InputError:
-        """An error of this archive; `inside` names the entry, with a line if there is one."""
+        """Make an error about this archive; `inside`: the entry, with a line if known."""
         where = str(self.path) if inside is None else f"{self.path}: {inside}"
         return InputError(what, where=where, **more)
 
     def names(self) -> list[str]:
-        """Names of the entries, sorted."""
+        """Return the names of the entries, sorted."""
         return sorted(self._names)
 
     def entry(self, source: str, base: str, where: str) -> str:
-        """Name of the entry that a URI beside the entry `base` means.
+        """Resolve a URI, relative to the entry `base`, to the name of an entry.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Archive:
         outside = joined.startswith("..") or path.startswith("/") or "\\" in path or "\0" in path
         if parts.scheme or parts.netloc or parts.fragment or parts.query or outside or not path:
             raise self.wrong(
-                "a source outside of the archive, or of a kind that is not supported",
+                "a source outside the archive, or of an unsupported kind",
                 where,
                 expected="a path in the archive, as in resources/plant.fmu",
                 got=source,
@@ -100,11 +100,11 @@ class Archive:
         return joined
 
     def read(self, name: str, most: int = MAX_XML) -> bytes:
-        """Content of an entry, of at most `most` bytes, whatever size it claims.
+        """Read an entry of at most `most` bytes, whatever size it claims.
 
         Raises
         ------
-        InputError : too large, damaged, or encrypted.
+        InputError : missing, too large, damaged, or encrypted.
         """
         if name not in self._names:
             hint = "is this an FMU, or a trace?" if name == SSD else None
@@ -144,13 +144,13 @@ class Archive:
             )
 
     def xml(self, name: str, kind: str) -> Any:
-        """The root of an XML entry; where the schema `kind`.xsd is broken, `notes` say so.
+        """Parse an XML entry; deviations from the schema `kind`.xsd go to `notes`.
 
-        Tools write archives that the schema does not allow and that mean something all the same.
+        Some tools write archives that break the schema and still have a clear meaning.
 
         Raises
         ------
-        InputError : no XML, with entities of its own, or of another kind altogether.
+        InputError : not XML, with a document type, or not a file of SSP.
         """
         content = self.read(name)
         parser = etree.XMLParser(
@@ -161,26 +161,20 @@ class Archive:
         except etree.XMLSyntaxError as error:
             raise self.wrong("not XML", name, got=str(error)) from error
         if root.getroottree().docinfo.doctype:
-            raise self.wrong(
-                "a document type, which no file of SSP has", name, expected="none: no <!DOCTYPE"
-            )
+            what = "a file of SSP has no document type"
+            raise self.wrong(what, name, expected="none: no <!DOCTYPE")
         try:
             check_schema(content, kind, where=name)
         except InputError as error:
             if root.tag not in _ROOTS:
                 raise self.wrong(
-                    "this is no file of SSP 1.0", name, expected=f"{kind}.xsd", got=error.got
+                    "not a file of SSP 1.0", name, expected=f"{kind}.xsd", got=error.got
                 ) from error
-            self.notes.append(f"{error.where}: not as the schema of SSP 1.0 has it: {error.got}")
+            self.notes.append(f"{error.where}: not valid by the schema of SSP 1.0: {error.got}")
         return root
 
     def needed(self, element: Any, attribute: str, entry: str) -> str:
-        """An attribute that nothing can be made of without.
-
-        Raises
-        ------
-        InputError : it is missing.
-        """
+        """Return a required attribute; an InputError if it is missing."""
         found = element.get(attribute)
         if found is None:
             raise self.wrong(
@@ -191,22 +185,12 @@ class Archive:
         return str(found)
 
     def number(self, element: Any, attribute: str, entry: str, default: float) -> float:
-        """A finite number, or `default` where there is none.
-
-        Raises
-        ------
-        InputError : it is no number.
-        """
+        """Return a numeric attribute, or `default` if it is missing; see `as_number`."""
         text = element.get(attribute)
         return default if text is None else self.as_number(text, f"{entry}:{element.sourceline}")
 
     def as_number(self, text: str, where: str) -> float:
-        """A text as a finite number.
-
-        Raises
-        ------
-        InputError : it is none.
-        """
+        """Convert a text to a finite number; an InputError if it is none."""
         try:
             value = float(text)
         except ValueError:

@@ -1,21 +1,23 @@
-"""Elements and connections of an archive from the system that the master would run."""
+"""Make the elements and connections of an archive from the system that the master would run."""
 
 from __future__ import annotations
 
+import hashlib
 import re
+import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import Port, component_module
+from cosim.fmu import ComponentSpec, Port, build_fmu, component_module
 from cosim.master import Connection, Endpoint, Session, System
 from cosim.network import PacketLink, TransportLink
 from cosim.scenario.ssp.link_fmu import link_spec
-from cosim.scenario.ssp.resources import Resources
 from cosim.scenario.ssp.structure import TYPES, Connector, Element, Value, Wire
 
 _TABLE = component_module("signal_table.variables")
@@ -23,15 +25,39 @@ _LINK = component_module("link_channel.variables")
 _STATE = {"age": "Real", "sequence": "Integer", "dropped": "Integer"}
 
 
+class Resources:
+    """FMUs below resources/ by their path in the archive, each once."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, bytes] = {}
+        self._of: dict[str, str] = {}
+
+    def add(self, stem: str, content: bytes) -> str:
+        """Add an FMU unless it is already there; return its path."""
+        digest = hashlib.sha256(content).hexdigest()
+        if digest not in self._of:
+            path, number = f"resources/{stem}.fmu", 2
+            while path in self.files:
+                path, number = f"resources/{stem}_{number}.fmu", number + 1
+            self.files[path] = content
+            self._of[digest] = path
+        return self._of[digest]
+
+    def build(self, spec: ComponentSpec) -> str:
+        """Build and add an FMU, native and for this machine; an InputError without a compiler."""
+        with tempfile.TemporaryDirectory(prefix="cosim-ssp-") as folder:
+            return self.add(spec.name, build_fmu(spec, Path(folder), "native").read_bytes())
+
+
 @dataclass
 class ArchiveElements:
-    """What stands in an archive.
+    """The content of an archive.
 
     Attributes
     ----------
     annotated : TOML of the links that are annotations.
     element_of : link -> name of its element.
-    wired : transport links without a delay, which are wires.
+    wired : transport links without delay, which become wires.
     """
 
     elements: list[Element] = field(default_factory=list)
@@ -48,11 +74,11 @@ def archive_elements(
     links: Literal["annotate", "fmu"],
     tomls: Mapping[str, str],
 ) -> ArchiveElements:
-    """Components, what drives inputs, links; `tomls`: the links as the scenario has them.
+    """Make elements of components, driven inputs and links; `tomls`: [links.NAME] by name.
 
     Raises
     ------
-    InputError : what an archive cannot say, named.
+    InputError : something that SSP cannot express.
     """
     built = ArchiveElements()
     starts: dict[Endpoint, Value] = {}
@@ -103,7 +129,7 @@ def _value(port: Port, value: Any, component: str) -> Value:
 def _drive(
     system: System, resources: Resources, built: ArchiveElements, starts: dict[Endpoint, Value]
 ) -> None:
-    """Constant ones become start values, the others a table."""
+    """Constant signals become start values, the others a signal table FMU."""
     points = system.comm_schedule.points_ns
     moving: list[tuple[Endpoint, NDArray[np.float64], str | None]] = []
     for end, signal in system.driven.items():
@@ -135,7 +161,7 @@ def _drive(
 
 
 def free_name(wanted: str, *taken: Iterable[str]) -> str:
-    """`wanted`, or with a number what nothing else is called."""
+    """Return `wanted`, with a number appended if that name is taken."""
     names = {name for group in taken for name in group}
     name, number = wanted, 2
     while name in names:
@@ -150,7 +176,7 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
     for connection in system.connections:
         if system.is_state(connection.source):
             raise InputError(
-                "the state of a link is a signal only where the link is an FMU",
+                "the state of a link can be exported only if the link is an FMU",
                 where=f"connection {connection.source} -> {connection.target}",
                 hint="--links fmu",
             )
@@ -159,8 +185,8 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
     built.annotated = {name: tomls[name] for name in used}
     if used:
         built.warnings.append(
-            f"other tools ignore the links {', '.join(used)}: to them each is a wire; with "
-            "--links fmu each is an FMU, which they do not ignore"
+            f"other tools ignore the links {', '.join(used)} and connect directly; with "
+            "--links fmu each is an FMU, which they run"
         )
 
 
@@ -186,16 +212,16 @@ def _link_fmus(
         built.element_of[name] = element
         _link_fmu(system, resources, built, (name, element), connections, firsts, tomls[name])
     for i, wire in enumerate(built.wires):
-        start = built.element_of.get(wire.source[0])
-        if start is not None and wire.source[1] in _STATE:
-            built.wires[i] = Wire((start, wire.source[1]), wire.target)
-    missing = [w for w in built.wires if w.source[0] in system.links and w.source[1] in _STATE]
-    missing = [w for w in missing if w.source[0] not in built.element_of]
-    if missing:
-        raise InputError(
-            "the state of a link that carries nothing",
-            where=f"connection {'.'.join(missing[0].source)} -> {'.'.join(missing[0].target)}",
-        )
+        sender, state = wire.source
+        if state not in _STATE:
+            continue
+        if sender in built.element_of:
+            built.wires[i] = Wire((built.element_of[sender], state), wire.target)
+        elif sender in system.links:
+            raise InputError(
+                "the state of a link that carries nothing",
+                where=f"connection {'.'.join(wire.source)} -> {'.'.join(wire.target)}",
+            )
 
 
 def _plain(system: System, connection: Connection) -> Wire:
@@ -205,7 +231,7 @@ def _plain(system: System, connection: Connection) -> Wire:
         wanted = _STATE.get(source.variable)
         if wanted is None or TYPES[kind] != wanted:
             raise InputError(
-                "a link FMU has no such output for this input",
+                "a link FMU has no such output",
                 where=f"connection {source} -> {target}",
                 expected=", ".join(f"{n} ({t})" for n, t in _STATE.items()),
                 got=f"{source.variable}, to an input of type {TYPES[kind]}",
@@ -214,7 +240,7 @@ def _plain(system: System, connection: Connection) -> Wire:
 
 
 def _first_values(system: System, over: Mapping[str, list[Connection]]) -> dict[Endpoint, float]:
-    """What a transport link delivers at the start: the sender's first row."""
+    """Return what transport links deliver at the start: the first outputs of the senders."""
     sources = {
         c.source
         for name, connections in over.items()
@@ -246,7 +272,7 @@ def _link_fmu(
         receiver = component.description.ports[target.variable]
         if sender.kind != "float" or receiver.kind != "float" or sender.shape or receiver.shape:
             raise InputError(
-                "a link FMU carries Reals",
+                "a link FMU carries Reals only",
                 where=f"connection {source} -> {target}, link {name!r}",
                 got=f"{sender.getter_type} to {receiver.getter_type}"
                 + (", an array" if sender.shape or receiver.shape else ""),

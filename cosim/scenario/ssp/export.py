@@ -1,4 +1,4 @@
-"""A scenario as an SSP archive: FMUs, parameters, connections; links as annotations or FMUs."""
+"""Export a scenario as an SSP archive; links become annotations or FMUs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from cosim.fmu import deterministic_zip
 from cosim.master import System
 from cosim.scenario.assembly import assemble
 from cosim.scenario.execute import PreparedScenario
-from cosim.scenario.gain import gain_parameters
+from cosim.scenario.fields import Part
 from cosim.scenario.schema import Scenario
-from cosim.scenario.ssp.elements import ArchiveElements, archive_elements
+from cosim.scenario.ssp.elements import ArchiveElements, Resources, archive_elements
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.resources import Resources
 from cosim.scenario.ssp.structure import Element, Structure
 from cosim.scenario.ssp.units import units_of
 from cosim.scenario.ssp.write_ssd import ssd_bytes
@@ -34,13 +33,13 @@ _EXPORTED = {
 
 @dataclass(frozen=True)
 class SspExport:
-    """An archive that was written.
+    """The archive that was written.
 
     Attributes
     ----------
-    links : by name: "annotation", "FMU", or "wire" for a transport link without delay.
+    links : by name: "annotation", "FMU", "wire" for a transport link without delay, or "unused".
     resources : paths in the archive.
-    warnings : what other tools do differently, or what is left out; sentences.
+    warnings : sentences about what other tools do differently, or what is left out.
     """
 
     path: Path
@@ -53,7 +52,7 @@ class SspExport:
     warnings: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:
-        """What `cosim ssp export --json` prints."""
+        """Return what `cosim ssp export --json` prints."""
         return {
             "ssp": str(self.path),
             "components": list(self.components),
@@ -67,20 +66,20 @@ class SspExport:
 
 
 def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate") -> SspExport:
-    """Write the archive; the same scenario gives the same bytes.
+    """Write a scenario as an archive; the same scenario gives the same bytes.
 
     Parameters
     ----------
     prepared : the scenario with its FMUs and its gain.
-    links : what becomes of links: annotations, which other tools ignore, or FMUs.
+    links : "annotate": annotations, which other tools ignore; "fmu": FMUs.
 
     Raises
     ------
-    InputError : something of the scenario that an archive cannot say, a file that cannot be
-        written, or a link FMU without a compiler.
+    InputError : something that SSP cannot express, a file that cannot be written, or a link FMU
+        without a compiler.
     """
     scenario = prepared.loaded.scenario
-    if links == "fmu":  # other tools step on a grid: so do the figures that theirs compare with
+    if links == "fmu":  # other tools step on a grid: export its points
         run = scenario.run.model_copy(update={"events": "grid"})
         scenario = scenario.model_copy(update={"run": run})
     system = system_of(prepared, scenario)
@@ -90,14 +89,16 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
     warnings = [*built.warnings, *_left_out(prepared, system)]
     units = units_of(system, warnings)
     structure = Structure(
-        name=_identifier(prepared.loaded.name),
+        name=re.sub(r"[^A-Za-z0-9_-]+", "_", prepared.loaded.name) or "system",
         description=scenario.title,
         elements=[_with_known_units(e, units) for e in built.elements],
         wires=built.wires,
         units=units,
         links=built.annotated,
         run=_toml(scenario.run),
-        rest=_rest(scenario),
+        rest=tomli_w.dumps(
+            {key: x for key, x in scenario.to_data().items() if key in _inexpressible(scenario)}
+        ),
         step_s=system.comm_schedule.step_ns / 1e9,
         end_s=int(system.comm_schedule.points_ns[-1]) / 1e9,
     )
@@ -105,7 +106,7 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
     _write(content, path)
     return SspExport(
         path=path,
-        components=tuple(e.name for e in built.elements),
+        components=tuple(e.name for e in structure.elements),
         connections=len(built.wires),
         links=_link_forms(built, scenario),
         resources=tuple(sorted(resources.files)),
@@ -116,42 +117,30 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
 
 
 def system_of(prepared: PreparedScenario, scenario: Scenario) -> System:
-    """What the master would run, the designed gain among the parameters."""
-    parameters = {}
-    if scenario.design is not None and prepared.design is not None:
-        name = scenario.design.controller
-        parameters[name] = gain_parameters(prepared.design.K, prepared.fmus[name])
-    return assemble(scenario, prepared.fmus, parameters=parameters, worst_case=prepared.worst_case)
+    """Assemble the system that the master would run, with the designed gain as parameters."""
+    worst_case = prepared.worst_case
+    return assemble(scenario, prepared.fmus, parameters=prepared.gain, worst_case=worst_case)
 
 
-def _toml(part: object) -> str:
-    """A table of the scenario with every key that has a value."""
-    data = part.model_dump(by_alias=True, exclude_none=True)  # type: ignore[attr-defined]
-    return tomli_w.dumps(data)
+def _toml(part: Part) -> str:
+    """Return a table of the scenario with every key that has a value."""
+    return tomli_w.dumps(part.model_dump(by_alias=True, exclude_none=True))
 
 
 def _inexpressible(scenario: Scenario) -> list[str]:
-    """Parts that SSP has no word for."""
+    """Return the parts that SSP cannot express."""
     return sorted(name for name in scenario.model_fields_set - _EXPORTED if getattr(scenario, name))
 
 
-def _rest(scenario: Scenario) -> str:
-    """TOML of the parts that SSP has no word for, as they were given."""
-    data = scenario.model_dump(
-        by_alias=True, exclude_unset=True, exclude_none=True, include=set(_inexpressible(scenario))
-    )
-    return tomli_w.dumps(data)
-
-
 def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
-    """Sentences about what the archive does not say."""
+    """Return sentences about what the archive does not contain."""
     scenario = prepared.loaded.scenario
     sentences = [
-        f"[{name}] is an annotation of this project's own: other tools ignore it"
+        f"[{name}] is an annotation of this project: other tools ignore it"
         for name in _inexpressible(scenario)
     ]
     if scenario.design is not None:
-        sentences.append("[design]: its gain is among the parameters; its proof is left out")
+        sentences.append("[design]: its gain is exported as parameters; its proof is left out")
     if system.algorithm != "jacobi":
         sentences.append(
             f"run.algorithm = {system.algorithm!r}: other tools step in their own order"
@@ -164,10 +153,10 @@ def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
         if component.description.version != "2.0":
             sentences.append(
                 f"component {name!r} is an FMU of FMI {component.description.version}, which "
-                "SSP 1.0 does not speak of; many tools refuse it"
+                "SSP 1.0 does not cover; many tools refuse it"
             )
         if component.description.needs_execution_tool:
-            sentences.append(f"component {name!r} needs another program (a Python host, for one)")
+            sentences.append(f"component {name!r} needs another program, such as a Python host")
     interpolated_inputs = sorted({str(c.target) for c in system.connections if c.policy != "hold"})
     if interpolated_inputs:
         sentences.append(
@@ -198,10 +187,6 @@ def _with_known_units(element: Element, units: Mapping[str, Mapping[str, str]]) 
             for name, v in element.values.items()
         },
     )
-
-
-def _identifier(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", name) or "system"
 
 
 def _write(content: Mapping[str, bytes], path: Path) -> None:

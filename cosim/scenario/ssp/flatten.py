@@ -1,4 +1,4 @@
-"""Nested systems as one: components by a path of names, connections from output to input."""
+"""Flatten nested systems: components by path, connections from output to input."""
 
 from __future__ import annotations
 
@@ -16,11 +16,16 @@ End = tuple[Path, str]
 """Path of a component or system, and a connector of it."""
 
 
+def end_text(end: End) -> str:
+    """Format an end as `system.component.connector`."""
+    return ".".join((*end[0], end[1]))
+
+
 @dataclass(frozen=True)
 class FlatWire:
-    """An output, the input that it reaches, and the link in between.
+    """A connection from an output to an input, over a link or None.
 
-    `converts` : whether values are to be converted where units differ.
+    `converts` : whether values are to be converted if units differ.
     """
 
     source: End
@@ -32,11 +37,11 @@ class FlatWire:
 
 @dataclass(frozen=True)
 class FlatSystem:
-    """A system without systems in it.
+    """A system without nested systems.
 
     Attributes
     ----------
-    parts : by path; their values are those of all enclosing systems too.
+    parts : by path, with the values that enclosing systems bind to them.
     """
 
     parts: dict[Path, Part]
@@ -44,7 +49,7 @@ class FlatSystem:
 
 
 def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
-    """All components of a system and of the systems in it, connected to each other.
+    """Collect the components of all nested systems and connect them directly.
 
     Raises
     ------
@@ -55,24 +60,20 @@ def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
     into: dict[End, tuple[End, InnerConnection]] = {}
     for path, one in systems.items():
         for inner_connection in one.inner_connections:
-            source, target = (
-                _end(path, inner_connection.source),
-                _end(path, inner_connection.target),
-            )
+            where = f"{SSD}:{inner_connection.line}"
+            source = _end(path, inner_connection.source)
+            target = _end(path, inner_connection.target)
             for end in (source, target):
                 if end[0] not in parts and end[0] not in systems:
+                    names = [p.name for p in one.parts] + [s.name for s in one.systems]
                     raise archive.wrong(
-                        "a connection of an element that is not there",
-                        f"{SSD}:{inner_connection.line}",
-                        expected=", ".join(sorted(_names(one))),
-                        got=".".join((*end[0], end[1])),
+                        "a connection of an unknown element",
+                        where,
+                        expected=", ".join(sorted(names)),
+                        got=end_text(end),
                     )
             if target in into:
-                raise archive.wrong(
-                    "an input has two sources",
-                    f"{SSD}:{inner_connection.line}",
-                    got=".".join((*target[0], target[1])),
-                )
+                raise archive.wrong("an input has two sources", where, got=end_text(target))
             into[target] = source, inner_connection
     wires = []
     for target, (source, inner_connection) in into.items():
@@ -80,26 +81,19 @@ def flatten(archive: Archive, system: SubSystem) -> FlatSystem:
             found = _origin(archive, source, into, systems, inner_connection.link)
             if found is None:
                 archive.notes.append(
-                    f"{'.'.join((*target[0], target[1]))} comes from outside of the system or "
-                    "from nothing: it keeps its start value"
+                    f"{end_text(target)} comes from outside of the system or from nothing: it "
+                    "keeps its start value"
                 )
             else:
-                wires.append(
-                    FlatWire(
-                        found[0], target, found[1], inner_connection.line, inner_connection.converts
-                    )
-                )
+                line, converts = inner_connection.line, inner_connection.converts
+                wires.append(FlatWire(found[0], target, found[1], line, converts))
     return FlatSystem(parts, wires)
-
-
-def _names(system: SubSystem) -> list[str]:
-    return [part.name for part in system.parts] + [inner.name for inner in system.systems]
 
 
 def _parts(
     system: SubSystem, path: Path, outer: tuple[BoundValue, ...]
 ) -> Iterator[tuple[Path, Part]]:
-    """Components; a value bound outside wins over one bound inside."""
+    """Yield all components; a value bound outside overrides one bound inside."""
     bound = (*system.bound, *outer)
     for part in system.parts:
         here = (*path, part.name)
@@ -130,7 +124,7 @@ def _origin(
     systems: dict[Path, SubSystem],
     link: str | None,
 ) -> tuple[End, str | None] | None:
-    """The component's output behind a connector of a system; None if there is none."""
+    """Return the component's output behind a connector, and the link; None if there is none."""
     seen = {source}
     while source[0] in systems:
         before = into.get(source)
@@ -148,14 +142,14 @@ def _origin(
             raise archive.wrong(
                 "connections in a circle without a component",
                 f"{SSD}:{inner_connection.line}",
-                got=".".join((*source[0], source[1])),
+                got=end_text(source),
             )
         seen.add(source)
     return source, link
 
 
 def scenario_names(paths: list[Path]) -> dict[Path, str]:
-    """A name for each path that a scenario takes, each another."""
+    """Return a distinct name for each path, valid in a scenario."""
     names: dict[Path, str] = {}
     for path in paths:
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", "_".join(path)).strip("_")

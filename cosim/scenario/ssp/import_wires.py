@@ -1,4 +1,4 @@
-"""Connections of an archive as those of a scenario; link FMUs of this project become links."""
+"""Convert connections of an archive to those of a scenario; our link FMUs become links."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.scenario.ssp.archive import Archive
-from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place
+from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place, end_text
 from cosim.scenario.ssp.names import SSD
 from cosim.scenario.ssp.tree import Description
 from cosim.scenario.ssp.units import units_of_fmu
@@ -25,7 +25,7 @@ def connections_of(
     fmus: Mapping[Place, FmuDescription],
     description: Description,
 ) -> list[dict[str, str]]:
-    """Rows of [[connections]].
+    """Return the rows of [[connections]].
 
     Parameters
     ----------
@@ -34,8 +34,7 @@ def connections_of(
 
     Raises
     ------
-    InputError : an end that the FMU does not have, units that would have to be converted, a link
-        that is not described.
+    InputError : an end that the FMU does not have, units that need conversion, an unknown link.
     """
     into = {wire.target: wire for wire in flat.wires if wire.target[0] in channels}
     found = []
@@ -43,11 +42,8 @@ def connections_of(
         if wire.target[0] in channels:
             continue
         if wire.link is not None and wire.link not in description.links:
-            raise archive.wrong(
-                "a connection over a link that is not described",
-                f"{SSD}:{wire.line}",
-                got=wire.link,
-            )
+            what = "a connection over a link that is not described"
+            raise archive.wrong(what, f"{SSD}:{wire.line}", got=wire.link)
         source, link = _over(archive, wire, channels, into)
         name = link if source[0] in channels else names[source[0]]
         if source[0] not in channels:
@@ -65,7 +61,7 @@ def _over(
     channels: Mapping[Place, tuple[str, str] | None],
     into: Mapping[End, FlatWire],
 ) -> tuple[End, str | None]:
-    """Where a wire begins, and its link; one from a link FMU begins before it."""
+    """Return the source of a wire and its link; behind a link FMU, the source before it."""
     if wire.source[0] not in channels:
         return wire.source, wire.link
     channel = channels[wire.source[0]]
@@ -75,21 +71,15 @@ def _over(
     lane = _LANE.fullmatch(wire.source[1])
     before = into.get((wire.source[0], f"u[{lane[2]}]")) if lane and lane[1] == "y" else None
     if before is None or before.source[0] in channels:
-        raise archive.wrong(
-            "a link FMU whose output has no input",
-            f"{SSD}:{wire.line}",
-            got=".".join((*wire.source[0], wire.source[1])),
-        )
+        what = "a link FMU whose output has no input"
+        raise archive.wrong(what, f"{SSD}:{wire.line}", got=end_text(wire.source))
     return before.source, link
 
 
 def _check(
-    archive: Archive,
-    wire: FlatWire,
-    source: End,
-    fmus: Mapping[Place, FmuDescription],
+    archive: Archive, wire: FlatWire, source: End, fmus: Mapping[Place, FmuDescription]
 ) -> None:
-    """Both ends exist, and no value would have to be converted on the way."""
+    """Check that both ends exist and that no value needs conversion."""
     ports = []
     for (place, variable), causality in ((source, "output"), (wire.target, "input")):
         port = fmus[place].ports.get(variable)
@@ -106,8 +96,7 @@ def _check(
         None if port.unit is None else units_of_fmu(fmus[place].model).get(port.unit)
         for port, (place, _) in zip(ports, (source, wire.target), strict=True)
     )
-    begin = f"{'.'.join((*source[0], source[1]))} [{ports[0].unit}]"
-    text = f"{begin} -> {'.'.join((*wire.target[0], wire.target[1]))} [{ports[1].unit}]"
+    text = f"{end_text(source)} [{ports[0].unit}] -> {end_text(wire.target)} [{ports[1].unit}]"
     if not wire.converts or one is None or other is None or one == other:
         return
     if one.exponents != other.exponents:
@@ -117,5 +106,5 @@ def _check(
         "a connection that converts units is not supported",
         f"{SSD}:{wire.line}",
         got=text,
-        hint="an FMU that does it, between the two; or suppressUnitConversion",
+        hint="put an FMU that converts between the two; or set suppressUnitConversion",
     )

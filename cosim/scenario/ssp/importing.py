@@ -1,4 +1,4 @@
-"""An SSP archive as a scenario: FMUs beside a TOML file, parameters, connections, links."""
+"""Import an SSP archive: write a scenario, and its FMUs into a folder beside it."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from cosim.fmu import FmuDescription, describe_fmu
 from cosim.scenario.read import parse
 from cosim.scenario.ssp.archive import MAX_XML, Archive
 from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
-from cosim.scenario.ssp.import_values import table_of, values_of
 from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD
+from cosim.scenario.ssp.parameters import values_for
 from cosim.scenario.ssp.tree import Description, read_description
 
 
 @dataclass(frozen=True)
 class SspImport:
-    """A scenario that was written.
+    """The scenario that was written.
 
     Attributes
     ----------
-    names : element as the archive calls it -> component of the scenario.
-    links : that were annotated, or link FMUs of this project.
-    unsupported : what was left out or taken another way; sentences.
+    names : element of the archive -> component of the scenario.
+    links : from annotations and from link FMUs of this project.
+    unsupported : sentences about what was left out or changed.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class SspImport:
     unsupported: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:
-        """What `cosim ssp import --json` prints."""
+        """Return what `cosim ssp import --json` prints."""
         return {
             "scenario": str(self.path),
             "components": dict(self.names),
@@ -67,12 +67,12 @@ def import_ssp(
     Parameters
     ----------
     path : the TOML file; FMUs go into the folder of its name with `_fmus`.
-    step, end : in place of the archive's [s].
+    step, end : instead of the archive's [s].
 
     Raises
     ------
-    InputError : no archive, one that is not valid, one with parts that no run can do without and
-        that are not supported, or a file that cannot be written.
+    InputError : not a valid archive, essential parts that are not supported, or a file that
+        cannot be written.
     """
     with Archive(ssp) as archive, _beside(path) as unpacked:
         description = read_description(archive)
@@ -86,17 +86,17 @@ def import_ssp(
         files = _unpack(archive, flat, places, unpacked)
         fmus = {place: describe_fmu(unpacked / files[flat.parts[place].entry]) for place in places}
         links = {**description.links, **{link[0]: link[1] for link in channels.values()}}
+        components = {}
+        for place in places:
+            part, name = flat.parts[place], ".".join(place)
+            values = values_for(archive, name, part.bound, fmus[place], description.units)
+            table: dict[str, Any] = {"fmu": f"{folder.name}/{files[part.entry]}"}
+            components[names[place]] = table | ({"parameters": values} if values else {})
         data: dict[str, Any] = {
             "title": description.text or description.name or ssp.stem,
             "description": f"From {ssp.name}.",
             "run": _run(archive, description, fmus, step, end),
-            "components": {
-                names[place]: {
-                    "fmu": f"{folder.name}/{files[flat.parts[place].entry]}",
-                    **table_of(values_of(archive, flat, place, fmus[place], description)),
-                }
-                for place in places
-            },
+            "components": components,
             "connections": connections_of(archive, flat, channels, names, fmus, description),
             "links": {name: _table(archive, name, toml) for name, toml in links.items()},
         }
@@ -125,7 +125,7 @@ def import_ssp(
 
 @contextmanager
 def _beside(path: Path) -> Iterator[Path]:
-    """A folder that is removed again: nothing is left of an archive that is refused."""
+    """Make a temporary folder beside the scenario: a refused archive leaves nothing behind."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = tempfile.TemporaryDirectory(prefix=".ssp-", dir=path.parent)
@@ -156,7 +156,7 @@ def _unpack(
 
 
 def _look_into(archive: Archive, entry: str, fmu: Path) -> None:
-    """Refuse what is no FMU, or has a description too large to be read."""
+    """Refuse a file that is not an FMU, or whose model description is too large."""
     try:
         with zipfile.ZipFile(fmu) as packed, packed.open("modelDescription.xml") as stream:
             left = MAX_XML
@@ -165,9 +165,8 @@ def _look_into(archive: Archive, entry: str, fmu: Path) -> None:
     except Exception as error:  # zipfile raises many kinds; each means the same here
         raise archive.wrong("not an FMU", entry, got=str(error)) from error
     if left < 0:
-        raise archive.wrong(
-            "the model description is too large", entry, expected=f"at most {MAX_XML} bytes"
-        )
+        what = "the model description is too large"
+        raise archive.wrong(what, entry, expected=f"at most {MAX_XML} bytes")
 
 
 def _run(
@@ -184,7 +183,7 @@ def _run(
     if "end" not in table:
         table["end"] = None if description.stop_s is None else description.stop_s - start
         if start:
-            notes.append(f"the start time {start:g} s: a run starts at 0")
+            notes.append(f"the start time {start:g} s is left out: a run starts at 0")
     if end is None and table["end"] is None:
         stops = [float(e.stopTime) for e in experiments if e is not None and e.stopTime]
         if not stops:
@@ -195,7 +194,7 @@ def _run(
                 hint="--end SECONDS",
             )
         table["end"] = max(stops)
-        notes.append(f"no stop time: {table['end']:g} s is that of its FMUs' default experiments")
+        notes.append(f"no stop time: {table['end']:g} s is from its FMUs' default experiments")
     if end is not None:
         table["end"] = end
     if "step" not in table and step is None:
@@ -204,8 +203,8 @@ def _run(
         if table["step"] is None:
             table["step"] = min(steps) if steps else table["end"] / 1000
             notes.append(
-                f"SSP does not say the communication step: {table['step']:g} s is "
-                + ("the least of its FMUs' default experiments" if steps else "a thousandth of it")
+                f"SSP has no communication step: {table['step']:g} s is "
+                + ("the least of its FMUs' default experiments" if steps else "end / 1000")
             )
     if step is not None:
         table["step"] = step
@@ -216,6 +215,5 @@ def _table(archive: Archive, name: str, toml: str) -> dict[str, Any]:
     try:
         return tomllib.loads(toml)
     except tomllib.TOMLDecodeError as error:
-        raise archive.wrong(
-            f"the annotation of {name!r} is not TOML", SSD, got=str(error)
-        ) from error
+        what = f"the annotation of {name!r} is not TOML"
+        raise archive.wrong(what, SSD, got=str(error)) from error

@@ -1,4 +1,4 @@
-"""Links as link FMUs: their parameters as those of the FMU, and what an FMU cannot do, by name."""
+"""Make link FMUs of links; refuse or name what such an FMU cannot do."""
 
 from __future__ import annotations
 
@@ -20,30 +20,28 @@ _VARIABLES = component_module("link_channel.variables")
 def link_spec(
     name: str, link: Link, signals: Sequence[Any], step_ns: int
 ) -> tuple[ComponentSpec, list[str]]:
-    """The link FMU `name` of a link, and what is to be known about it.
+    """Specify the link FMU `name` of a link; return it with warnings.
 
     Raises
     ------
-    InputError : a link whose delay varies, or a seed that an Integer of FMI does not hold.
+    InputError : a link whose delay varies, or a seed too large for an Integer of FMI.
     """
     _refuse(link)
     step = step_ns / 1e9
     if isinstance(link, PacketLink):
-        warnings = [*_late(link), *_unknown(link)]
-        return _VARIABLES.packet_spec(
-            name, link.name, signals, packet_parameters(link), step
-        ), warnings
+        spec = _VARIABLES.packet_spec(name, link.name, signals, packet_parameters(link), step)
+        return spec, [*_late(link), *_unknown(link)]
     warnings = []
     if link.delay_ns < step_ns:
         warnings.append(
             f"link {link.name!r}: its delay of {link.delay_ns / 1e9:g} s is shorter than the "
-            f"step of {step:g} s; in other tools it is the step"
+            f"step of {step:g} s; in other tools it is one step"
         )
     return _VARIABLES.transport_spec(name, link.name, signals, link.delay_ns / 1e9, step), warnings
 
 
 def packet_parameters(link: PacketLink) -> dict[str, float]:
-    """Values of the parameters of a packet link's FMU."""
+    """Return the parameters of a packet link's FMU."""
     jitter, loss = link.jitter, link.loss
     values: dict[str, float] = {
         "sample_time": link.sample_time_ns / 1e9,
@@ -94,7 +92,7 @@ def _refuse(link: Link) -> None:
                 got=str(link.seed),
             )
         if "\0" in link.name:
-            raise InputError("a name in C has no zero in it", where=where, got=repr(link.name))
+            raise InputError("a name in C has no null character", where=where, got=repr(link.name))
     if max(times) > math.floor(_VARIABLES.LONGEST_S * 1e9):
         raise InputError(
             "a time of this link is too long for a link FMU",
@@ -107,11 +105,8 @@ def _refuse(link: Link) -> None:
 def _late(link: PacketLink) -> list[str]:
     if link.delay_ns + link.frame_ns > 0:
         return []
-    warning = (
-        f"link {link.name!r}: what arrives in the instant of sending (delay 0) is one step late "
-        "in other tools: no output of an FMU may follow an input at once"
-    )
-    return [warning]
+    warning = "messages without delay arrive one step late in other tools: a link FMU has no direct"
+    return [f"link {link.name!r}: {warning} feedthrough"]
 
 
 _KNOWN = {
@@ -121,7 +116,7 @@ _KNOWN = {
 
 
 def _unknown(link: PacketLink) -> list[str]:
-    """What else the link does, by the names of its fields."""
+    """Warn of fields of the link that its FMU does not have."""
     return [
         f"link {link.name!r}: its {field.name} are not in the link FMU"
         for field in fields(link)

@@ -15,16 +15,16 @@ NAMESPACES = MappingProxyType(
         "ssm": "http://ssp-standard.org/SSP1/SystemStructureParameterMapping",
     }
 )
-"""Prefix -> namespace; libcosim and Ecos know the prefixes alone."""
+"""Prefix -> namespace; libcosim and Ecos recognise only these prefixes."""
 
 OWN = "urn:auv-cosim:ssp:1"
-"""Namespace of what stands in the annotations below."""
+"""Namespace of the content of the annotations below."""
 
 RUN_ANNOTATION = "auv-cosim.run"
 """Of the DefaultExperiment: a `<run>` with the table [run] of a scenario as TOML."""
 
 REST_ANNOTATION = "auv-cosim.scenario"
-"""Of the description: a `<scenario>` with what of a scenario SSP has no word for, as TOML."""
+"""Of the description: a `<scenario>` with the parts that SSP cannot express, as TOML."""
 
 LINK_ANNOTATION = "auv-cosim.link"
 """Of the System: a `<link name="...">` with [links.NAME] of a scenario as TOML, every key.
@@ -33,7 +33,7 @@ Of a Connection: an empty `<link name="...">`, the link that this connection goe
 """
 
 LINK_FMU_ANNOTATION = "auv-cosim.link-fmu"
-"""Of a Component that is a link FMU: the same `<link>`, which it stands for."""
+"""Of a Component that is a link FMU: the `<link>` that it implements."""
 
 OSP_ANNOTATION = "com.opensimulationplatform"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -50,5 +50,5 @@ FMU_TYPE = "application/x-fmu-sharedlibrary"
 
 
 def tag(prefix: str, name: str) -> str:
-    """A name in a namespace, as lxml writes it."""
+    """Return a name in a namespace, as lxml writes it."""
     return f"{{{NAMESPACES[prefix]}}}{name}"

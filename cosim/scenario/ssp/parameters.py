@@ -1,15 +1,21 @@
-"""Parameter values of an element: inline or from .ssv files, renamed by mappings."""
+"""Read the parameter values of an element, apply mappings, and convert them for its FMU."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from lxml import etree
 
+from cosim.fmu import FmuDescription, Port
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import NAMESPACES, tag
+from cosim.scenario.ssp.structure import TYPES
+from cosim.scenario.ssp.units import UnitBase, converted, units_of_fmu
+
+LINEAR = "LinearTransformation"
 
 _SET = "application/x-ssp-parameter-set"
 _MAPPING = "application/x-ssp-parameter-mapping"
@@ -17,13 +23,13 @@ _MAPPING = "application/x-ssp-parameter-mapping"
 
 @dataclass(frozen=True)
 class BoundValue:
-    """A value that is bound to an element, by the name that it has there.
+    """A value bound to a variable of an element.
 
     Attributes
     ----------
-    name : of a variable; from a system's binding with the elements' names before it.
-    type, text, unit : as the file has them.
-    factor, offset : of the mapping that brought it here.
+    name : of the variable; in a system's binding, prefixed by the names of its elements.
+    type, text, unit : as in the file.
+    factor, offset : of the mapping that was applied.
     where : entry and line.
     """
 
@@ -36,12 +42,7 @@ class BoundValue:
     offset: float = 0.0
 
     def value(self, archive: Archive) -> float | int | bool | str:
-        """The value in Python.
-
-        Raises
-        ------
-        InputError : of a type that a scenario has no word for, or transformed and no number.
-        """
+        """Return the value in Python; an InputError if its type is not supported."""
         plain = (self.factor, self.offset) == (1.0, 0.0)
         if self.type == "Real":
             value = archive.as_number(self.text, self.where)
@@ -63,11 +64,11 @@ class BoundValue:
 
 
 def bound_values(archive: Archive, element: Any, base: str) -> list[BoundValue]:
-    """Values of all bindings of an element, in the order in which they apply: the last wins.
+    """Return the values of all bindings of an element, in order: the last one wins.
 
     Raises
     ------
-    InputError : a file that is missing or not valid, or a kind of binding that is not supported.
+    InputError : a missing or invalid file, or a kind of binding that is not supported.
     """
     found: list[BoundValue] = []
     for binding in element.findall(
@@ -130,7 +131,7 @@ def _value(archive: Archive, parameter: Any, entry: str) -> BoundValue:
 def _mapped(
     archive: Archive, mapping: Any, values: Sequence[BoundValue], base: str, where: str
 ) -> list[BoundValue]:
-    """Values by the names that the mapping gives them; what it does not name is not applied."""
+    """Rename and transform values by a mapping; values that it does not name are dropped."""
     source = mapping.get("source")
     if source:
         entry = archive.entry(source, base, where)
@@ -145,21 +146,88 @@ def _mapped(
         target = archive.needed(item, "target", entry)
         value = by_name.get(item.get("source"))
         if value is None:
-            raise archive.wrong(
-                "a mapping of a parameter that is not there", at, got=item.get("source")
-            )
+            raise archive.wrong("a mapping of an unknown parameter", at, got=item.get("source"))
         factor, offset = 1.0, 0.0
-        for child in item.iterchildren(tag=etree.Element):
-            local = str(child.tag).removeprefix(f"{{{NAMESPACES['ssc']}}}")
-            if local == "LinearTransformation":
-                factor = archive.number(child, "factor", entry, 1.0)
-                offset = archive.number(child, "offset", entry, 0.0)
-            elif local.endswith("Transformation"):
-                raise archive.wrong(
-                    "this transformation of a parameter is not supported",
-                    at,
-                    expected="LinearTransformation",
-                    got=local,
-                )
+        for kind, *numbers in transformations(archive, item, entry):
+            if kind != LINEAR:
+                what = "this transformation of a parameter is not supported"
+                raise archive.wrong(what, at, expected=LINEAR, got=kind)
+            factor, offset = numbers
         found.append(replace(value, name=target, factor=factor, offset=offset))
     return found
+
+
+def transformations(
+    archive: Archive, element: Any, entry: str
+) -> Iterator[tuple[str, float, float]]:
+    """Yield kind, factor and offset of the transformations in a mapping or a connection."""
+    for child in element.iterchildren(tag=etree.Element):
+        kind = str(child.tag).removeprefix(f"{{{NAMESPACES['ssc']}}}")
+        if kind.endswith("Transformation"):
+            factor = archive.number(child, "factor", entry, 1.0)
+            yield kind, factor, archive.number(child, "offset", entry, 0.0)
+
+
+def values_for(
+    archive: Archive,
+    name: str,
+    bound: Sequence[BoundValue],
+    fmu: FmuDescription,
+    units: Mapping[str, UnitBase],
+) -> dict[str, Any]:
+    """Convert values bound to the component `name` to the types and units of its FMU.
+
+    `units` : defined by the archive.
+
+    Raises
+    ------
+    InputError : a variable that the FMU does not have, or a value of another type or unit.
+    """
+    values = {}
+    for one in bound:
+        port = fmu.ports.get(one.name)
+        if port is None:
+            near = difflib.get_close_matches(one.name, list(fmu.ports), n=3, cutoff=0.5)
+            raise archive.wrong(
+                f"{name} has no variable {one.name!r}",
+                one.where,
+                hint=f"did you mean {' or '.join(near)}?" if near else None,
+            )
+        values[one.name] = _in_unit_of(archive, one, port, fmu, units)
+    return dict(sorted(values.items()))
+
+
+def _in_unit_of(
+    archive: Archive,
+    bound: BoundValue,
+    port: Port,
+    fmu: FmuDescription,
+    units: Mapping[str, UnitBase],
+) -> Any:
+    value = bound.value(archive)
+    fits = port.kind is not None and TYPES[port.kind] == bound.type
+    if port.kind == "float" and bound.type == "Integer":
+        value, fits = float(value), True
+    if not fits or port.shape:
+        raise archive.wrong(
+            "a value of the wrong type",
+            bound.where,
+            expected=f"{port.getter_type} for {bound.name}",
+            got=bound.type,
+        )
+    if bound.unit is None or port.unit is None or bound.unit == port.unit:
+        return value
+    own = units_of_fmu(fmu.model)
+    of, to = units.get(bound.unit) or own.get(bound.unit), own.get(port.unit)
+    try:
+        if of is not None and to is not None:
+            return converted(float(value), of, to)
+        reason = "one of the units is not defined"
+    except ValueError as error:
+        reason = str(error)
+    raise archive.wrong(
+        f"{bound.name} has a unit that cannot be converted",
+        bound.where,
+        expected=f"{port.unit}",
+        got=f"{bound.unit}: {reason}",
+    )

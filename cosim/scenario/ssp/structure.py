@@ -1,4 +1,4 @@
-"""A system as SSP says it: elements with connectors and parameters, connections between them."""
+"""Data model of SystemStructure.ssd: elements with connectors and parameters, connections."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ TYPES: Mapping[str | None, SspType] = {
     "bool": "Boolean",
     "string": "String",
 }
-"""What a `Port.kind` is called in SSP."""
+"""`Port.kind` -> type in SSP."""
 
 
 @dataclass(frozen=True)
 class Connector:
-    """An input or output that is connected."""
+    """A connected input or output."""
 
     name: str
     kind: Literal["input", "output"]
@@ -37,7 +37,7 @@ class Value:
 
     @property
     def text(self) -> str:
-        """As XML schema writes it; a double in the shortest form that gives it back."""
+        """The value as in XML schema; a double in the shortest form that reads back equal."""
         if self.type == "Boolean":
             return "true" if self.value else "false"
         if self.type == "Integer":
@@ -53,7 +53,7 @@ class Element:
     ----------
     source : path of its FMU in the archive.
     values : by variable.
-    link : name and TOML of the link that it stands for, if it is a link FMU.
+    link : name and TOML of the link, if this is a link FMU.
     """
 
     name: str
@@ -74,14 +74,14 @@ class Wire:
 
 @dataclass(frozen=True)
 class Structure:
-    """All of SystemStructure.ssd.
+    """The content of SystemStructure.ssd.
 
     Attributes
     ----------
     units : name -> exponents of base units, factor and offset.
     links : TOML of each annotated link by its name.
     run : TOML of [run].
-    rest : TOML of what SSP has no word for; empty if that is nothing.
+    rest : TOML of what SSP cannot express; may be empty.
     step_s, end_s : communication step and end [s].
     """
 

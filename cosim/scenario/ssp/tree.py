@@ -1,4 +1,4 @@
-"""SystemStructure.ssd as it stands: systems, components, connections, not yet flattened."""
+"""Read SystemStructure.ssd: nested systems, components, connections."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from cosim.scenario.ssp.names import (
     FMU_TYPE,
     LINK_ANNOTATION,
     LINK_FMU_ANNOTATION,
-    NAMESPACES,
     OMS,
     OSP,
     OWN,
@@ -22,7 +21,7 @@ from cosim.scenario.ssp.names import (
     SSD,
     tag,
 )
-from cosim.scenario.ssp.parameters import BoundValue, bound_values
+from cosim.scenario.ssp.parameters import LINEAR, BoundValue, bound_values, transformations
 from cosim.scenario.ssp.units import UnitBase, units_in
 
 MAX_DEPTH = 50
@@ -30,7 +29,7 @@ MAX_DEPTH = 50
 
 @dataclass(frozen=True)
 class InnerConnection:
-    """A connection inside one system; element None: the system's own connector."""
+    """A connection inside one system; element None: a connector of the system itself."""
 
     source: tuple[str | None, str]
     target: tuple[str | None, str]
@@ -41,9 +40,9 @@ class InnerConnection:
 
 @dataclass(frozen=True)
 class Part:
-    """A component: its FMU in the archive.
+    """A component and its FMU in the archive.
 
-    `link` : name and TOML of the link that it stands for, if any.
+    `link` : name and TOML of the link, if this is a link FMU of this project.
     """
 
     name: str
@@ -55,7 +54,7 @@ class Part:
 
 @dataclass(frozen=True)
 class SubSystem:
-    """A system with what is in it."""
+    """A system with its components, nested systems and connections."""
 
     name: str
     parts: Sequence[Part]
@@ -72,9 +71,9 @@ class Description:
     ----------
     links : TOML of annotated links.
     run : TOML of [run], or None.
-    rest : TOML of what SSP has no word for.
-    start_s, stop_s, step_s : as the default experiment and other tools' annotations say; or None.
-    units : that the description defines.
+    rest : TOML of what SSP cannot express.
+    start_s, stop_s, step_s : from the default experiment and other tools' annotations, or None.
+    units : defined by the description.
     """
 
     name: str
@@ -94,8 +93,7 @@ def read_description(archive: Archive) -> Description:
 
     Raises
     ------
-    InputError : missing, no such description, or with parts that no run can do without and that
-        are not supported.
+    InputError : missing, invalid, or with essential parts that are not supported.
     """
     root = archive.xml(SSD, "SystemStructureDescription")
     system = root.find(tag("ssd", "System"))
@@ -136,19 +134,14 @@ def _time(archive: Archive, experiment: Any, name: str) -> float | None:
 
 
 def _own(element: Any, kind: str) -> list[Any]:
-    """What stands in this project's annotations of an element."""
+    """Return the content of this project's annotations of an element."""
     path = f"{tag('ssd', 'Annotations')}/{tag('ssc', 'Annotation')}"
     holders = [a for a in element.findall(path) if a.get("type") == kind]
-    return [
-        inside
-        for holder in holders
-        for inside in holder
-        if str(inside.tag).startswith(f"{{{OWN}}}")
-    ]
+    return [part for a in holders for part in a if str(part.tag).startswith(f"{{{OWN}}}")]
 
 
 def _foreign_step(root: Any) -> float | None:
-    """The step that libcosim or OMSimulator would take."""
+    """Return the step that libcosim or OMSimulator would take."""
     for name, attribute in (
         (f"{{{OSP}}}FixedStepAlgorithm", "baseStepSize"),
         (f"{{{OMS}}}FixedStepMaster", "stepSize"),
@@ -176,7 +169,7 @@ def _system(archive: Archive, element: Any, depth: int) -> SubSystem:
                 "signal dictionaries are not supported",
                 _at(child),
                 got=child.get("name"),
-                hint="connect the components themselves",
+                hint="connect the components directly",
             )
     names = [p.name for p in parts] + [s.name for s in systems]
     twice = sorted({n for n in names if names.count(n) > 1})
@@ -194,7 +187,7 @@ def _part(archive: Archive, element: Any) -> Part:
     kind = element.get("type", FMU_TYPE)
     if kind != FMU_TYPE:
         raise archive.wrong(
-            "a component that is no FMU is not supported",
+            "a component that is not an FMU is not supported",
             _at(element),
             expected=FMU_TYPE,
             got=f"component {element.get('name')!r}: {kind}",
@@ -222,23 +215,15 @@ def _inner_connection(archive: Archive, element: Any) -> InnerConnection:
         for side in ("start", "end")
     ]
     text = " -> ".join(".".join(n for n in pair if n) for pair in names)
-    for child in element.iterchildren(tag=etree.Element):
-        local = str(child.tag).removeprefix(f"{{{NAMESPACES['ssc']}}}")
-        if local == "LinearTransformation":
-            factor = archive.number(child, "factor", SSD, 1.0)
-            offset = archive.number(child, "offset", SSD, 0.0)
-            if (factor, offset) == (1.0, 0.0):
-                continue
-            got = f"{text}: factor {factor:g}, offset {offset:g}"
-        elif local.endswith("Transformation"):
-            got = f"{text}: {local}"
-        else:
+    for kind, factor, offset in transformations(archive, element, SSD):
+        if (kind, factor, offset) == (LINEAR, 1.0, 0.0):
             continue
+        got = f"factor {factor:g}, offset {offset:g}" if kind == LINEAR else kind
         raise archive.wrong(
             "a connection that transforms its values is not supported",
             _at(element),
-            got=got,
-            hint="an FMU that does it, between the two",
+            got=f"{text}: {got}",
+            hint="put an FMU that transforms between the two",
         )
     links = _own(element, LINK_ANNOTATION)
     return InnerConnection(

@@ -1,4 +1,4 @@
-"""Units of variables with their base units: as an archive lists them, and as it is read."""
+"""Units of variables in base units, for writing and for reading archives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 def units_of(system: System, warnings: list[str]) -> dict[str, dict[str, str]]:
-    """Name -> exponents, factor and offset; two FMUs that mean different things are warned of."""
+    """Return name -> exponents, factor and offset; warn of FMUs that define a unit differently."""
     found: dict[str, dict[str, str]] = {
         name: {k: str(e) for k, e in exponents.items()} for name, exponents in UNITS.items()
     }
@@ -29,8 +29,8 @@ def units_of(system: System, warnings: list[str]) -> dict[str, dict[str, str]]:
             known = found.setdefault(unit.name, base)
             if known != base:
                 warnings.append(
-                    f"component {component_name!r} defines the unit {unit.name!r} in its own way; "
-                    "the archive has it as others do"
+                    f"component {component_name!r} defines the unit {unit.name!r} differently; the "
+                    "archive has the definition of the others"
                 )
     return {name: found[name] for name in sorted(used & set(found))}
 
@@ -49,7 +49,7 @@ def _base(unit: Any) -> dict[str, str] | None:
 
 
 class UnitBase(NamedTuple):
-    """What a unit is in base units: value in base units = factor * value + offset."""
+    """A unit in base units: value in base units = factor * value + offset."""
 
     exponents: tuple[tuple[str, int], ...]
     factor: float
@@ -57,41 +57,30 @@ class UnitBase(NamedTuple):
 
 
 def units_in(root: Any) -> dict[str, UnitBase]:
-    """Units that an SSD defines."""
+    """Return the units that an SSD defines."""
     found = {}
     path = f"{tag('ssd', 'Units')}/{tag('ssc', 'Unit')}"
     for unit in root.findall(path):
         base = unit.find(tag("ssc", "BaseUnit"))
-        with suppress(ValueError):  # one that is no unit converts nothing
+        with suppress(ValueError):  # skip malformed units
             if base is not None:
                 found[str(unit.get("name"))] = _of_texts(dict(base.attrib))
     return found
 
 
 def units_of_fmu(model: Any) -> dict[str, UnitBase]:
-    """Units that an FMU defines."""
-    found = {}
-    for unit in getattr(model, "unitDefinitions", None) or ():
-        base = _base(unit)
-        if base is not None:
-            found[unit.name] = _of_texts(base)
-    return found
+    """Return the units that an FMU defines."""
+    bases = {u.name: _base(u) for u in getattr(model, "unitDefinitions", None) or ()}
+    return {name: _of_texts(base) for name, base in bases.items() if base is not None}
 
 
 def _of_texts(base: Mapping[str, str]) -> UnitBase:
-    exponents = tuple(
-        (k, int(base[k])) for k in _EXPONENTS if base.get(k) is not None and int(base[k]) != 0
-    )
+    exponents = tuple((k, int(base[k])) for k in _EXPONENTS if int(base.get(k, "0")) != 0)
     return UnitBase(exponents, float(base.get("factor", "1")), float(base.get("offset", "0")))
 
 
 def converted(value: float, of: UnitBase, to: UnitBase) -> float:
-    """A value in another unit of the same dimension.
-
-    Raises
-    ------
-    ValueError : of another dimension.
-    """
+    """Convert a value to another unit; a ValueError if the dimensions differ."""
     if of.exponents != to.exponents:
         raise ValueError("the units measure different things")
     if (of.factor, of.offset) == (to.factor, to.offset):

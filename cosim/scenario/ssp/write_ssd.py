@@ -1,4 +1,4 @@
-"""SystemStructure.ssd of a `Structure`, and its check against the schema of SSP 1.0."""
+"""Write SystemStructure.ssd and check it against the schema of SSP 1.0."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from cosim.scenario.ssp.names import (
 )
 from cosim.scenario.ssp.structure import Element, Structure
 
-_TOLERANCE = "1e-6"  # OMSimulator asks for one; a master of fixed steps has no use for it
+_TOLERANCE = "1e-6"  # required by OMSimulator; a fixed-step master does not use it
 
 
 def ssd_bytes(structure: Structure) -> bytes:
-    """The description as UTF-8 XML, valid by the schema.
+    """Write the description as UTF-8 XML, valid by the schema.
 
     Raises
     ------
-    InputError : it is not valid, which a name in the scenario can be the cause of.
+    InputError : not valid, for instance because of a name in the scenario.
     """
     spaces = {name: NAMESPACES[name] for name in ("ssc", "ssd", "ssv")}
     root = etree.Element(
@@ -71,18 +71,18 @@ def ssd_bytes(structure: Structure) -> bytes:
 
 
 def check_schema(xml: bytes, kind: str, *, where: str) -> None:
-    """See that XML is valid by the schema `kind`.xsd of SSP 1.0.
+    """Check XML against the schema `kind`.xsd of SSP 1.0.
 
     Raises
     ------
-    InputError : it is not; with the line.
+    InputError : not valid; says the line.
     """
     schema = _schema(kind)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
     if not schema.validate(etree.fromstring(xml, parser)):
         first = schema.error_log[0]
         raise InputError(
-            "this is not what the schema of SSP 1.0 allows",
+            "not valid by the schema of SSP 1.0",
             where=f"{where}:{first.line}",
             expected=f"{kind}.xsd",
             got=first.message,
