@@ -17,8 +17,8 @@ import numpy as np
 
 from cosim.core import InputError, Progress
 from cosim.trace.content import content_hash_of
-from cosim.trace.diff_signals import signal_name
 from cosim.trace.hold import rows_in_force, sample_and_hold
+from cosim.trace.layout import signal_name
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
 from cosim.trace.table_files import Column, Sheet, pyarrow, write_csv, write_parquet
