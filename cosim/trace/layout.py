@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+import numpy as np
 from google.protobuf.descriptor_pb2 import (
     DescriptorProto,
     FieldDescriptorProto,
@@ -40,6 +41,9 @@ CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH = "certificate.json", "certificate.sha2
 """Attachments of a run with a design, and the key of `cosim.run` with the proof's SHA-256."""
 
 LOG_TOPIC, POSE_TOPIC, FRAME_TOPIC = "/log", "/auv/pose", "/tf"
+
+DTYPES: Mapping[Kind, Any] = {"float": float, "int": np.int64, "bool": bool, "string": object}
+"""NumPy type of a column, by the kind of its signal."""
 
 _TYPES: Mapping[str, int] = {
     "float": FieldDescriptorProto.TYPE_DOUBLE,

@@ -24,7 +24,7 @@ from cosim.trace import (
     TraceWriter,
     diff,
 )
-from cosim.trace.diff_format import diff_json, differences, verdict
+from cosim.trace.diff_format import diff_json, diff_verdict, differences
 from cosim.trace.tolerance import distances, exceeds
 
 S = 10**9
@@ -46,7 +46,7 @@ def test_the_same_content_is_identical(tmp_path: Path) -> None:
     a = one(tmp_path / "a.mcap", [1, 2, 3], **{"host.started": "now"})
     b = one(tmp_path / "b.mcap", [1, 2, 3], **{"host.started": "later"})
     found = diff(a, b)
-    assert (found.identical, found.equal, verdict(found)) == (True, True, "identical")
+    assert (found.identical, found.equal, diff_verdict(found)) == (True, True, "identical")
 
 
 def test_tolerance_of_a_signal_is_that_of_the_longest_name() -> None:
@@ -94,7 +94,7 @@ def test_where_and_by_how_much(tmp_path: Path) -> None:
     assert (signal.max_abs, signal.max_rel) == (6.0, 0.75)
     assert (signal.first_s, signal.max_at_s, signal.sample_and_hold) == (1.0, 3.0, False)
     assert not found.equal
-    assert verdict(found) == "the first to part is plant.eta.x at t = 1 s"
+    assert diff_verdict(found) == "the first to part is plant.eta.x at t = 1 s"
     assert next(differences(found)) == "/plant/output eta.x: from t = 1 s, at most 6 m"
     first = diff(a, b, Tolerances(Tolerance(0.5))).parted[0]
     assert (first.first_s, first.differing) == (3.0, 1)
@@ -156,7 +156,7 @@ def test_an_earlier_end_is_a_difference(tmp_path: Path) -> None:
     assert not found.equal
     assert not found.parted
     assert found.ends_s == (2.0, 1.0)
-    assert verdict(found) == "the signals agree; something else differs"
+    assert diff_verdict(found) == "the signals agree; something else differs"
     assert diff(b, a, prefix=True).equal
     assert not diff(one(tmp_path / "c.mcap", [1, 5]), a, prefix=True).equal
 
