@@ -162,7 +162,8 @@ def diff(
 
 def _topics_only(trace: Trace, other: Trace, chosen: set[str]) -> list[str]:
     """Return the chosen topics with messages that the other trace does not have."""
-    return [t for t, i in trace.topics.items() if t in chosen and t not in other.topics and i.count]
+    only = [topic for topic in trace.topics if topic in chosen and topic not in other.topics]
+    return [topic for topic in only if trace.topics[topic].count]
 
 
 def _readable(trace: Trace, topic: str) -> bool:

@@ -102,10 +102,12 @@ class PartialFile:
 
     def cut(self, size: int) -> None:
         """Close the file, cut to `size`: without the half record left by a disk that failed."""
-        with suppress(OSError):  # a file with half a record at its end is readable, too
-            if self._raw.seek(0, os.SEEK_END) > size:
-                self._raw.truncate(size)
-        self._raw.close()
+        try:
+            with suppress(OSError):  # a file with half a record at its end is readable, too
+                if self._raw.seek(0, os.SEEK_END) > size:
+                    self._raw.truncate(size)
+        finally:
+            self._raw.close()
 
 
 _FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)

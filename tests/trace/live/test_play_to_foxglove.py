@@ -151,7 +151,7 @@ def test_client_receives_every_message_unchanged() -> None:
 
 
 def test_client_controls_pause_seek_and_rate() -> None:
-    """No newer message after a pause; after a seek the last messages there, then the following ones."""
+    """No newer message after a pause; after a seek the last messages there, then later ones."""
     path = trace_of("auv-acoustic")
     with Player(path, port=0, rate=8) as player, client(player.url) as seen:
         seen.subscribe("/plant/output", "/auv/pose", "/link/uplink")
