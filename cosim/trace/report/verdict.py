@@ -177,7 +177,7 @@ def _limits(met: Any, metrics: Mapping[str, Any]) -> str:
     if fraction is None:
         return "not measured"
     if fraction == 0.0 and met is not True:
-        return "not in this run, but in its zero-state run, which measures the gain"
+        return "not in this run, but in the run from the zero state, which measures the gain"
     if fraction == 0.0:
         return "at a limit during none of the time"
     return f"at a limit during {100 * fraction:.3g} % of the time"

@@ -304,7 +304,7 @@ def test_unfinished_run_is_reported_as_cut_short(tmp_path: Path) -> None:
         ("message_age_within_design", {"message_age_s": None, "designed_age_s": 1.0}, "no meas"),
         ("message_age_within_design", {"message_age_s": 0.5, "designed_age_s": 1.0}, "substitute"),
         ("message_age_within_design", {"message_age_s": 0.5, "designed_age_s": 0.0}, "without del"),
-        ("limits_not_reached", {"saturated_fraction": 0.0}, "zero-state run"),
+        ("limits_not_reached", {"saturated_fraction": 0.0}, "from the zero state"),
         ("state_inside_envelope", {"envelope_use": {"u": 1e300}}, "surge beyond all numbers"),
         ("plant_as_designed", {}, "other parameters"),
         ("something_new", {}, "not met"),
