@@ -161,9 +161,8 @@ class _Source:
             return [(s, *column) for s, column in zip(signals, columns, strict=True)], places
         found = []
         for i, signal in enumerate(self._decoder.signals):
-            parts = [part[i] for part in self._parts] or [
-                (blanks(self._decoder.dtypes[i], 0), None)
-            ]
+            empty = blanks(self._decoder.dtypes[i], 0), None
+            parts = [part[i] for part in self._parts] or [empty]
             values = np.concatenate([part for part, _ in parts])
             there = everywhere
             if any(present is not None for _, present in parts):

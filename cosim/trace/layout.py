@@ -270,7 +270,7 @@ def certificate_of(run: Mapping[str, str]) -> dict[str, Any] | None:
 
 
 def parsed_json(data: str | bytes | None) -> Any:
-    """Parse JSON that anybody may have written; None for what is no JSON, NaN and infinity too."""
+    """Parse JSON of any origin; None for text that is no JSON, NaN and infinity included."""
     try:
         return json.loads(data or "null", parse_constant=_refuse)
     except (ValueError, RecursionError):

@@ -76,7 +76,7 @@ def _double(tag: int, values: Reals) -> Bytes:
 
 
 def _message(tag: int, parts: list[Bytes], count: int) -> Bytes:
-    """A field that holds a message of fewer than 128 bytes."""
+    """Encode a field that has a message of fewer than 128 bytes."""
     body = np.hstack([np.zeros((count, 0), np.uint8), *parts])
     head = np.tile(np.array([tag, body.shape[1]], np.uint8), (count, 1))
     return np.hstack([head, body])

@@ -181,7 +181,7 @@ def _wide(tables: dict[str, Table], chosen: dict[str, list[str] | None]) -> Shee
         for name in table.columns if names is None else names:
             there, signal = table.present[name], table.signals[name]
             rows = rows_in_force(table.log_time_ns[there], base)
-            held = sample_and_hold(table[name][there], rows)
+            column = sample_and_hold(table[name][there], rows)
             own = signal_name(topic, name)
-            columns.append(Column(own, signal.unit, signal.description, *held))
+            columns.append(Column(own, signal.unit, signal.description, *column))
     return Sheet(None, columns)

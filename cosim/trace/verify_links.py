@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.trace.check_results import Check, check_result
-from cosim.trace.hold import rows_in_force
 from cosim.trace.layout import output_topic
 from cosim.trace.reader import Table
 
@@ -126,7 +125,8 @@ def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
             yield f"{name} is no output in this trace"
             continue
         table, variable = sender
-        rows = rows_in_force(table.log_time_ns, link.delivered.publish_time_ns)
+        # sample and hold, in file order: rows out of order are another check's finding
+        rows = np.searchsorted(table.log_time_ns, link.delivered.publish_time_ns, "right") - 1
         there = rows >= 0
         if not there.all():
             i = int(np.argmin(there))
