@@ -1,4 +1,4 @@
-"""What became of the assertions of a run: written at its end, read by all that tell of it."""
+"""The results of a run's assertions, as the trace, the summary and the report have them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ Result = Literal["holds", "fails", "undecided"]
 
 @dataclass(frozen=True)
 class AssertionResult:
-    """What became of one assertion.
+    """The result of one assertion.
 
     Attributes
     ----------
     words : the assertion.
-    name : that the scenario gives it; None if it gives none.
-    result : "undecided" where a run was stopped before it could be told.
-    expected : what it was expected to be.
-    at_s : where it was decided: the first point that breaks an `always`, that fulfils an
-        `eventually`, from which a `within` was not fulfilled in time; None where there is none.
+    name : its name in the scenario, or None.
+    result : "undecided" if the run was stopped before it was decided.
+    expected : the expected result.
+    at_s : when it was decided [s]: the first point that breaks an `always`, that fulfils an
+        `eventually`, or from which a `within` was not fulfilled in time; else None.
     """
 
     words: str
@@ -32,12 +32,12 @@ class AssertionResult:
 
     @property
     def as_expected(self) -> bool:
-        """Whether it came out as expected; what a run did not get to is no disappointment."""
+        """Whether the result is the expected one, or undecided."""
         return self.result in (self.expected, "undecided")
 
     @property
     def summary(self) -> str:
-        """Passed, failed or undecided; and what it was, where that is not what one would think."""
+        """Passed, failed or undecided in words, with the result where it was expected to fail."""
         if self.result == "undecided":
             return "undecided: the run ended before"
         if self.expected == "fails":
@@ -46,7 +46,7 @@ class AssertionResult:
         return "passed" if self.as_expected else "failed"
 
     def to_json(self) -> dict[str, Any]:
-        """For `--json` and the trace."""
+        """Return all fields as JSON values, for `--json` and the trace."""
         return {
             "assertion": self.words,
             "name": self.name,
@@ -58,9 +58,9 @@ class AssertionResult:
 
 
 def assertions_in(result: Mapping[str, Any] | None) -> list[AssertionResult]:
-    """The assertions in the result of a trace (as `describe` gives it), those that failed first.
+    """Read the assertions in the result of a trace (from `describe`), failed ones first.
 
-    What others wrote in their place is no assertion.
+    Entries of another form, which other tools may write, are left out.
     """
     listed = (result or {}).get("assertions")
     found = [
@@ -78,6 +78,6 @@ def assertions_in(result: Mapping[str, Any] | None) -> list[AssertionResult]:
 
 
 def failed_in(assertions: list[AssertionResult]) -> str:
-    """How many failed, in words; "" if none did."""
+    """Say how many assertions failed; "" if none did."""
     failed = sum(not each.as_expected for each in assertions)
     return f"{failed} of {len(assertions)} assertions failed" if failed else ""

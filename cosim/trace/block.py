@@ -1,8 +1,8 @@
-"""Thousands of MCAP message records laid out at once, as arrays of bytes.
+"""Lay out thousands of MCAP message records at once, as arrays of bytes.
 
 A message record is `05 | length u64 | channel u16 | sequence u32 | log u64 | publish u64 | data`.
-Rows of one topic have data of one length, so that all their records are one structured array;
-a block puts the records of several topics into one order.
+Rows of one topic have data of one length: all their records are one array. A block has the records
+of several topics in one order.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HEAD = struct.Struct("<BQHIQQ")
 """Head of a message record: opcode, length, channel, sequence, log time, publish time."""
 
 LENGTH_BEFORE = 9
-"""Opcode and length: what the length does not count."""
+"""Bytes of opcode and length, which the length does not count."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Records:
     channel : id of the channel.
     log_ns, publish_ns, sequence : int64 (m,).
     lines : uint8 (m, size), with room for the head in front of the data.
-    rank : orders records of the same log time, int64 (m, keys), or one tuple for all: what has
-        the smaller first key comes first, then the second decides, and so on.
+    rank : order of records of the same log time: ascending in the first key, then the second,
+        and so on; int64 (m, keys), or (keys,) for all.
     """
 
     channel: int
@@ -65,7 +65,7 @@ class Block:
     Attributes
     ----------
     data : all records.
-    ends : where each ends in `data`, int64 (m,).
+    ends : end of each in `data`, int64 (m,).
     channels, log_ns : of each, int64 (m,).
     """
 
@@ -76,15 +76,15 @@ class Block:
 
     @property
     def size(self) -> int:
-        """How many records."""
+        """Number of records."""
         return self.ends.size
 
     def begin(self, i: int) -> int:
-        """Where record i begins."""
+        """Return the beginning of record i in `data`."""
         return int(self.ends[i - 1]) if i else 0
 
     def part(self, first: int, last: int) -> Block:
-        """Records first to last - 1."""
+        """Return records first to last - 1."""
         begin = self.begin(first)
         return Block(
             self.data[begin : int(self.ends[last - 1])],
@@ -95,13 +95,12 @@ class Block:
 
 
 def in_order(parts: Sequence[Records]) -> Block:
-    """One block of all records: by log time, then by rank, then as given."""
-    if len(parts) == 1 and _is_ordered(parts[0]):
-        (part,) = parts
+    """Order all records in one block: by log time, then by rank, then as given."""
+    if len(parts) == 1 and _is_ordered(part := parts[0]):
         m, size = part.lines.shape
         ends = np.arange(1, m + 1, dtype=np.int64) * size
         channels = np.full(m, part.channel, np.int64)
-        # the times are copied: whoever handed them over may use the array again
+        # the times are copied: the caller may use the array again
         return Block(part.lines.reshape(-1).data, ends, channels, part.log_ns.copy())
     counts = [part.log_ns.size for part in parts]
     log = np.concatenate([part.log_ns for part in parts])

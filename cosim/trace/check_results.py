@@ -1,4 +1,4 @@
-"""What a check of a trace comes to."""
+"""The results of checks of a trace."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _MOST_REPORTED = 3
 
 @dataclass(frozen=True)
 class Check:
-    """One thing looked at.
+    """The result of one check.
 
     Attributes
     ----------
-    name : what.
-    verdict : "failed": it is not as it must be; "incomplete": right as far as it goes, but not
-        all is there; "not checked": there is nothing to check it by.
+    name : what was checked.
+    verdict : "failed": something is wrong; "incomplete": nothing is wrong, but something is
+        missing; "not checked": the trace has nothing to check.
     detail : what was found, in words.
     """
 
@@ -29,7 +29,7 @@ class Check:
 
 
 def check_result(name: str, problems: Sequence[str], fine: str) -> Check:
-    """A check that failed if there are problems, of which the first are told."""
+    """Return a check that failed if there are problems, with the first of them as its detail."""
     if not problems:
         return Check(name, "ok", fine)
     more = f"; and {len(problems) - _MOST_REPORTED} more" if len(problems) > _MOST_REPORTED else ""
@@ -37,7 +37,7 @@ def check_result(name: str, problems: Sequence[str], fine: str) -> Check:
 
 
 def with_missing(check: Check, missing: Sequence[str], *, cut: bool) -> Check:
-    """The same, with what is not there: a fault, unless the file is cut short before it."""
+    """Add missing parts to a check: it failed, or is incomplete if the file is cut short."""
     if not missing or check.verdict == "failed":
         return check
     reported = check_result(check.name, missing, "")

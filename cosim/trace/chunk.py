@@ -1,25 +1,19 @@
-"""The chunk in progress: what goes into it, and what it is once it is closed."""
+"""Collect the records of a chunk, and index its messages when it is closed."""
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
 
-from cosim.trace.block import HEAD, LENGTH_BEFORE, Block
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Integers = NDArray[np.int64]
+from cosim.trace.block import HEAD, LENGTH_BEFORE, Block, Integers
 
 
 @dataclass(frozen=True)
 class ClosedChunk:
-    """A chunk that is closed.
+    """A closed chunk.
 
     Attributes
     ----------
@@ -35,10 +29,9 @@ class ClosedChunk:
 
 
 class OpenChunk:
-    """Records one behind the other.
+    """The chunk in progress: records, each appended together with its index entries.
 
-    Each piece goes in with what the index is to say of it in one step, so that an interruption
-    in between two steps leaves nothing half done.
+    An interruption between two steps therefore leaves data and index in agreement.
     """
 
     def __init__(self) -> None:
@@ -47,14 +40,14 @@ class OpenChunk:
         self._pieces: list[tuple[Any, Any, Any, Any]] = []
 
     def declare(self, record: bytes) -> None:
-        """A schema or channel record."""
+        """Append a schema or channel record."""
         self._pieces.append((record, None, None, None))
         self.count += len(record)
 
     def message(
         self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
     ) -> None:
-        """One message."""
+        """Append one message."""
         length = HEAD.size - LENGTH_BEFORE + len(data)
         record = HEAD.pack(Opcode.MESSAGE, length, channel, sequence, log_ns, publish_ns) + data
         self._pieces.append((record, channel, log_ns, None))
@@ -62,13 +55,13 @@ class OpenChunk:
         self.messages += 1
 
     def add(self, block: Block) -> None:
-        """Many messages."""
+        """Append a block of messages."""
         self._pieces.append((block.data, block.channels, block.log_ns, block.ends))
         self.count += len(block.data)
         self.messages += block.size
 
     def seal(self) -> ClosedChunk:
-        """The chunk as it is written; it has a message."""
+        """Close the chunk, which has a message, and index its messages."""
         columns: list[tuple[Any, Any, Any]] = []
         single: list[tuple[int, int, int]] = []
         at = 0
@@ -77,9 +70,7 @@ class OpenChunk:
                 if single:
                     columns.append(tuple(np.array(single, np.int64).T))
                     single = []
-                starts = np.empty(ends.size, np.int64)
-                starts[0], starts[1:] = at, ends[:-1] + at
-                columns.append((channels, log_ns, starts))
+                columns.append((channels, log_ns, np.append(0, ends[:-1]) + at))
             elif channels is not None:
                 single.append((channels, log_ns, at))
             at += len(data)
@@ -92,9 +83,8 @@ class OpenChunk:
         data = self._pieces[0][0]
         if len(self._pieces) > 1:
             data = b"".join([piece[0] for piece in self._pieces])
-        return ClosedChunk(
-            data, int(times.min()), int(times.max()), _index(channels, times, starts)
-        )
+        index = _index(channels, times, starts)
+        return ClosedChunk(data, int(times.min()), int(times.max()), index)
 
 
 def _index(channels: Integers, times: Integers, starts: Integers) -> list[tuple[int, int, bytes]]:
@@ -102,11 +92,6 @@ def _index(channels: Integers, times: Integers, starts: Integers) -> list[tuple[
     pairs[:, 0], pairs[:, 1] = times, starts
     if (channels == channels[0]).all():
         return [(int(channels[0]), times.size, pairs.tobytes())]
-    index = []
-    for channel in np.flatnonzero(np.bincount(channels)).tolist():
-        mine = np.flatnonzero(channels == channel)
-        index.append((int(mine[0]), channel, pairs[mine]))
-    return [(channel, len(own), own.tobytes()) for _, channel, own in sorted(index, key=_FIRST)]
-
-
-_FIRST = operator.itemgetter(0)
+    members = [np.flatnonzero(channels == c) for c in np.flatnonzero(np.bincount(channels))]
+    members.sort(key=lambda mine: int(mine[0]))
+    return [(int(channels[mine[0]]), mine.size, pairs[mine].tobytes()) for mine in members]

@@ -1,38 +1,33 @@
-"""The columns of many rows as protobuf has them: how long each value is, and its bytes."""
+"""Encode columns of many rows as protobuf fields: the length of each value, and its bytes."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
+from cosim.trace.layout import Signal
 from cosim.trace.wire import (
     FIXED64,
     LENGTH,
     VARINT,
+    Bytes,
+    Integers,
     field_tag,
     put_varints,
     varint,
     varint_lengths,
 )
 
-if TYPE_CHECKING:
-    from cosim.trace.layout import Signal
-
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 Mine = NDArray[np.intp] | slice
 
 
 class Column:
-    """One field of many rows, present in all of them.
-
-    `size` is the number of bytes, tag included: one for all rows, or int64 (m,).
-    """
+    """One field of many rows, present in each; `size` [bytes], tag included: int, or int64 (m,)."""
 
     def __init__(self, head: bytes, size: int | Integers) -> None:
         self._head = np.frombuffer(head, np.uint8)
@@ -41,7 +36,7 @@ class Column:
             self.size = int(size[0])
 
     def size_of(self, mine: Mine) -> int:
-        """Bytes in rows that share their shape."""
+        """Return the bytes of the field in the rows `mine`, which have one shape."""
         return self.size if isinstance(self.size, int) else int(self.size[mine][0])
 
     def put(self, into: Bytes, mine: Mine) -> None:
@@ -78,7 +73,8 @@ class _Whole(Column):
 
 class _Texts(Column):
     def __init__(self, number: int, values: Sequence[str]) -> None:
-        known = {text: varint(len(data)) + data for text, data in _encoded(values).items()}
+        encoded = {text: text.encode() for text in set(values)}
+        known = {text: varint(len(data)) + data for text, data in encoded.items()}
         self._values = [known[text] for text in values]
         head = field_tag(number, LENGTH)
         sizes = np.fromiter(map(len, self._values), np.int64, len(self._values))
@@ -91,18 +87,12 @@ class _Texts(Column):
         into[:] = np.frombuffer(b"".join(chosen), np.uint8).reshape(into.shape)
 
 
-def _encoded(values: Sequence[str]) -> dict[str, bytes]:
-    return {text: text.encode() for text in set(values)}
-
-
 def columns_of_doubles(
     topic: str, signals: Sequence[Signal], rows: NDArray[np.float64]
 ) -> list[Column]:
-    """Columns of rows of doubles; integers and booleans among them are exact.
+    """Return the columns of rows of doubles, which stand for integers and booleans too.
 
-    Raises
-    ------
-    InputError : a double where the signal is a string, an integer or a boolean that it is not.
+    `InputError` for a double that is not of its signal's kind.
     """
     columns: list[Column] = []
     for j, signal in enumerate(signals):
@@ -130,7 +120,7 @@ def columns_of_doubles(
 def columns_of_rows(
     signals: Sequence[Signal], rows: Sequence[Sequence[Any]]
 ) -> list[Column] | None:
-    """Columns of lists of values of the signals' kinds; None where a row or value is unusual."""
+    """Return the columns of rows of the signals' kinds; None if a value is absent or unusual."""
     if any(len(row) != len(signals) for row in rows):
         return None
     try:

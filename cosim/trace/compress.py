@@ -1,4 +1,4 @@
-"""Chunks on their way to the disk, made small: two at a time where there are two processors."""
+"""Compress chunks, two at a time where there are two processors."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ Data = bytes | memoryview
 
 
 class Compressor:
-    """Compresses chunk after chunk.
+    """A compressor of chunks.
 
-    zstd at its usual level; where that gains little (full doubles: their digits are noise), at
-    the fast one, which there loses a hundredth and takes half the time. The first of every
+    It uses zstd at the default level; for data that hardly compress (doubles full of noise) at
+    level 1, which takes half the time for a file one hundredth larger. The first of every
     `WINDOW` chunks decides for the others, so that the bytes depend on the chunks alone.
 
     Parameters
     ----------
-    name : as MCAP has it: "zstd", "lz4", or "" for none.
+    name : as in MCAP: "zstd", "lz4", or "" for none.
     """
 
     WINDOW = 24
     LITTLE = 0.75
-    """Share of its size from which on a chunk counts as hardly compressible."""
+    """Compressed share of its size above which a chunk counts as hardly compressible."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        # the second of each pair is the helper's: none may be used by two threads at once
+        # the second of each pair is for the helper thread: zstd's are not thread-safe
         self._usual = [zstandard.ZstdCompressor() for _ in range(2)]
         self._fast = [zstandard.ZstdCompressor(level=1) for _ in range(2)]
         self._level = self._usual
         self._left = 0
 
     def __call__(self, chunks: Sequence[Data]) -> list[Data]:
-        """Return the chunks' data as the file has it."""
+        """Return the compressed data of each chunk."""
         if self.name == "":
             return list(chunks)
         if self.name == "lz4":
@@ -69,7 +69,7 @@ _helper: ThreadPoolExecutor | None = None
 
 
 def _ask(work: Callable[[], list[bytes]]) -> Future[list[bytes]] | None:
-    """Have it done by another thread; None where that cannot be or would not help."""
+    """Run work in another thread; None where that is impossible or would not help."""
     global _helper  # noqa: PLW0603 - one thread for all traces of the process
     if (os.cpu_count() or 1) < 2:
         return None

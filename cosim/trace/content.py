@@ -1,4 +1,4 @@
-"""The content hash: equal for two runs that did the same, wherever and however written.
+"""The content hash: equal for two runs that did the same, whatever the host and compression.
 
 SHA-256 over two digests, each of length-prefixed parts (so that no two contents give the same
 bytes):
@@ -6,17 +6,18 @@ bytes):
 - messages, in file order: a digest of the channel (topic, message encoding, schema name,
   encoding and data, channel metadata sorted by key), log time, publish time, sequence, payload;
 - metadata records, in file order: name and entries sorted by key, without the keys that begin
-  with `host.`, and without the record that says that a file was recovered.
+  with `host.`, and without the record of a recovery.
 
 Not covered: compression, chunking, schema and channel ids, indexes, the writing library, and
-attachments, whose hashes belong into `cosim.run`.
+attachments, whose hashes belong in `cosim.run`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from os import PathLike
 
 import numpy as np
 
@@ -24,10 +25,6 @@ from cosim.trace.declared import Channel
 from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC, RECOVERED
 from cosim.trace.messages import Messages
 from cosim.trace.reader import Trace
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from os import PathLike
 
 _VERSION = b"auv-cosim content 1"
 _HEAD = np.dtype(
@@ -42,9 +39,9 @@ _HEAD = np.dtype(
 
 
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
-    """Content hash of a trace, as 64 hexadecimal digits.
+    """Return the content hash of a trace, as 64 hexadecimal digits.
 
-    `incomplete` as in `Trace`: the hash of a file cut short is that of what it still holds.
+    `incomplete` as in `Trace`: of a file cut short, the part that can be read is hashed.
 
     Raises
     ------
@@ -54,7 +51,7 @@ def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -
 
 
 def content_hash_of(trace: Trace) -> str:
-    """Content hash of a trace already open."""
+    """Return the content hash of an open trace."""
     trace.check()
     messages = hashlib.sha256()
     heads = {number: _channel(channel) for number, channel in trace.channels.items()}
@@ -62,16 +59,15 @@ def content_hash_of(trace: Trace) -> str:
         messages.update(_block(block, heads))
     metadata = hashlib.sha256()
     for name, entries in trace.metadata:
-        if name == RECOVERED:
-            continue
-        metadata.update(_joined([name.encode(), *_entries(entries)]))
+        if name != RECOVERED:
+            metadata.update(_joined([name.encode(), *_entries(entries)]))
     return hashlib.sha256(_VERSION + messages.digest() + metadata.digest()).hexdigest()
 
 
 def begins_with(whole: Trace, part: Trace) -> bool:
-    """Whether every topic of a trace begins with the messages that another has, bit for bit.
+    """Whether every topic of `part` is the beginning of the same topic of `whole`, bit for bit.
 
-    But for /log, where a run that was cut short says so.
+    The topic /log is not compared: a run that was stopped early logs that.
     """
     counts = {t: info.count for t, info in part.topics.items() if info.count and t != LOG_TOPIC}
     if any(t not in whole.topics or whole.topics[t].count < n for t, n in counts.items()):
@@ -80,7 +76,7 @@ def begins_with(whole: Trace, part: Trace) -> bool:
 
 
 def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
-    """Digest of the first messages of each topic."""
+    """Return the digest of the first messages of each topic."""
     heads = {number: _channel(channel) for number, channel in trace.channels.items()}
     digests = {topic: hashlib.sha256() for topic in counts}
     left = dict(counts)
@@ -96,7 +92,7 @@ def _beginnings(trace: Trace, counts: Mapping[str, int]) -> dict[str, bytes]:
 
 
 def _block(block: Messages, heads: Mapping[int, bytes]) -> memoryview:
-    """Channel, times and payload of each message, one behind the other, laid out at once."""
+    """Lay out channel, times, sequence, size and payload of all messages at once, in order."""
     sizes = block.sizes + _HEAD.itemsize
     ends = np.cumsum(sizes)
     out = np.empty(int(ends[-1]) if ends.size else 0, np.uint8)
@@ -129,8 +125,5 @@ def _entries(entries: Mapping[str, str]) -> list[bytes]:
 
 def _joined(parts: Iterable[bytes]) -> bytes:
     parts = list(parts)
-    return b"".join([struct.pack("<Q", len(parts))] + [_prefixed(part) for part in parts])
-
-
-def _prefixed(part: bytes) -> bytes:
-    return struct.pack("<Q", len(part)) + part
+    prefixed = [struct.pack("<Q", len(part)) + part for part in parts]
+    return struct.pack("<Q", len(parts)) + b"".join(prefixed)

@@ -1,4 +1,4 @@
-"""Where everything lies in an MCAP file, as its summary or a scan finds it."""
+"""The places of everything in an MCAP file, from its summary or a scan."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Segment:
 
     Attributes
     ----------
-    position, size : of its records in the file.
+    position, size : of its records in the file [bytes].
     chunk : whether it is a chunk.
-    index_size : bytes of the message indexes behind it.
-    channels : ids of its messages' channels; None if that is not known yet.
+    index_size : size of the message indexes behind it [bytes].
+    channels : ids of its messages' channels; None if not known yet.
     start_ns, end_ns : least and greatest log time of its messages.
-    damaged : whether it could be read in part only.
+    damaged : whether only a part of it can be read.
     """
 
     position: int
@@ -41,17 +41,17 @@ class Segment:
 
 @dataclass(slots=True)
 class Contents:
-    """What is in a file, and where.
+    """The contents of a file, and their places.
 
     Attributes
     ----------
-    library : who wrote it, as its header says.
-    counts : messages by id of their channel.
-    spans : least and greatest log time by id; None where only the data can tell.
+    library : the writing library, from the file's header.
+    counts : number of messages by channel id.
+    spans : least and greatest log time by channel id; None if the data must be read for them.
     metadata : name and entries of each record, in file order.
     attachments : position and size of the record of each, by name.
-    damage : where and why it could not be read on; None if it is whole.
-    scanned : whether all of it was gone through, with every checksum.
+    damage : where and why reading stopped; None if the file is whole.
+    scanned : whether all records were read and every checksum was checked.
     """
 
     library: str = ""
@@ -69,7 +69,7 @@ class Contents:
 def declared_only(
     messages: Messages, declared: Declarations
 ) -> tuple[Messages, DamageError | None]:
-    """Messages up to the first on a channel that is not declared."""
+    """Return the messages before the first on an undeclared channel, and the damage if any."""
     strange = ~on_channels(messages, declared.channels)
     if not strange.any():
         return messages, None

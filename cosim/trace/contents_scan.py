@@ -1,4 +1,4 @@
-"""What is in an MCAP file by going through it from its front, as far as it can be read."""
+"""Read the contents of an MCAP file by a scan from its front, as far as it is whole."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LOOSE_BYTES = 2**22
 
 
 def by_scan(path: Path) -> Contents:
-    """Contents by going through the whole file; `damage` says how far it could be read.
+    """Return the contents by a scan of the whole file; `damage` says where it stopped, and why.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What an MCAP file declares before it uses it: schemas and channels."""
+"""The schemas and channels that an MCAP file declares."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class Channel:
 
 
 class Declarations:
-    """Schemas and channels by id; a second declaration must be like the first."""
+    """The schemas and channels of a file by id; a second declaration must equal the first."""
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {0: Schema()}
         self.channels: dict[int, Channel] = {}
 
     def add_schema(self, content: bytes | memoryview) -> None:
-        """A schema record; `DamageError` for id 0, or one declared otherwise before."""
+        """Add a schema record; `DamageError` for id 0, or if it differs from an earlier one."""
         fields = Cursor(content)
         schema_id = fields.number(2)
         name, encoding = fields.text(), fields.text()
@@ -44,7 +44,7 @@ class Declarations:
             raise DamageError(f"schema {schema_id} is declared twice, not alike")
 
     def add_channel(self, content: bytes | memoryview) -> None:
-        """A channel record; `DamageError` without its schema, or one declared otherwise before."""
+        """Add a channel record; `DamageError` without schema, or if it differs from an earlier."""
         fields = Cursor(content)
         channel_id, schema_id = fields.number(2), fields.number(2)
         topic, encoding = fields.text(), fields.text()
@@ -55,5 +55,5 @@ class Declarations:
             raise DamageError(f"channel {channel_id} is declared twice, not alike")
 
     def of_topic(self, topic: str) -> dict[int, Channel]:
-        """Channels of a topic by id; other tools have several."""
+        """Return the channels of a topic by id; files of other tools may have several."""
         return {i: channel for i, channel in self.channels.items() if channel.topic == topic}

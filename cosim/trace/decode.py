@@ -1,27 +1,22 @@
-"""Protobuf rows of one topic to NumPy columns."""
+"""Decode the protobuf rows of one topic to NumPy columns."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
 
-from cosim.trace.layout import message_class, signal_of
+from cosim.trace.hold import blanks
+from cosim.trace.layout import DTYPES, Kind, Signal, message_class, signal_of
+from cosim.trace.messages import Messages
 from cosim.trace.template import Template, template
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from google.protobuf.descriptor import Descriptor
-    from numpy.typing import NDArray
-
-    from cosim.trace.layout import Kind, Signal
-    from cosim.trace.messages import Messages
-
-    Column = tuple[NDArray[Any], NDArray[np.bool_] | None]
+Column = tuple[NDArray[Any], NDArray[np.bool_] | None]
 
 _KINDS: Mapping[int, Kind] = {
     FieldDescriptor.CPPTYPE_DOUBLE: "float",
@@ -33,23 +28,15 @@ _KINDS: Mapping[int, Kind] = {
     FieldDescriptor.CPPTYPE_BOOL: "bool",
     FieldDescriptor.CPPTYPE_STRING: "string",
 }
-"""What becomes a column; repeated fields, bytes and uint64 do not."""
-
-_ABSENT: Mapping[Kind, Any] = {"float": np.nan, "int": 0, "bool": False, "string": ""}
-_DTYPES: Mapping[Kind, Any] = {
-    "float": np.float64,
-    "int": np.int64,
-    "bool": np.bool_,
-    "string": object,
-}
+"""Types that become a column; repeated fields, bytes and uint64 do not."""
 
 MAX_DEPTH = 8
 """Messages nested deeper are left out (a message may contain itself)."""
 
 _LAYOUTS = 8
-"""Layouts of one length that are tried before protobuf's parser takes the rest."""
+"""Most layouts of one length; rows of others are parsed by protobuf."""
 _WORTH = 16
-"""Rows per length, on average, from which on rows of one length are taken together."""
+"""Least average number of rows per length for decoding rows of one length together."""
 
 
 class _Leaf(NamedTuple):
@@ -58,12 +45,12 @@ class _Leaf(NamedTuple):
 
 
 class RowDecoder:
-    """Decodes the rows of one schema.
+    """A decoder of the rows of one schema.
 
     Parameters
     ----------
     schema_name, schema_data : of the MCAP schema record (a FileDescriptorSet).
-    metadata : of the channel; gives the columns their FMI names.
+    metadata : of the channel; with the FMI names of the columns.
 
     Raises
     ------
@@ -80,23 +67,20 @@ class RowDecoder:
         self._paths = [leaf.path for leaf in self._leaves]
         self._known: dict[int, Template] = {}
         self.signals = _signals(self._leaves, metadata)
-        self.dtypes = [_DTYPES[leaf.kind] for leaf in self._leaves]
+        self.dtypes = [DTYPES[leaf.kind] for leaf in self._leaves]
 
     def __call__(self, messages: Messages) -> list[Column]:
-        """A column per signal: values, and where there is one (None: everywhere).
+        """Return a column per signal: values, and where they are present (None: everywhere).
 
-        Where there is none, it holds NaN, 0, False or "".
-
-        Raises
-        ------
-        ValueError : a message is not of the schema.
+        An absent value is NaN, 0, False or "". `ValueError` if a message does not fit the schema.
         """
         parts = list(messages.by_size()) if _few(messages.sizes) else []
         if len(parts) == 1:
             made = self._template(parts[0][1])
             if made is not None and made.fits(parts[0][1]).all():
                 return self._alike(made, parts[0][1])
-        columns = [_blank(leaf.kind, len(messages)) for leaf in self._leaves]
+        count = len(messages)
+        columns = [(blanks(d, count), np.zeros(count, np.bool_)) for d in self.dtypes]
         if not parts and len(messages):
             self._parsed(messages, np.arange(len(messages)), columns)
         for which, rows in parts:
@@ -104,7 +88,7 @@ class RowDecoder:
         return [(values, None if present.all() else present) for values, present in columns]
 
     def _template(self, rows: NDArray[np.uint8]) -> Template | None:
-        """The layout of the first row; made anew only where the one before does not fit."""
+        """Return the layout of the first row: the last one of this length, if that fits."""
         known = self._known.get(rows.shape[1])
         if known is not None and known.fits(rows[:1])[0]:
             return known
@@ -114,17 +98,16 @@ class RowDecoder:
         return made
 
     def _alike(self, made: Template, rows: NDArray[np.uint8]) -> list[Column]:
-        """Columns of rows that are all laid out alike."""
+        """Return the columns of rows that all have one layout."""
         values = made.values(rows)
         columns: list[Column] = []
-        for i, leaf in enumerate(self._leaves):
+        for i, (leaf, dtype) in enumerate(zip(self._leaves, self.dtypes, strict=True)):
             if i in values:
-                columns.append((np.array(values[i], _DTYPES[leaf.kind]), None))
-                continue
-            blank, nowhere = _blank(leaf.kind, len(rows))
-            if i in made.defaults:
-                blank[:] = leaf.path[-1].default_value
-            columns.append((blank, None if i in made.defaults else nowhere))
+                columns.append((np.array(values[i], dtype), None))
+            elif i in made.defaults:
+                columns.append((np.full(len(rows), leaf.path[-1].default_value, dtype), None))
+            else:
+                columns.append((blanks(dtype, len(rows)), np.zeros(len(rows), np.bool_)))
         return columns
 
     def _fill(
@@ -134,7 +117,7 @@ class RowDecoder:
         rows: NDArray[np.uint8],
         columns: Sequence[tuple[NDArray[Any], NDArray[np.bool_]]],
     ) -> None:
-        """Enter rows of one length, layout by layout; what is left goes through protobuf."""
+        """Decode rows of one length, layout by layout, and the rest by protobuf's parser."""
         left = np.arange(which.size)
         for _ in range(_LAYOUTS):
             made = self._template(rows[left]) if left.size else None
@@ -157,7 +140,7 @@ class RowDecoder:
         which: NDArray[np.int64],
         columns: Sequence[tuple[NDArray[Any], NDArray[np.bool_]]],
     ) -> None:
-        """Enter rows by protobuf's own parser."""
+        """Decode rows by protobuf's own parser."""
         for k, payload in zip(which, messages.part(which).payloads(), strict=True):
             try:
                 message = self._message.FromString(bytes(payload))
@@ -170,16 +153,12 @@ class RowDecoder:
 
 
 def _few(sizes: NDArray[np.int64]) -> bool:
-    """Whether rows of one length are worth being taken together."""
+    """Whether there are so few lengths that rows of one length are decoded together."""
     return bool(np.unique(sizes).size <= max(1, sizes.size // _WORTH))
 
 
-def _blank(kind: Kind, count: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    return np.full(count, _ABSENT[kind], _DTYPES[kind]), np.zeros(count, np.bool_)
-
-
 def _in_order(files: FileDescriptorSet) -> FileDescriptorSet:
-    """Files sorted so that each comes after those it depends on; duplicates are an error."""
+    """Sort files so that each comes after those it depends on; `ValueError` for duplicates."""
     waiting = {file.name: file for file in files.file}
     if len(waiting) < len(files.file):
         raise ValueError("a file appears twice")
@@ -206,19 +185,15 @@ def _leaves(message: Descriptor, path: tuple[FieldDescriptor, ...]) -> Iterator[
 
 
 def _types(path: tuple[FieldDescriptor, ...]) -> set[Any]:
-    """Message types on the way down, so that a message inside itself ends there."""
+    """Return the message types along a path, to stop where a message contains itself."""
     return {field.containing_type for field in path} | {field.message_type for field in path}
 
 
 def _signals(leaves: Sequence[_Leaf], metadata: Mapping[str, str]) -> tuple[Signal, ...]:
-    signals = []
-    for leaf in leaves:
-        dotted = ".".join(field.name for field in leaf.path)
-        signals.append(signal_of(dotted, leaf.kind, metadata))
-    if len({signal.name for signal in signals}) < len(signals):  # metadata that names two alike
-        signals = [
-            signal_of(".".join(field.name for field in leaf.path), leaf.kind, {}) for leaf in leaves
-        ]
+    names = [".".join(field.name for field in leaf.path) for leaf in leaves]
+    signals = [signal_of(n, leaf.kind, metadata) for n, leaf in zip(names, leaves, strict=True)]
+    if len({signal.name for signal in signals}) < len(signals):  # metadata repeat a name
+        signals = [signal_of(n, leaf.kind, {}) for n, leaf in zip(names, leaves, strict=True)]
     return tuple(signals)
 
 

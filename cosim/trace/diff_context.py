@@ -1,4 +1,4 @@
-"""What two runs were: the scenario as text, the design, and what the traces say of themselves."""
+"""Compare the metadata and attachments of two traces: scenario, design, run and result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LONGEST = 100
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """An entry that differs; None where there is none."""
+    """An entry that differs; a value is None where the entry is absent."""
 
     where: str
     key: str
@@ -28,13 +28,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What differs beside the signals.
+    """Differences of metadata and attachments.
 
     Attributes
     ----------
-    texts : attached texts (the scenario) by name: the lines that differ, as `diff -u`.
-    entries : of `cosim.run`, `cosim.result` and attached JSON (the design), one by one.
-    left_out : how many more entries there are.
+    texts : attached texts (the scenario) by name: the lines that differ, as by `diff -u`.
+    entries : entries of `cosim.run`, `cosim.result` and attached JSON (the design) that differ.
+    left_out : number of further entries that differ.
     """
 
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -54,18 +54,19 @@ def context_of(a: Trace, b: Trace) -> Context:
         if one == two:
             continue
         if one is None or two is None:
-            changes.append(Change("attachment", name, _there(one), _there(two)))
+            sizes = (None if data is None else f"{len(data)} bytes" for data in (one, two))
+            changes.append(Change("attachment", name, *sizes))
         elif name.endswith(".json"):
             changes += _json_changes(name, one, two)
         else:
             texts[name] = _lines(one, two)
-    # numbers of a proof say least, and are many
+    # the numbers of a proof are many and tell a reader least: last
     changes.sort(key=lambda change: change.key.startswith(("variables", "system")))
     return Context(texts, tuple(changes[:_MOST_ENTRIES]), max(0, len(changes) - _MOST_ENTRIES))
 
 
 def _open(entries: Mapping[str, str]) -> dict[str, Any]:
-    """Entries with those that are JSON objects opened, without those of the host."""
+    """Parse the entries that are JSON objects, and leave out those of the host."""
     found: dict[str, Any] = {}
     for key, text in entries.items():
         if not key.startswith(HOST_PREFIX):
@@ -82,8 +83,7 @@ def _parsed(data: bytes) -> Any:
 
 
 def _json_changes(name: str, one: bytes, two: bytes) -> list[Change]:
-    first, second = _parsed(one), _parsed(two)
-    found = list(_changes(name, first, second))
+    found = list(_changes(name, _parsed(one), _parsed(two)))
     return found or [Change(name, "bytes", f"{len(one)} bytes", f"{len(two)} other bytes")]
 
 
@@ -104,10 +104,6 @@ def _short(value: Any) -> str | None:
         return None
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
-
-
-def _there(data: bytes | None) -> str | None:
-    return None if data is None else f"{len(data)} bytes"
 
 
 def _lines(one: bytes, two: bytes) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A comparison of two traces as JSON and as lines of text."""
+"""Format a comparison of two traces: as JSON and as lines of text."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
+from cosim.trace.diff_links import LinkDiff
 from cosim.trace.diff_signals import Diff, SignalDiff
 
 
 def diff_json(found: Diff) -> dict[str, Any]:
-    """Everything, JSON-safe: numbers that are not finite are None."""
+    """Return the whole comparison as JSON values; numbers that are not finite are None."""
     first = found.parted[0] if found.parted else None
     return {
         "a": found.paths[0],
@@ -20,21 +21,11 @@ def diff_json(found: Diff) -> dict[str, Any]:
         "equal": found.equal,
         "first": None if first is None else {"signal": first.name, "time_s": first.first_s},
         "ends_s": _pair(found.ends_s),
-        "signals": [_signal(signal) for signal in found.signals],
+        "signals": [_fields(signal) for signal in found.signals],
         "only": {"a": list(found.only[0]), "b": list(found.only[1])},
         "other_bytes": list(found.other_bytes),
         "links": [
-            {
-                "link": link.link,
-                "differs": link.differs,
-                "delivered": _pair(link.delivered),
-                "dropped": _pair(link.dropped),
-                "only": _pair(link.only),
-                "other_times": link.other_times,
-                "largest_shift_s": link.largest_shift_s,
-                "first_s": link.first_s,
-            }
-            for link in found.links
+            {"link": link.link, "differs": link.differs, **_fields(link)} for link in found.links
         ],
         "log_lines": _pair(found.log_lines),
         "texts": {name: list(lines) for name, lines in found.context.texts.items()},
@@ -47,24 +38,13 @@ def _pair(both: tuple[Any, Any]) -> dict[str, Any]:
     return {"a": both[0], "b": both[1]}
 
 
-def _signal(signal: SignalDiff) -> dict[str, Any]:
-    return {
-        "name": signal.name,
-        "topic": signal.topic,
-        "unit": signal.unit,
-        "rows": _pair(signal.rows),
-        "compared": signal.compared,
-        "differing": signal.differing,
-        "max_abs": signal.max_abs,
-        "max_rel": signal.max_rel,
-        "max_at_s": signal.max_at_s,
-        "first_s": signal.first_s,
-        "sample_and_hold": signal.sample_and_hold,
-    }
+def _fields(item: SignalDiff | LinkDiff) -> dict[str, Any]:
+    """Return the fields of a dataclass; a tuple holds the first trace's value and the second's."""
+    return {k: _pair(v) if isinstance(v, tuple) else v for k, v in asdict(item).items()}
 
 
 def diff_verdict(found: Diff) -> str:
-    """One sentence: identical, equal, or the first to part."""
+    """Say in one sentence whether the traces are identical or equal, or what differs first."""
     if found.identical:
         return "identical"
     if found.parted:
@@ -76,31 +56,35 @@ def diff_verdict(found: Diff) -> str:
 
 
 def differences(found: Diff) -> Iterator[str]:
-    """What differs, line by line: signals in the order in which they part, then the rest."""
-    yield from (_parting(signal) for signal in found.parted)
+    """Yield one line per difference: signals by the time of their first difference, then the rest.
+
+    What differs is a signal, topic, link, end time, log, metadata entry or attached text.
+    """
+    yield from (_signal_line(signal) for signal in found.parted)
     for name, only in zip(("first", "second"), found.only, strict=True):
         yield from (f"{what}: only in the {name} trace" for what in only)
     yield from (f"{topic}: other messages" for topic in found.other_bytes)
     for link in found.links:
         if link.differs:
             yield (
-                f"link {link.link}: delivered {link.delivered[0]}, then {link.delivered[1]}; "
-                f"{link.only[0]} and {link.only[1]} that the other did not, "
-                f"{link.other_times} at other times; dropped {link.dropped[0]}, {link.dropped[1]}"
+                f"link {link.link}: delivered {link.delivered[0]} and {link.delivered[1]} messages "
+                f"({link.only[0]} and {link.only[1]} in one trace only, "
+                f"{link.other_times} at other times); dropped {link.dropped[0]} and "
+                f"{link.dropped[1]}"
             )
     if not found.same_end:
         yield f"the first ends at t = {found.ends_s[0]:g} s, the second at {found.ends_s[1]:g} s"
     if any(found.log_lines):
-        yield f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of their own"
+        yield f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines in one trace only"
     for change in found.context.entries:
-        yield f"{change.where} {change.key}: {change.a}, then {change.b}"
-    yield from (f"{name}: other lines" for name in found.context.texts)
+        yield f"{change.where} {change.key}: {change.a} in the first, {change.b} in the second"
+    yield from (f"{name}: the text differs" for name in found.context.texts)
 
 
-def _parting(signal: SignalDiff) -> str:
+def _signal_line(signal: SignalDiff) -> str:
     most = "unlike" if signal.max_abs is None else f"at most {signal.max_abs:.3g}"
     unit = f" {signal.unit}" if signal.unit and signal.max_abs is not None else ""
     of_link = signal.name.startswith("/")
     own = signal.name.partition(":")[2] if of_link else signal.name.partition(".")[2]
-    sample_and_hold = ", as held (rows at other times)" if signal.sample_and_hold else ""
-    return f"{signal.topic} {own}: from t = {signal.first_s:g} s, {most}{unit}{sample_and_hold}"
+    note = ", sample and hold (rows at other times)" if signal.sample_and_hold else ""
+    return f"{signal.topic} {own}: from t = {signal.first_s:g} s, {most}{unit}{note}"

@@ -1,4 +1,4 @@
-"""Two links side by side, message by message: what one delivered and the other did not."""
+"""Compare the messages of the links of two traces."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class LinkDiff:
-    """One link in both traces; messages are the same if their sequence numbers are.
+    """One link in both traces; messages of equal sequence number are compared.
 
     Attributes
     ----------
-    delivered, dropped : how many, in each.
-    only : messages that one of them alone delivered, in each.
-    other_times : messages that both delivered, at another instant or sent at another.
-    largest_shift_s : the most by which one of those came later in one than in the other.
-    first_s : the first instant at which the two links differ; None if they do not.
+    delivered, dropped : number of messages in each.
+    only : number of messages that only this trace delivered, in each.
+    other_times : number of messages that both delivered, sent or delivered at other instants.
+    largest_shift_s : largest difference of the delivery times of one message [s].
+    first_s : first instant at which the deliveries differ [s]; None if they do not.
     """
 
     link: str
@@ -38,12 +38,12 @@ class LinkDiff:
 
     @property
     def differs(self) -> bool:
-        """Whether any message does."""
+        """Whether deliveries or the number of dropped messages differ."""
         return self.first_s is not None or self.dropped[0] != self.dropped[1]
 
 
 def compare_links(a: Trace, b: Trace, *, prefix: bool = False) -> Iterator[LinkDiff]:
-    """Every link that both have; `prefix`: as much of b as a has."""
+    """Compare every link that both traces have; with `prefix`, only as many messages as a has."""
     theirs = link_names(b)
     for link in link_names(a):
         if link in theirs:
@@ -62,8 +62,7 @@ def _compare(a: Trace, b: Trace, link: str, *, prefix: bool) -> LinkDiff:
         two = two.part(np.arange(min(len(one), len(two))))
         drops[1] = drops[1][: drops[0].size]
     keys = _numbered(one.sequence), _numbered(two.sequence)
-    common, i, j = np.intersect1d(*keys, assume_unique=True, return_indices=True)
-    del common
+    _, i, j = np.intersect1d(*keys, assume_unique=True, return_indices=True)
     alone = np.ones(len(one), np.bool_), np.ones(len(two), np.bool_)
     alone[0][i], alone[1][j] = False, False
     shift = two.log_time_ns[j] - one.log_time_ns[i]
@@ -87,7 +86,7 @@ def _compare(a: Trace, b: Trace, link: str, *, prefix: bool) -> LinkDiff:
 
 
 def _numbered(sequence: Integers) -> Integers:
-    """A key per message: its sequence number, and the how-manieth of that number it is."""
+    """Return a key per message: its sequence number, and its place among those of this number."""
     order = np.argsort(sequence, kind="stable")
     in_order = sequence[order]
     begins = np.append(True, np.diff(in_order) != 0) if sequence.size else np.zeros(0, np.bool_)

@@ -1,4 +1,4 @@
-"""The signals that part most, both traces over each other."""
+"""Draw the signals that differ most between two traces."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _COLOURS = ("#0b6e99", "#d1495b")
 
 
 def worst(found: Diff) -> list[SignalDiff]:
-    """The signals for a picture: the first to part, then those furthest apart for their size.
+    """Choose at most `MAX_SIGNALS` to draw: the first to differ, then by relative difference.
 
-    At most `MAX_SIGNALS`; what components send comes before its copies on links and at receivers.
+    Outputs of components come before their copies on links and at receivers.
     """
     drawable = [signal for signal in found.parted if signal.max_abs is not None]
     first, rest = drawable[:1], drawable[1:]
@@ -30,7 +30,7 @@ def worst(found: Diff) -> list[SignalDiff]:
 
 
 def draw_diff(found: Diff, target: Path) -> Path | None:
-    """A picture of `worst` signals; None, and no file, where no signal parts.
+    """Draw both traces over each other for the `worst` signals; None, no file, if none differs.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def draw_diff(found: Diff, target: Path) -> Path | None:
         if labels[0] == labels[1]:
             labels = list(found.paths)
         axes[0][0].legend(axes[0][0].get_lines()[:2], labels, loc="best")
-        axes[0][0].set_title("both (dotted: the first to part)")
+        axes[0][0].set_title("both (dotted: first difference)")
         axes[0][1].set_title("second minus first")
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")

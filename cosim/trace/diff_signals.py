@@ -1,14 +1,15 @@
-"""Two traces side by side: which signals part, when first, and by how much.
+"""Compare two traces: which signals differ, from when on, and by how much.
 
 Where a topic has rows at the same instants in both, they are compared row by row. Else (another
-rate, other arrivals) what was in force is compared at every instant at which one of them has a
-row, from where both have begun to where the shorter trace ends.
+rate, other arrivals) the values in force are compared (sample and hold) at every instant of a row
+of either, from where both have begun to where the shorter trace ends.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 
@@ -18,7 +19,7 @@ from cosim.trace.content import content_hash_of
 from cosim.trace.diff_context import Context, context_of
 from cosim.trace.diff_links import LinkDiff, compare_links
 from cosim.trace.hold import rows_in_force, sample_and_hold
-from cosim.trace.layout import LOG_TOPIC, component_of
+from cosim.trace.layout import LOG_TOPIC, signal_name
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
 from cosim.trace.tolerance import Tolerances, distances, exceeds
@@ -31,11 +32,11 @@ class SignalDiff:
     Attributes
     ----------
     name : as `Trace.signal` takes it.
-    rows : how many in each.
-    compared, differing : instants compared, and those at which the values are too far apart.
+    rows : number of rows in each.
+    compared, differing : number of instants compared, and of those beyond the tolerance.
     max_abs, max_rel : largest differences, None where values are no finite numbers.
-    max_at_s, first_s : when the largest difference is, and when the first too large one.
-    sample_and_hold : whether rows are at other instants, and what was in force was compared.
+    max_at_s, first_s : time of the largest difference, and of the first beyond the tolerance [s].
+    sample_and_hold : whether the rows are at other instants, and values in force were compared.
     """
 
     name: str
@@ -53,17 +54,17 @@ class SignalDiff:
 
 @dataclass(frozen=True, slots=True)
 class Diff:
-    """Two traces side by side.
+    """The comparison of two traces; pairs belong to the first trace and the second.
 
     Attributes
     ----------
-    identical : equal content hashes; then nothing else was looked at.
-    signals : of both, in the order of the first trace.
-    only : topics and signals that one of them alone has.
-    other_bytes : topics that are no columns (other encodings), whose messages differ.
-    ends_s : last instant of each.
-    log_lines : lines of /log that one of them alone has.
-    prefix : whether the first is a part of a run, compared with the beginning of the second.
+    identical : equal content hashes; nothing else was compared then.
+    signals : those in both, in the order of the first trace.
+    only : topics and signals that only one of them has.
+    other_bytes : topics of other encodings whose messages differ.
+    ends_s : last instant of each [s].
+    log_lines : number of lines of /log that only one of them has.
+    prefix : the first is part of a run, and was compared with the beginning of the second.
     """
 
     paths: tuple[str, str]
@@ -80,18 +81,18 @@ class Diff:
 
     @property
     def parted(self) -> list[SignalDiff]:
-        """Signals that differ, the first to part first."""
+        """Signals that differ, in order of their first difference."""
         found = [signal for signal in self.signals if signal.differing]
         return sorted(found, key=lambda signal: signal.first_s or 0.0)
 
     @property
     def same_end(self) -> bool:
-        """Whether both go on equally long; not asked of a part of a run."""
+        """Whether both end at the same instant; True for a part of a run."""
         return self.prefix or self.ends_s[0] == self.ends_s[1]
 
     @property
     def equal(self) -> bool:
-        """Whether both say the same within the tolerances: signals, messages of links, end."""
+        """Whether signals, messages of links and end agree within the tolerances."""
         unlike = self.parted or self.other_bytes or any(self.only) or not self.same_end
         return self.identical or not (unlike or any(link.differs for link in self.links))
 
@@ -104,18 +105,18 @@ def diff(
     prefix: bool = False,
     topics: Sequence[str] | None = None,
 ) -> Diff:
-    """Compare two traces.
+    """Compare two traces signal by signal, with their links, log, metadata and attachments.
 
     Parameters
     ----------
-    tolerances : none by default: values are to be the same.
-    prefix : compare a part of a run with as much of the other.
-    topics : these alone; all by default.
+    tolerances : none by default: values must be equal.
+    prefix : a is part of a run; compare it with the first rows of b.
+    topics : compare only these; all by default.
 
     Raises
     ------
-    InputError : not traces, a tolerance of a signal that neither has.
-    LossError : a damaged trace.
+    InputError : a file is no trace, or a tolerance is for a signal that neither has.
+    LossError : a trace is damaged.
     """
     allowed = tolerances or Tolerances()
     one, two = Trace(a), Trace(b)
@@ -131,13 +132,7 @@ def diff(
     tables = one.read_all(readable), two.read_all(readable)
     ends = _end_ns(one, chosen), _end_ns(two, chosen)
     signals: list[SignalDiff] = []
-    only: tuple[list[str], list[str]] = ([], [])
-    for topic in one.topics:
-        if topic in chosen and topic not in two.topics and one.topics[topic].count:
-            only[0].append(topic)
-    for topic in two.topics:
-        if topic in chosen and topic not in one.topics and two.topics[topic].count:
-            only[1].append(topic)
+    only = _topics_only(one, two, chosen), _topics_only(two, one, chosen)
     for topic in readable:
         left, right = tables[0][topic], tables[1][topic]
         if prefix:
@@ -165,10 +160,10 @@ def diff(
     )
 
 
-def signal_name(topic: str, name: str) -> str:
-    """As `Trace.signal` takes it: `plant.eta.x`, `/link/uplink:plant.eta.x`."""
-    component = component_of(topic)
-    return f"{component}.{name}" if component else f"{topic}:{name}"
+def _topics_only(trace: Trace, other: Trace, chosen: set[str]) -> list[str]:
+    """Return the chosen topics with messages that the other trace does not have."""
+    only = [topic for topic in trace.topics if topic in chosen and topic not in other.topics]
+    return [topic for topic in only if trace.topics[topic].count]
 
 
 def _readable(trace: Trace, topic: str) -> bool:
@@ -177,7 +172,7 @@ def _readable(trace: Trace, topic: str) -> bool:
 
 
 def _compare(a: Table, b: Table, tolerances: Tolerances, until_ns: int | None) -> list[SignalDiff]:
-    """Every column that both have."""
+    """Compare every column that both tables have."""
     same = np.array_equal(a.log_time_ns, b.log_time_ns)
     if same:
         instants = a.log_time_ns
@@ -233,27 +228,25 @@ def _end_ns(trace: Trace, chosen: set[str]) -> int:
     return max((high for topic, (_, high) in trace.spans.items() if topic in chosen), default=0)
 
 
+def _messages(trace: Trace, topic: str) -> Iterator[tuple[int, int, int, memoryview]]:
+    """Yield sequence, log time, publish time and payload of a topic's messages."""
+    if topic in trace.topics:
+        for channel, sequence, log, publish, payload in trace.messages():
+            if channel.topic == topic:
+                yield sequence, log, publish, payload
+
+
 def _bytes(trace: Trace, topic: str) -> bytes:
     digest = hashlib.sha256()
-    for channel, sequence, log, publish, payload in trace.messages():
-        if channel.topic == topic:
-            digest.update(f"{sequence} {log} {publish} {len(payload)} ".encode())
-            digest.update(payload)
+    for sequence, log, publish, payload in _messages(trace, topic):
+        digest.update(f"{sequence} {log} {publish} {len(payload)} ".encode())
+        digest.update(payload)
     return digest.digest()
 
 
 def _log_lines(a: Trace, b: Trace) -> tuple[int, int]:
-    lines = []
-    for trace in (a, b):
-        found: dict[tuple[int, bytes], int] = {}
-        if LOG_TOPIC in trace.topics:
-            for channel, _, log, _, payload in trace.messages():
-                if channel.topic == LOG_TOPIC:
-                    key = (log, bytes(payload))
-                    found[key] = found.get(key, 0) + 1
-        lines.append(found)
-    one, two = lines
-    return (
-        sum(max(0, n - two.get(line, 0)) for line, n in one.items()),
-        sum(max(0, n - one.get(line, 0)) for line, n in two.items()),
+    one, two = (
+        Counter((log, bytes(payload)) for _, log, _, payload in _messages(trace, LOG_TOPIC))
+        for trace in (a, b)
     )
+    return (one - two).total(), (two - one).total()

@@ -1,4 +1,4 @@
-"""The file a trace is written to: one writer at a time, `.partial` until it is finished."""
+"""The file of a trace being written: one writer at a time, `.partial` until it is finished."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import stat
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 from cosim.core import InputError, LossError
@@ -16,15 +17,14 @@ if sys.platform != "win32":
 
 
 class PartialFile:
-    """`<path>.partial`, renamed to `path` by `finish`.
+    """The file `<path>.partial`, renamed to `path` by `finish`.
 
-    What is written goes to the operating system at once: a process that is killed has lost
-    nothing of it.
+    Data go to the operating system at once: nothing written is lost if the process is killed.
 
     Parameters
     ----------
     path : final path.
-    fsync : hand what is flushed on to the disk itself, so that it survives a power cut.
+    fsync : flush to the disk itself, so that data survive a power cut.
     suffix : of the name until it is finished.
 
     Raises
@@ -39,7 +39,7 @@ class PartialFile:
         if path.is_dir():
             raise InputError("the trace's path is a directory", where=str(path))
         try:
-            # emptied below, once it is known to be ours alone
+            # emptied below, once it is locked
             handle = os.open(self.partial_path, os.O_WRONLY | os.O_CREAT | _FLAGS, 0o666)
         except (OSError, ValueError) as error:  # ValueError: a null character in the path
             raise InputError(
@@ -63,22 +63,22 @@ class PartialFile:
             os.ftruncate(handle, 0)
 
     def write(self, data: bytes | memoryview) -> int:
-        """Write all of it."""
+        """Write all the data and return their number of bytes."""
         left = memoryview(data)
         while left:
             left = left[self._raw.write(left) :]
         return len(data)
 
     def flush(self) -> None:
-        """Hand what is written on to the disk, if that was asked for."""
+        """Flush to the disk itself, if `fsync` is set."""
         if self._fsync:
             os.fsync(self._raw.fileno())
 
     def finish(self) -> None:
-        """Close, and take the final name.
+        """Close the file and rename it to its final name.
 
-        A file of this name is replaced only by one that is on the disk itself: a power cut
-        leaves the old one or the new one.
+        A file of this name is replaced only once the new one is on the disk itself: a power cut
+        leaves one of the two.
         """
         if self._fsync or self.path.exists():
             os.fsync(self._raw.fileno())
@@ -96,17 +96,16 @@ class PartialFile:
         self._raw.close()
 
     def discard(self) -> None:
-        """Close and remove what is not to be finished."""
+        """Close and remove the file."""
         self._raw.close()
         self.partial_path.unlink(missing_ok=True)
 
     def cut(self, size: int) -> None:
-        """Close, without what lies behind `size`: half a record, when the disk has failed."""
+        """Close the file, cut to `size`: without the half record left by a disk that failed."""
         try:
-            if self._raw.seek(0, os.SEEK_END) > size:
-                self._raw.truncate(size)
-        except OSError:  # what is left is a whole record and half of one: readable, too
-            pass
+            with suppress(OSError):  # a file with half a record at its end is readable, too
+                if self._raw.seek(0, os.SEEK_END) > size:
+                    self._raw.truncate(size)
         finally:
             self._raw.close()
 
@@ -115,16 +114,15 @@ _FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
 def _lock(handle: int) -> None:
-    """Refuse a second writer; given up when the process ends, however it ends."""
+    """Lock the file against a second writer until it is closed or the process ends."""
     if sys.platform != "win32":
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 class Guard:
-    """Around every use of the file: one thread at a time, and none after the end.
+    """A lock around every use of the file, which refuses uses after its end.
 
-    A failing disk becomes a `LossError` that says so; in a thread in which nobody would hear
-    it, at the next use.
+    A failure of the disk is raised as `LossError`; one in the flusher's thread at the next use.
     """
 
     def __init__(self, file: PartialFile, stream: McapStream) -> None:
@@ -157,13 +155,13 @@ class Guard:
             self.lock.release()
 
     def fail(self, error: OSError) -> None:
-        """The disk has failed: keep what is whole."""
+        """Close the file after a failure of the disk, with its whole records."""
         self.open = False
         self._failure = error
         self._file.cut(self._stream.position)
 
     def forget(self) -> None:
-        """In a forked process: the file is the parent's; nothing of it is touched here."""
+        """Release the file untouched, in a forked process: it is the parent's."""
         self.lock = threading.RLock()
         self.open = False
         self._file.close()

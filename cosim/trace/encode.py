@@ -1,29 +1,23 @@
-"""Rows of values to protobuf bytes."""
+"""Encode rows of values as protobuf messages."""
 
 from __future__ import annotations
 
 import operator
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.trace.columns import Column, columns_of_doubles, columns_of_rows
-from cosim.trace.layout import field_names
-from cosim.trace.wire import FIXED64, equal_rows, field_tag
-
-if TYPE_CHECKING:
-    from cosim.trace.layout import Signal
-
-Bytes = NDArray[np.uint8]
-Mine = NDArray[np.intp] | slice
+from cosim.trace.columns import Column, Mine, columns_of_doubles, columns_of_rows
+from cosim.trace.layout import Signal, field_names
+from cosim.trace.wire import FIXED64, Bytes, equal_rows, field_tag
 
 
 def tag(number: int) -> bytes:
-    """Wire tag of a double with this field number: one byte up to 15, then two, three."""
+    """Return the wire tag of a double with this field number."""
     return field_tag(number, FIXED64)
 
 
@@ -42,12 +36,10 @@ _CONVERT: dict[str, Callable[[Any], Any]] = {
 
 
 class RowEncoder:
-    """Encodes the rows of one topic.
+    """An encoder of the rows of one topic.
 
-    A row of doubles with no value absent is tag, value, tag, value, ... with every field
-    present, hence of a fixed length: all rows are one NumPy array, on the way in and on the way
-    out. Rows with integers, booleans or strings are put together by their shape, which few
-    rows do not share with many others.
+    A row of doubles, none absent, is tag, value, tag, value, ... and has a fixed length: all rows
+    are encoded as one array. Other rows are encoded together by the lengths of their fields.
     """
 
     def __init__(self, topic: str, signals: Sequence[Signal], message: type[Any]) -> None:
@@ -63,40 +55,31 @@ class RowEncoder:
         self._runs = _runs(tags)
 
     def __call__(self, values: Sequence[Any]) -> bytes:
-        """Bytes of one row; None is absent.
-
-        Raises
-        ------
-        InputError : the wrong number of values, or one of the wrong kind.
-        """
+        """Encode one row, None for absent; `InputError` at a wrong number or kind of values."""
         if len(values) != len(self._signals):
             raise self._wrong_number(str(len(self._signals)), str(len(values)))
         if self._doubles:
             self._parts[1::2] = values
             try:
                 return self._packer.pack(*self._parts)
-            except struct.error:  # a value is absent, or no number: the general way tells which
+            except struct.error:  # a value is absent, or no number: `_general` finds out which
                 pass
         return self._general(values)
 
     def many(
         self, rows: NDArray[np.float64] | Sequence[Sequence[Any]], room: int = 0
     ) -> Iterator[tuple[Mine, Bytes]]:
-        """Bytes of many rows, by shape.
+        """Yield numbers and bytes, uint8 (k, room + size), of the rows of each shape.
 
         Parameters
         ----------
-        rows : (m, signals), doubles (which stand for integers and booleans, too), or m lists of
+        rows : (m, signals), doubles (which stand for integers and booleans too), or m lists of
             values of the signals' own kinds, None where absent.
         room : bytes left free in front of each row.
 
-        Yields
-        ------
-        which rows have one shape, and their bytes, uint8 (k, room + size).
-
         Raises
         ------
-        InputError : the wrong number of values in a row, or one of the wrong kind.
+        InputError : a row has the wrong number of values, or one of the wrong kind.
         """
         if isinstance(rows, np.ndarray):
             if rows.ndim != 2 or rows.shape[1] != len(self._signals):
@@ -111,7 +94,7 @@ class RowEncoder:
         found = columns_of_rows(self._signals, rows)
         shapes = [] if found is None else _shapes(found, len(rows))
         if found is None or len(shapes) > max(16, len(rows) // 8):
-            # absent values, or wrong ones, which the slow way names; or hardly two rows alike
+            # absent values, wrong ones (reported one by one), or hardly two rows of one shape
             yield from self._one_by_one(rows, room)
             return
         yield from self._by_shape(found, shapes, room)
@@ -172,9 +155,9 @@ class RowEncoder:
 
 
 def _runs(tags: Sequence[bytes]) -> list[tuple[int, int, int, int]]:
-    """Neighbouring doubles whose tags are of one length: first, last, place, distance.
+    """Group neighbouring doubles whose tags have one length: first, last, place, distance.
 
-    All of a run are filled in one strided assignment.
+    Each group is filled by one strided assignment.
     """
     runs: list[tuple[int, int, int, int]] = []
     at = 0
@@ -190,7 +173,7 @@ def _runs(tags: Sequence[bytes]) -> list[tuple[int, int, int, int]]:
 
 
 def _shapes(columns: Sequence[Column], count: int) -> list[tuple[Mine, int]]:
-    """Rows whose fields have the same lengths, and how many they are."""
+    """Group rows whose fields have the same lengths, with the size of each group."""
     varying = [column.size for column in columns if isinstance(column.size, np.ndarray)]
     if not varying:
         return [(slice(None), count)]

@@ -1,4 +1,4 @@
-"""Opening parts of an MCAP file by their place: chunks, indexes, attachments."""
+"""Read parts of an MCAP file by their place: chunks, indexes, attachments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cosim.trace.records import Cursor, DamageError, chunk_data, open_trace, out
 
 
 def read_segment(stream: BinaryIO, segment: Segment, declared: Declarations) -> Messages:
-    """The messages of a stretch; `DamageError` where they are not what the file says."""
+    """Read the messages of a segment; `DamageError` if it is damaged."""
     try:
         stream.seek(segment.position)
         raw = stream.read(segment.size + segment.index_size)
@@ -54,7 +54,7 @@ def _indexes(raw: memoryview) -> list[memoryview]:
 
 
 def times_of(path: Path, contents: Contents) -> dict[int, tuple[int, int]]:
-    """Least and greatest log time by channel: from the indexes, or the data where there is none.
+    """Return least and greatest log time by channel, from indexes, or the data without them.
 
     Raises
     ------
@@ -84,11 +84,11 @@ def times_of(path: Path, contents: Contents) -> dict[int, tuple[int, int]]:
 
 
 def attachment_data(path: Path, places: Mapping[str, tuple[int, int]]) -> dict[str, bytes]:
-    """Contents of attachments by name.
+    """Read attachments by name.
 
     Raises
     ------
-    DamageError : no attachment there, or its checksum does not match.
+    DamageError : there is no attachment at a place, or its checksum does not match.
     """
     found = {}
     with open_trace(path) as stream:

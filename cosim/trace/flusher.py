@@ -1,4 +1,4 @@
-"""Flushing by the clock, also while nobody writes: a component may compute for minutes."""
+"""Flush a trace by the clock, also during a step that takes minutes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from cosim.trace.disk import Guard
 
 
 class Flusher:
-    """Sees to it that no row waits in memory for longer than the interval.
+    """A thread that flushes, so that no row waits in memory for longer than the interval.
 
-    A thread that sleeps while there is nothing to flush. It begins when half the interval is
-    over, so that a busy machine still keeps to it.
+    It flushes after half the interval, so that the interval is kept on a busy machine too.
 
     Parameters
     ----------
     guard : held while flushing.
-    flush : a method; hands everything to the operating system. Kept by a weak reference.
-    interval_s : [s].
+    flush : a method that hands everything to the operating system; kept by a weak reference.
+    interval_s : longest time that a row waits [s].
     """
 
     def __init__(self, guard: Guard, flush: Callable[[], None], interval_s: float) -> None:
@@ -33,7 +32,7 @@ class Flusher:
         self._thread: threading.Thread | None = None
 
     def due(self) -> bool:
-        """Take note of a row just written (under the guard); whether it is time to flush."""
+        """Register a row just written, and return whether to flush now (guard held)."""
         if self._since is None:
             self._since = time.monotonic()
             self._waiting.set()
@@ -44,12 +43,12 @@ class Flusher:
         return time.monotonic() - self._since >= self.after_s
 
     def flushed(self) -> None:
-        """Nothing waits any more (under the guard)."""
+        """Register that nothing waits any more (guard held)."""
         self._since = None
         self._waiting.clear()
 
     def stop(self) -> None:
-        """End the thread; the caller need not hold the guard, and may."""
+        """End the thread; the caller may hold the guard."""
         self._stop.set()
         self._waiting.set()
         if self._thread is not None and self._thread is not threading.current_thread():
@@ -62,7 +61,7 @@ class Flusher:
             left = self.after_s if since is None else since + self.after_s - time.monotonic()
             if left > 0:
                 self._stop.wait(left)
-            # who stops this thread may hold the guard: look up now and then
+            # the thread that stops this one may hold the guard: wait for it in short turns
             elif self._guard.lock.acquire(timeout=0.05):
                 try:
                     if not self._attend():
@@ -71,7 +70,7 @@ class Flusher:
                     self._guard.lock.release()
 
     def _attend(self) -> bool:
-        """Flush if it is still time to; whether there is anything left to do."""
+        """Flush if still due; return False when the trace is closed or gone."""
         flush = self._flush()
         if flush is None or not self._guard.open:
             return False

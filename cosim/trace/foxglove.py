@@ -1,15 +1,14 @@
-"""The three Foxglove schemas a trace uses, so that Foxglove and Lichtblick show it as it is.
+"""The Foxglove schemas of a trace, which Foxglove and Lichtblick show without any setup.
 
 `foxglove.Log`, `foxglove.PoseInFrame`, `foxglove.FrameTransform`: names, fields and numbers as
-published with the Foxglove SDK. They are spelled out here, `google.protobuf.Timestamp`
-included, so that the descriptors in the file, which its content hash covers, do not change with
-the protobuf version installed.
+published with the Foxglove SDK. They are defined here, `google.protobuf.Timestamp` included: the
+content hash covers the descriptors, which must not change with the installed protobuf version.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import (
@@ -99,28 +98,25 @@ def _file(message: str) -> FileDescriptorProto:
 
 
 def descriptors(message: str) -> FileDescriptorSet:
-    """Files of `message` and all it needs, in order of dependence."""
-    needed: list[str] = []
+    """Return the files of `message` and of all messages in it, each after those it imports."""
+    return FileDescriptorSet(file=[_file(name) for name in dict.fromkeys(_needed(message))])
 
-    def visit(name: str) -> None:
-        for _, kind in _MESSAGES[name]:
-            if kind in _MESSAGES:
-                visit(kind)
-        if name not in needed:
-            needed.append(name)
 
-    visit(message)
-    return FileDescriptorSet(file=[_file(name) for name in needed])
+def _needed(message: str) -> Iterator[str]:
+    for _, kind in _MESSAGES[message]:
+        if kind in _MESSAGES:
+            yield from _needed(kind)
+    yield message
 
 
 @functools.cache
 def message_type(message: str) -> type[Any]:
-    """Message class of one of the schemas above."""
+    """Return the message class of a schema."""
     return message_class(descriptors(message), message)
 
 
 def encoded(message: str, time_ns: int, fields: Mapping[str, Any]) -> bytes:
-    """Bytes of a message with a timestamp."""
+    """Encode a message with a timestamp."""
     seconds, nanos = divmod(time_ns, 10**9)
     filled = message_type(message)(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
     data: bytes = filled.SerializeToString(deterministic=True)

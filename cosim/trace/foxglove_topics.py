@@ -1,4 +1,4 @@
-"""The topics that viewers know by themselves: the log, the vehicle's pose, the frames."""
+"""Encode the topics in Foxglove's schemas: the log, the vehicle's pose, the frames."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FRAME = {
 
 
 class Register(Protocol):
-    """Declares a topic; returns its id."""
+    """A function that declares a topic and returns its id."""
 
     def __call__(
         self, topic: str, schema_name: str, files: FileDescriptorSet, metadata: Mapping[str, str]
@@ -38,27 +38,23 @@ class Register(Protocol):
 
 
 class FoxgloveTopics:
-    """Declares each when it is first used."""
+    """The Foxglove topics of a trace; each is declared when it is first used."""
 
     def __init__(self, register: Register) -> None:
         self._register = register
         self._ids: dict[str, int] = {}
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> tuple[int, bytes]:
-        """Topic and bytes of a log line."""
+        """Return the topic's id and the bytes of a log line; `InputError` at an unknown level."""
         if level not in foxglove.LEVELS:
-            raise InputError(
-                "unknown level",
-                where="log",
-                expected=", ".join(foxglove.LEVELS),
-                got=repr(level),
-            )
+            known = ", ".join(foxglove.LEVELS)
+            raise InputError("unknown level", where="log", expected=known, got=repr(level))
         fields = {"level": foxglove.LEVELS[level], "name": name, "message": message}
         data = foxglove.encoded("foxglove.Log", int(time_ns), fields)
         return self._topic(layout.LOG_TOPIC, "foxglove.Log"), data
 
     def poses(self, part: Poses) -> list[Records]:
-        """Records of poses; before the very first, that of the frame they are in."""
+        """Return the records of poses; before the very first, that of their frame."""
         records = []
         log_ns, rank = part.log_ns, np.asarray(part.rank, np.int64)
         if layout.FRAME_TOPIC not in self._ids:
@@ -76,11 +72,9 @@ class FoxgloveTopics:
         return records
 
     def _topic(self, topic: str, schema: str) -> int:
-        topic_id = self._ids.get(topic)
-        if topic_id is None:
-            topic_id = self._register(topic, schema, foxglove.descriptors(schema), {})
-            self._ids[topic] = topic_id
-        return topic_id
+        if topic not in self._ids:
+            self._ids[topic] = self._register(topic, schema, foxglove.descriptors(schema), {})
+        return self._ids[topic]
 
 
 def _zeros(count: int) -> NDArray[np.int64]:

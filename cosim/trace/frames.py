@@ -1,4 +1,4 @@
-"""Topics and signals as pandas DataFrames (the extra `tables`)."""
+"""Read topics and signals as pandas DataFrames (the extra `tables`)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.trace.hold import rows_in_force, sample_and_hold
-from cosim.trace.readable import Readable
 from cosim.trace.table import Table, pandas, rows_frame, with_gaps
+from cosim.trace.topic_info import Readable
 
 Align = str | float | NDArray[np.float64]
-"""A common base of time: "union", a topic, a period [s], or instants [s]."""
+"""A common time base: "union", a topic, a period [s], or instants [s]."""
 
 _MOST_POINTS = 100_000_000
 
@@ -27,24 +27,23 @@ def to_pandas(
     start: float | None = None,
     end: float | None = None,
 ) -> Any:
-    """A DataFrame over the time of delivery, index `time_s` [s]; `attrs["units"]` by column.
+    """Return a DataFrame over the time of delivery, index `time_s` [s]; units in `attrs["units"]`.
 
     Parameters
     ----------
-    what : a topic: its rows as they are, with `sent_s` where something was sent before it was
-        delivered. Or several topics and signals (`plant.eta.x`), or one signal: columns by the
-        names `Trace.signal` takes, side by side on a common base of time.
-    align : the common base. "union": every instant at which one of them has a row. A topic: the
-        instants of its rows. A number: that period [s], from the first row to the last. An
-        array: these instants [s]. At each, a column has the value in force, the last one
-        delivered up to then (sample and hold, as the run itself held it, whatever the signal's
-        own `hold` says); before the first one it is missing, as pandas marks it.
-    start, end : as `Trace.read`; what was delivered before `start` is not in force after it.
+    what : one topic: its rows as recorded, with `sent_s` where messages were sent before they
+        were delivered. Or several topics and signals (`plant.eta.x`), or one signal: columns
+        named as `Trace.signal` takes them, on a common time base.
+    align : the time base. "union": every instant of a row. A topic: the instants of its rows. A
+        number: that period [s], from the first row to the last. An array: these instants [s].
+        Each column has the value in force (sample and hold, as in the run, whatever the signal's
+        own `hold` is); before the first it is missing, as pandas marks it.
+    start, end : as in `Trace.read`; a value delivered before `start` is not in force after it.
 
     Raises
     ------
-    InputError : no such topic or signal, a base of time that is none, pandas is not installed.
-    LossError : as `Trace.read`.
+    InputError : no such topic or signal, an invalid time base, pandas is not installed.
+    LossError : as in `Trace.read`.
     """
     if isinstance(what, str) and what in trace.topics:
         return rows_frame(trace.read(what, start=start, end=end))
@@ -63,15 +62,12 @@ def _joined(
         needed[align] = None
     tables = trace.read_all(list(needed), start=start, end=end)
     chosen = [
-        (table, own)
+        (tables[topic], own)
         for topic, name in wanted
-        for table in (tables[topic],)
-        for own in ([name] if name is not None else table.columns)
+        for own in ([name] if name is not None else tables[topic].columns)
     ]
     base = _base(align, tables, [tables[topic] for topic, _ in wanted])
-    full = {
-        place: name for name, (topic, s) in trace.signals.items() for place in ((topic, s.name),)
-    }
+    full = {(topic, signal.name): name for name, (topic, signal) in trace.signals.items()}
     columns, units = {}, {}
     for table, own in chosen:
         values, there = table[own], table.present[own]
@@ -86,7 +82,7 @@ def _joined(
 
 
 def _base(align: Align, tables: dict[str, Table], chosen: Sequence[Table]) -> NDArray[np.int64]:
-    """The common instants [ns], increasing."""
+    """Return the instants of the time base [ns], increasing."""
     every = np.unique(np.concatenate([t.log_time_ns for t in chosen] or [np.zeros(0, np.int64)]))
     if isinstance(align, str):
         if align == "union":

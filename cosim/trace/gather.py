@@ -1,4 +1,4 @@
-"""Messages of one topic, chunk by chunk, into one table."""
+"""Collect the messages of one topic, chunk by chunk, in one table."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, LossError
 from cosim.trace.declared import Channel
 from cosim.trace.decode import RowDecoder
+from cosim.trace.hold import blanks
 from cosim.trace.json_rows import json_columns
 from cosim.trace.layout import Signal
 from cosim.trace.messages import Messages, on_channels
@@ -19,25 +20,25 @@ from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
 _MAX_NS = 2**63 - 1
-_ROOM = 2**28  # bytes for which nobody need ask
+_ROOM = 2**28  # bytes that need no check of the memory
 
 
 def decoder_of(channel: Channel) -> RowDecoder:
-    """Decoder of a protobuf channel; `ValueError` where its schema cannot be used."""
+    """Make the decoder of a protobuf channel; `ValueError` if its schema cannot be used."""
     return RowDecoder(channel.schema.name, channel.schema.data, channel.metadata)
 
 
 class TopicRows:
-    """Rows of a topic as they are found.
+    """The rows of a topic, collected from blocks of messages.
 
     Parameters
     ----------
-    where : file and topic, for messages.
-    channels : those of the topic, by id; several are put together, column by column.
+    where : file and topic, for error messages.
+    channels : those of the topic, by id; the columns of several are merged.
 
     Raises
     ------
-    InputError : neither protobuf nor JSON, or a schema that cannot be used.
+    InputError : a channel is neither protobuf nor JSON, or its schema cannot be used.
     """
 
     def __init__(self, where: str, topic: str, channels: Mapping[int, Channel]) -> None:
@@ -48,12 +49,12 @@ class TopicRows:
         self._rows = 0
 
     def add(self, messages: Messages, inside: NDArray[np.bool_] | None) -> None:
-        """Take the topic's own of some messages, those `inside` (all: None) alone.
+        """Add the topic's messages of a block, only those `inside` unless that is None.
 
         Raises
         ------
-        LossError : a row that does not fit its schema.
-        InputError : too many rows for the memory there is.
+        LossError : a row does not fit its schema.
+        InputError : the rows would not fit into the memory of this machine.
         """
         mine = on_channels(messages, self.channels)
         if inside is not None:
@@ -73,14 +74,14 @@ class TopicRows:
         self._rows += len(messages)
 
     def table(self) -> Table:
-        """All rows so far."""
+        """Return the table of all rows added."""
         heads = {
             key: np.concatenate([part[key] for part in self._heads] or [np.zeros(0, np.uint64)])
             for key in ("log", "publish", "sequence")
         }
         for key in ("log", "publish"):
             if heads[key].size and int(heads[key].max()) > _MAX_NS:
-                raise self._unreadable("a time beyond 2**63 ns")
+                raise _unreadable(self._where, "a time beyond 2**63 ns")
         columns: dict[str, NDArray[Any]] = {}
         present: dict[str, NDArray[np.bool_]] = {}
         signals: dict[str, Signal] = {}
@@ -89,7 +90,7 @@ class TopicRows:
             try:
                 found, places = source.columns()
             except ValueError as error:
-                raise self._unreadable(str(error)) from error
+                raise _unreadable(self._where, str(error)) from error
             for signal, values, there in found:
                 if single:
                     columns[signal.name], present[signal.name] = values, there
@@ -106,8 +107,9 @@ class TopicRows:
             signals=signals,
         )
 
-    def _unreadable(self, why: str) -> LossError:
-        return LossError("the topic's rows cannot be read", where=self._where, got=why)
+
+def _unreadable(where: str, why: str) -> LossError:
+    return LossError("the topic's rows cannot be read", where=where, got=why)
 
 
 class _Source:
@@ -137,55 +139,38 @@ class _Source:
 
     @property
     def width(self) -> int:
-        """How many columns, as far as that is known before the rows are."""
+        """Number of columns; of JSON it is unknown before the rows are read, and 1."""
         return 1 if self._decoder is None else len(self._decoder.signals)
 
     def add(self, messages: Messages, places: NDArray[np.int64]) -> None:
         try:
             self._parts.append(messages if self._decoder is None else self._decoder(messages))
         except ValueError as error:
-            raise LossError(
-                "the topic's rows cannot be read", where=self._where, got=str(error)
-            ) from error
+            raise _unreadable(self._where, str(error)) from error
         self._places.append(places)
 
     def columns(
         self,
     ) -> tuple[list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]], NDArray[np.int64]]:
-        """Signal, values, and where there are any; and which rows of the topic they are."""
+        """Return signal, values and presence of each column; and their rows in the topic."""
         places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
         everywhere = np.ones(places.size, np.bool_)
         if self._decoder is None:
-            return self._json(places, everywhere), places
+            payloads = (payload for part in self._parts for payload in part.payloads())
+            signals, columns = json_columns(payloads, places.size)
+            return [(s, *column) for s, column in zip(signals, columns, strict=True)], places
         found = []
-        sizes = [part.size for part in self._places]
         for i, signal in enumerate(self._decoder.signals):
-            parts = [part[i] for part in self._parts]
-            values = (
-                np.concatenate([part[0] for part in parts])
-                if parts
-                else np.zeros(0, self._decoder.dtypes[i])
-            )
+            empty = blanks(self._decoder.dtypes[i], 0), None
+            parts = [part[i] for part in self._parts] or [empty]
+            values = np.concatenate([part for part, _ in parts])
             there = everywhere
-            if any(part[1] is not None for part in parts):
+            if any(present is not None for _, present in parts):
                 there = np.concatenate(
-                    [
-                        np.ones(size, np.bool_) if part[1] is None else part[1]
-                        for part, size in zip(parts, sizes, strict=True)
-                    ]
+                    [np.ones(part.size, bool) if own is None else own for part, own in parts]
                 )
             found.append((signal, values, there))
         return found, places
-
-    def _json(
-        self, places: NDArray[np.int64], everywhere: NDArray[np.bool_]
-    ) -> list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]]:
-        payloads = (payload for part in self._parts for payload in part.payloads())
-        signals, columns = json_columns(payloads, places.size)
-        return [
-            (signal, values, everywhere if there is None else there)
-            for signal, (values, there) in zip(signals, columns, strict=True)
-        ]
 
 
 def _merge(
@@ -197,10 +182,9 @@ def _merge(
     values: NDArray[Any],
     there: NDArray[np.bool_],
 ) -> None:
-    """Enter a channel's column into the topic's; where kinds differ, both become objects."""
+    """Merge a channel's column into the topic's; columns of different kinds become objects."""
     if name not in columns:
-        blank = {"f": np.nan, "i": 0, "b": False}.get(values.dtype.kind, "")
-        columns[name] = np.full(rows, blank, values.dtype)
+        columns[name] = blanks(values.dtype, rows)
         present[name] = np.zeros(rows, np.bool_)
     elif columns[name].dtype != values.dtype:
         kinds = {columns[name].dtype.kind, values.dtype.kind}
@@ -210,9 +194,9 @@ def _merge(
 
 
 def _check_room(rows: int, sources: Mapping[int, _Source], where: str) -> None:
-    """Refuse what would take more memory than the machine has."""
+    """Raise an `InputError` if the rows would need more memory than the machine has."""
     needed = rows * 9 * (4 + sum(source.width for source in sources.values()))
-    if needed < _ROOM or not hasattr(os, "sysconf"):  # Windows does not say
+    if needed < _ROOM or not hasattr(os, "sysconf"):  # not known on Windows
         return
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed > 0.8 * there:

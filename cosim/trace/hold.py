@@ -1,8 +1,7 @@
-"""Sample and hold: what was in force at an instant.
+"""Sample and hold: the value in force at an instant.
 
-A run holds what was sent or delivered last until something newer comes; of several at the same
-instant, the last in the file holds. So does everything here that puts rows of different times
-side by side.
+It is the last one delivered up to that instant; of several at one instant, the last in the file.
+Everything that puts rows of different times side by side uses these functions.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ Integers = NDArray[np.int64]
 
 
 def rows_in_force(times_ns: Integers, at_ns: Integers) -> Integers:
-    """Number of the row in force at each instant, int64 (n,); -1 before the first.
+    """Return the number of the row in force at each instant, int64 (n,); -1 before the first.
 
-    times_ns : of the rows, (m,), in any order; of equal times the later row counts.
+    times_ns : of the rows [ns], (m,), in any order; of equal times the later row counts.
     """
     if (np.diff(times_ns) < 0).any():
         order = np.argsort(times_ns, kind="stable")
@@ -27,11 +26,15 @@ def rows_in_force(times_ns: Integers, at_ns: Integers) -> Integers:
 
 
 def sample_and_hold(values: NDArray[Any], rows: Integers) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Values in force, and where there were any; as `Table`, blanks are NaN, 0, False or "".
+    """Return the values of `rows_in_force`, and where there is one.
 
-    rows : as `rows_in_force` gives them.
+    Where there is none, the value is NaN, 0, False or "", as in a `Table`.
     """
-    there = rows >= 0
-    blank: Any = {"f": np.nan, "O": ""}.get(values.dtype.kind, 0)
-    padded = np.append(values, np.array([blank], values.dtype))
-    return padded[np.where(there, rows, values.size)], there
+    padded = np.append(values, blanks(values.dtype, 1))
+    return padded[rows], rows >= 0  # row -1, before the first, is the blank at the end
+
+
+def blanks(dtype: Any, count: int) -> NDArray[Any]:
+    """Return a column of absent values: NaN, 0, False or "" by its type, (count,)."""
+    kind = np.dtype(dtype).kind
+    return np.full(count, {"f": np.nan, "O": ""}.get(kind, 0), dtype)

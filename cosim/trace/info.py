@@ -1,20 +1,15 @@
-"""A summary of a trace for programs; `info_view` shows it to people."""
+"""Summarise a trace as JSON values; `info_view` prints them."""
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
 
 from cosim.trace import foxglove
 from cosim.trace.content import content_hash_of
-from cosim.trace.layout import LOG_TOPIC, certificate_of
-from cosim.trace.reader import Trace
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from os import PathLike
-
-    from cosim.trace.reader import TopicInfo
+from cosim.trace.layout import LOG_TOPIC, certificate_of, parsed_json
+from cosim.trace.reader import TopicInfo, Trace
 
 _LINK = "link."
 _STRUCTURED = ("metrics", "final", "assertions")
@@ -22,24 +17,22 @@ _LOG_LINES = 20
 
 
 def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> dict[str, Any]:
-    """Return what a trace holds, JSON-safe (no NaN; None for what is not there).
+    """Summarise a trace as JSON values (no NaN; None for what is absent).
 
-    Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result`
-    (entries but those of links; `metrics`, `final` and `assertions` as what they hold), `links`
-    (by link name: its figures), `log` (the last warnings and errors), `start_ns`, `end_ns`,
-    `message_count`,
-    `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one),
-    `topics` (list of `topic`, `schema`, `encoding`, `count`, `start_ns`,
-    `end_ns`, `rate_hz`, `signals`), `attachments` (list of `name`, `media_type`, `bytes`),
-    `content_hash`.
+    Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result` (entries
+    but those of links; `metrics`, `final` and `assertions` parsed), `links` (figures by link
+    name), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
+    `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one), `topics` (list of
+    `topic`, `schema`, `encoding`, `count`, `start_ns`, `end_ns`, `rate_hz`, `signals`),
+    `attachments` (list of `name`, `media_type`, `bytes`), `content_hash`.
 
-    `incomplete` as in `Trace`, but True by default: to find out what happened is the point.
+    `incomplete` as in `Trace`, but True by default, to summarise damaged files too.
     """
     trace = Trace(path, incomplete=incomplete)
     topics = [_topic(info) for info in trace.topics.values()]
     starts = [t["start_ns"] for t in topics if t["start_ns"] is not None]
     ends = [t["end_ns"] for t in topics if t["end_ns"] is not None]
-    links, result = _split(trace.result)
+    links, result = _split(trace.result or {})
     return {
         "path": str(trace.path),
         "bytes": trace.path.stat().st_size,
@@ -48,7 +41,7 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
         "damage": trace.damage,
         "finished": trace.finished,
         "run": dict(trace.run),
-        "result": _decoded(result),
+        "result": None if trace.result is None else result,
         "links": links,
         "certificate": certificate_of(trace.run),
         "log": _log(trace),
@@ -89,43 +82,22 @@ def _topic(info: TopicInfo) -> dict[str, Any]:
     }
 
 
-def _split(
-    result: Mapping[str, str] | None,
-) -> tuple[dict[str, dict[str, str]], dict[str, str] | None]:
-    """Take the entries `link.<name>.<figure>` out of the result."""
-    if result is None:
-        return {}, None
+def _split(result: Mapping[str, str]) -> tuple[dict[str, dict[str, str]], dict[str, Any]]:
+    """Separate the entries `link.<name>.<figure>` from the others, and parse those of JSON."""
     links: dict[str, dict[str, str]] = {}
-    rest: dict[str, str] = {}
+    rest: dict[str, Any] = {}
     for key, value in result.items():
         link, dot, figure = key.removeprefix(_LINK).rpartition(".")
         if key.startswith(_LINK) and dot:
             links.setdefault(link, {})[figure] = value
         else:
-            rest[key] = value
+            parsed = parsed_json(value) if key in _STRUCTURED else None
+            rest[key] = value if parsed is None else parsed
     return links, rest
 
 
-def _decoded(result: Mapping[str, str] | None) -> dict[str, Any] | None:
-    """The result with the entries that hold JSON as what they hold."""
-    if result is None:
-        return None
-    decoded: dict[str, Any] = dict(result)
-    for key in _STRUCTURED:
-        try:
-            # NaN and the infinities are no JSON; who writes them gets the text back
-            decoded[key] = json.loads(result[key], parse_constant=_refuse)
-        except (KeyError, ValueError, RecursionError):
-            continue
-    return decoded
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(constant)
-
-
 def _log(trace: Trace) -> list[dict[str, Any]]:
-    """The last warnings and errors that components and master left."""
+    """Return the last warnings and errors of components and master."""
     info = trace.topics.get(LOG_TOPIC)
     if info is None or info.schema != "foxglove.Log":
         return []

@@ -1,4 +1,4 @@
-"""A summary of a trace, as a person reads it."""
+"""Format the summary of a trace as tables for a terminal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cosim.trace.layout import HOST_PREFIX
 
 _HEADLINES = ("title", "scenario", "seed", "software")
 _FIGURES = {
-    "gain": ("gain of the flight from rest", ""),
+    "gain": ("gain of the zero-state run", ""),
     "exact_norm": ("exact norm, nominal loop", ""),
     "gamma": ("gamma, certified", ""),
     "position_error_m": ("final position error", " m"),
@@ -29,18 +29,15 @@ _HOST = ("host.command", "host.started", "host.python", "host.platform")
 
 
 def render(description: Mapping[str, Any]) -> Group:
-    """Return a `describe` dictionary as something rich can print."""
-    parts: list[Any] = [
-        _facts(description),
-        _topics(description["topics"]),
-    ]
+    """Format a `describe` dictionary for rich to print."""
+    parts: list[Any] = [_facts(description), _topics(description["topics"])]
     if description["links"]:
         parts.append(_links(description["links"]))
     return Group(*parts)
 
 
 def _text(value: object) -> Text:
-    """Text as it is: brackets are no markup, and what is in a file cannot steer the terminal."""
+    """Show text literally: no markup, and no control characters that a file may contain."""
     return Text("".join(c if c.isprintable() else "\ufffd" for c in str(value)))
 
 
@@ -67,7 +64,7 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
 
 
 def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
-    """Which run this is, and how it ended."""
+    """Yield the facts that identify the run, and how it ended."""
     run, result = description["run"], description["result"] or {}
     yield "trace", f"{description['path']} ({description['bytes']} bytes)"
     state = result.get("status", "finished")
@@ -94,7 +91,7 @@ def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> Iterator[tuple[str, object]]:
-    """What is proved of the gain that flew."""
+    """Yield what is proved about the gain of the run."""
     if certificate is None:
         return
     claim = certificate["claim"]
@@ -110,7 +107,7 @@ def _certificate(certificate: Mapping[str, Any] | None) -> Iterator[tuple[str, o
 
 
 def _gamma(text: object) -> str:
-    """The bound as a decimal; the file has it exactly."""
+    """Format the bound as a decimal number; the file has it exactly."""
     try:
         return f", gamma = {float(Fraction(str(text))):.7g}"
     except (ValueError, ZeroDivisionError, OverflowError):
@@ -118,7 +115,7 @@ def _gamma(text: object) -> str:
 
 
 def _verdict(result: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
-    """What the run measured, and which assumptions of the guarantee were met."""
+    """Yield the figures of the run, and which assumptions of the guarantee were met."""
     metrics = result.get("metrics")
     if not isinstance(metrics, dict):
         return

@@ -1,34 +1,32 @@
-"""JSON messages of other tools to columns.
+"""Turn JSON messages of other tools into columns.
 
-Objects inside objects get dotted names, lists of at most `MAX_ITEMS` entries `name[0]`,
-`name[1]`, ... A column is of the kind of all its values; where they are of several, numbers
-become doubles and everything else text.
+Entries of nested objects get dotted names, those of lists of at most `MAX_ITEMS` the names
+`name[0]`, `name[1]`, ... Values of different kinds in a column become doubles if all are numbers,
+else text.
 """
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.trace.layout import Kind, Signal
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from numpy.typing import NDArray
+from cosim.trace.hold import blanks
+from cosim.trace.layout import DTYPES, Kind, Signal
 
 MAX_ITEMS = 64
-"""Longer lists are left out; they are pictures or point clouds, not signals."""
+"""Longer lists are left out: pictures or point clouds, no signals."""
 MAX_DEPTH = 8
 _INT64 = range(-(2**63), 2**63)
 
 
 def json_columns(
     payloads: Iterable[memoryview], count: int
-) -> tuple[list[Signal], list[tuple[NDArray[Any], NDArray[np.bool_] | None]]]:
-    """The signals that occur in `count` messages, in order of appearance; a column for each.
+) -> tuple[list[Signal], list[tuple[NDArray[Any], NDArray[np.bool_]]]]:
+    """Return the signals of `count` messages, and values and presence of each.
 
     Raises
     ------
@@ -41,7 +39,7 @@ def json_columns(
         except (ValueError, RecursionError) as error:
             raise ValueError(f"row {k} is not JSON: {error}") from error
         if not isinstance(row, dict):
-            raise ValueError(f"row {k} is no JSON object")  # noqa: TRY004 - of the file, not ours
+            raise ValueError(f"row {k} is no JSON object")  # noqa: TRY004 - a fault of the file
         for name, value in _leaves(row, "", 0):
             found.setdefault(name, {})[k] = value
     signals, columns = [], []
@@ -74,27 +72,17 @@ def _kind(values: Any) -> Kind:
 
 def _column(
     kind: Kind, values: dict[int, Any], count: int
-) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-    blanks: dict[Kind, tuple[Any, Any]] = {
-        "float": (np.nan, np.float64),
-        "int": (0, np.int64),
-        "bool": (False, np.bool_),
-        "string": ("", object),
-    }
-    blank, dtype = blanks[kind]
-    column = np.full(count, blank, dtype)
-    present = np.zeros(count, np.bool_)
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    column, present = blanks(DTYPES[kind], count), np.zeros(count, np.bool_)
     for k, value in values.items():
-        column[k] = _as_text(value) if kind == "string" else _as_number(value)
+        column[k] = _number(value) if kind != "string" else value
+        if kind == "string" and not isinstance(value, str):
+            column[k] = json.dumps(value)
         present[k] = True
-    return column, None if present.all() else present
+    return column, present
 
 
-def _as_text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _as_number(value: float) -> float:
+def _number(value: float) -> float:
     try:
         float(value)
     except OverflowError:  # JSON has integers of any length

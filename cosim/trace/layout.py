@@ -1,18 +1,19 @@
-"""How a run lies in an MCAP file: topics, signals, protobuf fields, schemas.
+"""The layout of a run in an MCAP file: topics, signals, protobuf fields, schemas.
 
-A topic is one component and direction (`/plant/output`) or one link (`/link/<name>`). Its
-schema is a flat protobuf message made at run time, one `optional` field per signal: with
-presence tracked, a zero is written like any other number, so that a row of doubles always has
-the same length, and a value that is absent differs from zero.
+A topic is one component and direction (`/plant/output`) or one link (`/link/<name>`). Its schema is
+a flat protobuf message made at run time, one `optional` field per signal. An optional zero is
+written like any other number: a row of doubles has a fixed length, and an absent value is not zero.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
+import numpy as np
 from google.protobuf.descriptor_pb2 import (
     DescriptorProto,
     FieldDescriptorProto,
@@ -24,25 +25,25 @@ from google.protobuf.message_factory import GetMessageClass
 
 from cosim.core import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
 Kind = Literal["float", "int", "bool", "string"]
 
 RUN, RESULT = "cosim.run", "cosim.result"
-"""Names of the metadata records that open and close a trace."""
+"""Names of the first and the last metadata record of a trace."""
 
 RECOVERED = "cosim.recovered"
-"""Metadata record of a recovered file, which says what was lost; no part of the content hash."""
+"""Metadata record of a recovered file that says what was lost; not part of the content hash."""
 
 HOST_PREFIX = "host."
-"""Metadata keys that begin so (wall clock, machine) are no part of the content hash."""
+"""Prefix of metadata keys (wall clock, machine) that are not part of the content hash."""
 
 SCENARIO_ATTACHMENT, DESIGN_ATTACHMENT = "scenario.toml", "design.json"
 CERTIFICATE_ATTACHMENT, CERTIFICATE_HASH = "certificate.json", "certificate.sha256"
-"""What a run with a design attaches, and the key of `cosim.run` with the proof's SHA-256."""
+"""Attachments of a run with a design, and the key of `cosim.run` with the proof's SHA-256."""
 
 LOG_TOPIC, POSE_TOPIC, FRAME_TOPIC = "/log", "/auv/pose", "/tf"
+
+DTYPES: Mapping[Kind, Any] = {"float": float, "int": np.int64, "bool": bool, "string": object}
+"""NumPy type of a column, by the kind of its signal."""
 
 _TYPES: Mapping[str, int] = {
     "float": FieldDescriptorProto.TYPE_DOUBLE,
@@ -59,11 +60,11 @@ class Signal:
     Parameters
     ----------
     name : FMI name, `eta.x`, `K[1,3]`.
-    value_reference : FMI value reference, None for what is no FMI variable.
+    value_reference : FMI value reference, None if the signal is no FMI variable.
     unit : as in the model description, None if there is none.
     kind : "float", "int", "bool" or "string".
-    hold : how the value goes on between two messages: "continuous" (interpolate), "discrete"
-        (hold), "constant"; FMI's variability says which.
+    hold : the value between two messages, from FMI's variability: "continuous" (interpolate),
+        "discrete" (hold) or "constant".
     description : one line, None if there is none.
 
     Raises
@@ -102,38 +103,43 @@ DROPPED_SIGNALS = (
 
 
 def output_topic(component: str) -> str:
-    """Topic of what a component sends: `/plant/output`."""
+    """Return the topic of a component's outputs: `/plant/output`."""
     return f"/{component}/output"
 
 
 def input_topic(component: str) -> str:
-    """Topic of what a component receives: `/plant/input`."""
+    """Return the topic of a component's inputs: `/plant/input`."""
     return f"/{component}/input"
 
 
 def link_topic(link: str) -> str:
-    """Topic of what a link delivers: `/link/<name>`."""
+    """Return the topic of a link's delivered messages: `/link/<name>`."""
     return f"/link/{link}"
 
 
 def dropped_topic(link: str) -> str:
-    """Topic of what a link does not deliver: `/link/<name>/dropped`."""
+    """Return the topic of a link's dropped messages: `/link/<name>/dropped`."""
     return f"/link/{link}/dropped"
 
 
 def component_of(topic: str) -> str | None:
-    """Component whose output or input a topic is; None for other topics."""
+    """Return the component whose outputs or inputs a topic has; None for other topics."""
     found = re.fullmatch(r"/([^/]+)/(?:output|input)", topic)
     return found[1] if found else None
 
 
-def field_names(names: Sequence[str]) -> list[str]:
-    """Protobuf field names of FMI names: `eta.x` to `eta_x`, `K[1,3]` to `K_1_3`.
+def signal_name(topic: str, name: str) -> str:
+    """Return the name `Trace.signal` takes: `plant.eta.x`, or `/link/uplink:plant.eta.x`."""
+    component = component_of(topic)
+    return f"{component}.{name}" if component else f"{topic}:{name}"
 
-    Every character outside [A-Za-z0-9] becomes `_`; underscores at the end are cut off; a name
-    that does not begin with a letter gets `x_` in front. A name already taken, also one that
-    differs in case or underscores alone (protobuf's JSON names would collide), gets `_2`,
-    `_3`, ... in the order given.
+
+def field_names(names: Sequence[str]) -> list[str]:
+    """Turn FMI names into protobuf field names: `eta.x` to `eta_x`, `K[1,3]` to `K_1_3`.
+
+    Every character outside [A-Za-z0-9] becomes `_`; underscores at the end are removed; a name
+    that does not begin with a letter gets the prefix `x_`. A name that is taken, or differs from
+    one only in case or underscores (equal JSON names in protobuf), gets `_2`, `_3`, ...
     """
     taken: set[str] = set()
     result = []
@@ -151,13 +157,13 @@ def field_names(names: Sequence[str]) -> list[str]:
 
 
 def file_descriptor(schema_name: str, signals: Sequence[Signal]) -> FileDescriptorProto:
-    """Descriptor of the flat proto3 message `schema_name` (`package.Message`).
+    """Describe the flat proto3 message `schema_name` (`package.Message`) of a topic's rows.
 
-    Field i + 1 is signal i, `optional` and of the type of its kind.
+    Field i + 1 is signal i, `optional`, of the type of its kind.
 
     Raises
     ------
-    InputError : a schema name that is no protobuf name, or a signal named twice.
+    InputError : the schema name is no protobuf name, or two signals have the same name.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)*", schema_name):
         raise InputError(
@@ -195,7 +201,7 @@ def file_descriptor(schema_name: str, signals: Sequence[Signal]) -> FileDescript
 
 
 def message_class(files: FileDescriptorSet, schema_name: str) -> type[Any]:
-    """Message class of `schema_name`, from descriptors in order of dependence."""
+    """Make the message class of `schema_name`; each file comes after those it imports."""
     pool = DescriptorPool()
     for file in files.file:
         pool.Add(file)
@@ -203,25 +209,25 @@ def message_class(files: FileDescriptorSet, schema_name: str) -> type[Any]:
 
 
 def channel_metadata(signals: Sequence[Signal]) -> dict[str, str]:
-    """Channel metadata of a topic: `<field>.name`, `.kind`, `.hold`, `.vr`, `.unit`, ...
+    """Describe signals in a channel's metadata: `<field>.name`, `.hold`, `.vr`, `.unit`, ...
 
-    What is None has no entry.
+    An attribute that is None has no entry.
     """
     entries: dict[str, str] = {}
     for field, signal in zip(field_names([s.name for s in signals]), signals, strict=True):
-        entries[f"{field}.name"] = signal.name
-        entries[f"{field}.hold"] = signal.hold
-        if signal.value_reference is not None:
-            entries[f"{field}.vr"] = str(signal.value_reference)
-        if signal.unit is not None:
-            entries[f"{field}.unit"] = signal.unit
-        if signal.description is not None:
-            entries[f"{field}.description"] = signal.description
+        described = {
+            "name": signal.name,
+            "hold": signal.hold,
+            "vr": signal.value_reference,
+            "unit": signal.unit,
+            "description": signal.description,
+        }
+        entries |= {f"{field}.{k}": str(v) for k, v in described.items() if v is not None}
     return entries
 
 
 def signal_of(field: str, kind: Kind, metadata: Mapping[str, str]) -> Signal:
-    """Signal that `channel_metadata` described; the field name where it has no entry."""
+    """Read a signal back from a channel's metadata; its name is the field's where none is given."""
     reference = metadata.get(f"{field}.vr", "")
     return Signal(
         name=metadata.get(f"{field}.name") or field,
@@ -234,13 +240,13 @@ def signal_of(field: str, kind: Kind, metadata: Mapping[str, str]) -> Signal:
 
 
 def certificate_entries(claim: Mapping[str, Any], sha256: str, gain: str) -> dict[str, str]:
-    """Entries of `cosim.run` that name the certificate of the gain that flies.
+    """Return the entries of `cosim.run` that name the certificate of the gain in use.
 
     Parameters
     ----------
-    claim : what is proved, JSON values.
+    claim : what is proved, as JSON values.
     sha256 : of the attachment `CERTIFICATE_ATTACHMENT`.
-    gain : whose gain it is about, in words.
+    gain : which gain the certificate is about, in words.
     """
     return {
         CERTIFICATE_HASH: sha256,
@@ -251,17 +257,24 @@ def certificate_entries(claim: Mapping[str, Any], sha256: str, gain: str) -> dic
 
 
 def certificate_of(run: Mapping[str, str]) -> dict[str, Any] | None:
-    """`attachment`, `claim` (as an object), `gain` and `sha256` of a run; None without any."""
+    """Return `attachment`, `claim` (as an object), `gain` and `sha256`; None without certificate.
+
+    run : the entries of `cosim.run`.
+    """
     if CERTIFICATE_HASH not in run:
         return None
-    found: dict[str, Any] = {
-        name: run.get(f"certificate.{name}") for name in ("attachment", "claim", "gain", "sha256")
-    }
-    try:
-        found["claim"] = json.loads(found["claim"] or "null", parse_constant=_refuse)
-    except (ValueError, RecursionError):
-        found["claim"] = None
+    names = ("attachment", "claim", "gain", "sha256")
+    found: dict[str, Any] = {name: run.get(f"certificate.{name}") for name in names}
+    found["claim"] = parsed_json(found["claim"])
     return found
+
+
+def parsed_json(data: str | bytes | None) -> Any:
+    """Parse JSON of any origin; None for text that is no JSON, NaN and infinity included."""
+    try:
+        return json.loads(data or "null", parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _refuse(constant: str) -> float:
@@ -269,7 +282,5 @@ def _refuse(constant: str) -> float:
 
 
 def result_of_link(link: str, statistics: Mapping[str, Any]) -> dict[str, str]:
-    """Entries of `cosim.result` for a link: `link.<name>.<figure>`; None has no entry."""
-    return {
-        f"link.{link}.{key}": str(value) for key, value in statistics.items() if value is not None
-    }
+    """Return a link's entries of `cosim.result`, `link.<name>.<figure>`; None has no entry."""
+    return {f"link.{link}.{k}": str(v) for k, v in statistics.items() if v is not None}

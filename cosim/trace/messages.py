@@ -1,8 +1,7 @@
-"""The messages of one chunk, found and taken apart as arrays.
+"""Find the messages of one chunk, as arrays.
 
-The message index behind a chunk says where its messages lie. It is believed where its entries
-and the declarations between them cover the chunk without a gap; else the chunk is walked, a
-record at a time. Either way nothing in the chunk is passed over.
+The message index behind a chunk has the places of its messages. It is used if its entries and the
+declarations between them cover the chunk without a gap; else the chunk is read record by record.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ Others = list[tuple[int, memoryview]]
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """Messages side by side in a buffer.
+    """Messages in a buffer.
 
     Attributes
     ----------
     data : the buffer.
-    places : where each record begins, int64 (m,), in file order.
+    places : beginning of each record, int64 (m,), in file order.
     heads : opcode, length, channel, sequence, log and publish time, (m,) of `HEAD`.
     """
 
@@ -54,7 +53,7 @@ class Messages:
         return int(self.places.size)
 
     def part(self, which: NDArray[Any]) -> Messages:
-        """Those that a mask or indices name."""
+        """Return the messages that a mask or indices select."""
         return Messages(self.data, self.places[which], self.heads[which])
 
     @property
@@ -63,14 +62,14 @@ class Messages:
         return self.heads["length"].astype(np.int64) - (HEAD.itemsize - _BEFORE)
 
     def payloads(self) -> Iterator[memoryview]:
-        """The payloads one by one."""
+        """Yield the payloads one by one."""
         view = memoryview(self.data)
         starts = self.places + HEAD.itemsize
         for start, end in zip(starts.tolist(), (starts + self.sizes).tolist(), strict=True):
             yield view[start:end]
 
     def by_size(self) -> Iterator[tuple[Integers, NDArray[np.uint8]]]:
-        """Payloads of one size together: which messages, and their bytes, uint8 (k, size)."""
+        """Yield the messages of each size: their numbers (k,), and payloads, uint8 (k, size)."""
         sizes = self.sizes
         if sizes.size and (sizes == sizes[0]).all():
             yield np.arange(sizes.size), self._matrix(self.places, int(sizes[0]))
@@ -87,7 +86,7 @@ class Messages:
 
 
 def on_channels(messages: Messages, channels: Iterable[int]) -> NDArray[np.bool_]:
-    """Which messages are on one of these channels, by id."""
+    """Return which messages are on one of these channels, by id."""
     wanted = np.zeros(2**16, np.bool_)
     wanted[list(channels)] = True
     found: NDArray[np.bool_] = wanted[messages.heads["channel"]]
@@ -95,7 +94,7 @@ def on_channels(messages: Messages, channels: Iterable[int]) -> NDArray[np.bool_
 
 
 def structs_at(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """What lies at some places of a buffer, each `dtype.itemsize` bytes; all must lie inside."""
+    """Return the structures at places of a buffer; all must lie inside."""
     count = len(data) - dtype.itemsize + 1
     if count < 1:
         return np.zeros(0, dtype)
@@ -107,12 +106,12 @@ def structs_at(data: bytes, places: Integers, dtype: np.dtype[Any]) -> NDArray[A
 def find_messages(
     data: bytes, index: Sequence[bytes | memoryview]
 ) -> tuple[Messages, Others, DamageError | None]:
-    """Messages and declarations of an opened chunk, and what ended it before its end.
+    """Return messages and declarations of an opened chunk, and the damage that cut it short.
 
     Parameters
     ----------
-    data : the records one behind the other.
-    index : contents of its message index records; none is fine.
+    data : the records of the chunk.
+    index : contents of its message index records, or none.
     """
     places = _indexed(index)
     if places is not None:
@@ -123,7 +122,7 @@ def find_messages(
 
 
 def entries_of(content: bytes | memoryview) -> tuple[int, NDArray[np.uint64]] | None:
-    """Channel of a message index record, and its (log time, place) (m, 2); None if it is none."""
+    """Return channel and (log time, place), (m, 2), of a message index record; None if damaged."""
     if len(content) < _INDEX.size:
         return None
     channel, size = _INDEX.unpack_from(content)
@@ -142,7 +141,7 @@ def _indexed(index: Sequence[bytes | memoryview]) -> NDArray[np.uint64] | None:
 
 
 def _from_index(data: bytes, places_in_index: NDArray[np.uint64]) -> tuple[Messages, Others] | None:
-    """Messages at these places, if they and declarations are all there is."""
+    """Return the messages at these places; None unless they and declarations fill the chunk."""
     if places_in_index.size == 0 or int(places_in_index[-1]) > len(data) - HEAD.itemsize:
         return None
     places = places_in_index.astype(np.int64)

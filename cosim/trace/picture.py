@@ -1,4 +1,4 @@
-"""Pictures of runs, drawn from their traces alone."""
+"""Draw pictures of runs from their traces."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, optional
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
+from cosim.trace.traffic import deliveries, link_names, loop_age
 
 _COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e")
 _FORCES = ("force.x", "force.y", "force.z", "moment.z")
@@ -20,7 +21,7 @@ _FORCES = ("force.x", "force.y", "force.z", "moment.z")
 
 @dataclass(frozen=True)
 class LabelledTrace:
-    """A trace and what to call it in a picture."""
+    """A trace and its label in a picture."""
 
     label: str
     path: Path
@@ -29,13 +30,13 @@ class LabelledTrace:
 def compare_runs(
     runs: Sequence[LabelledTrace], target: Path, *, age_limit_s: float | None = None
 ) -> Path:
-    """One picture of several flights of the vehicle: path, states, thrust, message age.
+    """Draw several runs of the vehicle in one picture: path, states, thrust, measurement age.
 
     Parameters
     ----------
     runs : at most four traces of `AuvPlant` and `HinfController` scenarios.
     target : PNG, SVG or PDF file.
-    age_limit_s : designed age of the measurements, drawn as a line.
+    age_limit_s : age of measurements designed for [s], drawn as a line.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def compare_runs(
         age = figure.add_subplot(grid[3, 0])
         states = [figure.add_subplot(grid[i, 1]) for i in range(4)]
         thrust = [figure.add_subplot(grid[i, 2]) for i in range(4)]
-        # the first flight is what the picture is about: it is drawn last, on top
+        # the first run is the main one: it is drawn last, on top
         for place, run in reversed(list(enumerate(runs))):
             style = {"color": _COLOURS[place], "lw": 1.4 if place == 0 else 0.8}
             _draw(_RunRows(run), style, path, states, thrust, age)
@@ -60,7 +61,7 @@ def compare_runs(
 
 
 def pyplot() -> Any:
-    """matplotlib's pyplot without a display; an `InputError` if it is not installed."""
+    """Import matplotlib's pyplot for use without a display; `InputError` if not installed."""
     needed = {"extra": "plot", "what": "pictures need matplotlib"}
     optional("matplotlib", **needed).use("Agg")
     return optional("matplotlib.pyplot", **needed)
@@ -75,7 +76,7 @@ class _RunRows:
         for topic in ("/plant/output", "/controller/output"):
             if topic not in trace.topics:
                 raise InputError(
-                    "this trace is not of a flight of the vehicle",
+                    "this trace is not of a run of the vehicle",
                     where=str(run.path),
                     expected="components called plant and controller",
                     got=", ".join(trace.topics) or "no topics",
@@ -86,37 +87,24 @@ class _RunRows:
         self.reference = (
             trace.read("/controller/input") if "/controller/input" in trace.topics else None
         )
-        self.links = {
-            name.removeprefix("/link/"): trace.read(name)
-            for name in trace.topics
-            if name.startswith("/link/") and not name.endswith("/dropped")
-        }
+        self.links = [deliveries(trace, link) for link in link_names(trace)]
         self.seconds = self.plant.log_time_ns / 1e9
         self.step_ns = int((trace.run or {}).get("step_ns", 0))
 
     def age(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Age of the measurement behind the command in force: a sawtooth over time.
+        """Return times and age [s] of the measurement behind the command, by `loop_age`.
 
-        Back from the command's own message to the measurement that had reached the controller
-        one coupling step before it was sent. None without a link each way.
+        None without a link each way.
         """
         up, down = self._link_from("plant."), self._link_from("controller.")
         if up is None or down is None:
             return None
-        arrivals = down.log_time_ns
-        t = np.unique(np.concatenate([self.plant.log_time_ns, arrivals, arrivals - 1]))
-        command = np.searchsorted(arrivals, t, side="right") - 1
-        sent = down.publish_time_ns[np.maximum(command, 0)]
-        measured = np.searchsorted(up.log_time_ns, sent - self.step_ns, side="right") - 1
-        known = (command >= 0) & (measured >= 0)
-        origin = up.publish_time_ns[np.maximum(measured, 0)]
-        return t / 1e9, np.where(known, (t - origin) / 1e9, np.nan)
+        t, age = loop_age(up, down, self.plant.log_time_ns, self.step_ns)
+        return t / 1e9, age
 
     def _link_from(self, component: str) -> Table | None:
-        for table in self.links.values():
-            if any(name.startswith(component) for name in table.columns):
-                return table
-        return None
+        from_it = (t for t in self.links if any(n.startswith(component) for n in t.columns))
+        return next(from_it, None)
 
 
 def _draw(
@@ -138,18 +126,14 @@ def _draw(
 
 
 def _label_axes(path: Any, states: Any, thrust: Any, age: Any, age_limit_s: float | None) -> None:
-    path.set(
-        xlabel="east y [m]", ylabel="north x [m]", title="Path (dots: start, dashed: reference)"
-    )
+    title = "Path (dots: start, dashed: reference)"
+    path.set(xlabel="east y [m]", ylabel="north x [m]", title=title)
     path.plot(0, 0, "k+", ms=12, mew=1.5)
     path.set_aspect("equal", adjustable="datalim")
     path.legend(loc="best")
-    units = ("north x [m]", "east y [m]", "depth z [m]", "heading ψ [rad]")
-    for axis, label in zip(states, units, strict=True):
-        axis.set_ylabel(label)
-    for axis, label in zip(
-        thrust, ("surge [kN]", "sway [kN]", "heave [kN]", "yaw [kN m]"), strict=True
-    ):
+    pose = ("north x [m]", "east y [m]", "depth z [m]", "heading ψ [rad]")
+    forces = ("surge [kN]", "sway [kN]", "heave [kN]", "yaw [kN m]")
+    for axis, label in zip((*states, *thrust), (*pose, *forces), strict=True):
         axis.set_ylabel(label)
     states[0].set_title("Position and heading")
     thrust[0].set_title("Thrust as the vehicle receives it")

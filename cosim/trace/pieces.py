@@ -1,7 +1,6 @@
-"""The records of an MCAP file as pieces of it, and what is in them.
+"""The records of an MCAP file by their places, and their fields.
 
-Nothing is taken at its word: no length beyond the file is believed, and every checksum that is
-given is checked.
+Lengths are checked against the file, and every checksum is checked.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ class Piece:
 
     @property
     def end(self) -> int:
-        """Where the next one begins."""
+        """Where the next record begins."""
         return self.position + HEAD_BYTES + self.length
 
 
@@ -135,7 +134,7 @@ class McapFile:
         self.data.close()
 
     def at(self, position: int) -> Piece | None:
-        """The record that could lie at a place, by its head alone."""
+        """Return the record at a place if its head is plausible, else None."""
         if not len(MAGIC) <= position <= self.size - HEAD_BYTES:
             return None
         opcode = self.data[position]
@@ -149,24 +148,24 @@ class McapFile:
         return Piece(opcode, position, length)
 
     def content(self, piece: Piece) -> bytes:
-        """Content of a record."""
+        """Return the content of a record."""
         return self.data[piece.position + HEAD_BYTES : piece.end]
 
     def checksum(self, first: int, last: int) -> int:
-        """CRC-32 of the bytes first to last - 1."""
+        """Return the CRC-32 of the bytes first to last - 1."""
         with memoryview(self.data) as whole, whole[first:last] as part:
             return zlib.crc32(part)
 
 
 def schema_of(content: bytes | memoryview) -> Schema:
-    """Schema record; `DamageError` if it is none."""
+    """Read a schema record; `DamageError` if it is none."""
     fields = Cursor(content)
     number, name, encoding = fields.number(2), fields.text(), fields.text()
     return Schema(number, name, encoding, bytes(fields.take(fields.number(4))))
 
 
 def channel_of(content: bytes | memoryview) -> Channel:
-    """Channel record; `DamageError` if it is none."""
+    """Read a channel record; `DamageError` if it is none."""
     fields = Cursor(content)
     number, schema = fields.number(2), fields.number(2)
     topic, encoding = fields.text(), fields.text()
@@ -174,13 +173,13 @@ def channel_of(content: bytes | memoryview) -> Channel:
 
 
 def message_of(content: bytes | memoryview) -> Message:
-    """Message record of at least 22 bytes."""
+    """Read a message record of at least 22 bytes."""
     channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content)
     return Message(channel, sequence, log_ns, publish_ns, bytes(content[_MESSAGE.size :]))
 
 
 def metadata_of(content: bytes | memoryview) -> tuple[str, dict[str, str]]:
-    """Name and entries of a metadata record; `DamageError` if it is none."""
+    """Read name and entries of a metadata record; `DamageError` if it is none."""
     fields = Cursor(content)
     name, entries = fields.text(), fields.mapping()
     if fields.left:
@@ -189,7 +188,7 @@ def metadata_of(content: bytes | memoryview) -> tuple[str, dict[str, str]]:
 
 
 def attachment_of(content: bytes | memoryview) -> AttachmentRecord:
-    """Attachment record; `DamageError` if it is none, or its checksum is wrong."""
+    """Read an attachment record; `DamageError` if it is none, or its checksum is wrong."""
     given = int.from_bytes(content[-4:], "little")
     if given not in (0, zlib.crc32(memoryview(content)[:-4])):
         raise DamageError("the checksum of an attachment does not match")
@@ -202,11 +201,11 @@ def attachment_of(content: bytes | memoryview) -> AttachmentRecord:
 
 
 def declarations(file: McapFile, piece: Piece) -> list[Schema | Channel]:
-    """Check a record, its content and its checksums, and return what it declares.
+    """Check a record, its content and its checksums, and return the schemas and channels in it.
 
     Raises
     ------
-    DamageError : it is not what it says.
+    DamageError : the record is damaged.
     """
     content = file.content(piece)
     found: list[Schema | Channel] = []

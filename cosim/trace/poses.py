@@ -1,7 +1,7 @@
-"""`foxglove.PoseInFrame` of many poses at once, byte for byte as protobuf writes them.
+"""Encode many poses as `foxglove.PoseInFrame` at once, byte for byte as protobuf does.
 
-proto3 leaves out what is zero and writes integers in as few bytes as they need: poses that
-leave out the same and need the same have messages of one shape, and are made together.
+proto3 omits zeros and writes integers in as few bytes as they need: poses with the same fields in
+the same widths have messages of one shape, and are encoded together.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SECOND = 10**9
 def pose_messages(
     frame: str, time_ns: Integers, position: Reals, psi: Reals, room: int = 0
 ) -> Iterator[tuple[NDArray[np.intp], Bytes]]:
-    """Messages of poses in a frame, by shape.
+    """Yield numbers (k,) and messages, uint8 (k, room + size), of the poses of each shape.
 
     Parameters
     ----------
@@ -33,13 +33,9 @@ def pose_messages(
     position : x, y, z [m], (m, 3).
     psi : turn about z [rad], (m,).
     room : bytes left free in front of each message.
-
-    Yields
-    ------
-    numbers of the poses that have one shape (k,), and their messages, uint8 (k, room + size).
     """
     seconds, nanos = np.divmod(time_ns, _SECOND)
-    # the C library's, as for a single pose: NumPy's own differ in the last bit
+    # sin and cos of the C library, as for a single pose: NumPy's differ in the last bit
     halves = (0.5 * psi).tolist()
     turn = np.array([(math.sin(half), math.cos(half)) for half in halves]).reshape(-1, 2)
     doubles = np.ascontiguousarray(np.column_stack([position, turn]), dtype="<f8")
@@ -60,7 +56,7 @@ def pose_messages(
 
 
 def _length(values: Integers) -> Integers:
-    """Bytes of each as a varint; 0 for zero, which is not written."""
+    """Return the length of each varint; 0 for zero, which proto3 omits."""
     return np.where(values == 0, 0, varint_lengths(values))
 
 
@@ -80,7 +76,7 @@ def _double(tag: int, values: Reals) -> Bytes:
 
 
 def _message(tag: int, parts: list[Bytes], count: int) -> Bytes:
-    """A field that holds a message of fewer than 128 bytes."""
+    """Encode a field that has a message of fewer than 128 bytes."""
     body = np.hstack([np.zeros((count, 0), np.uint8), *parts])
     head = np.tile(np.array([tag, body.shape[1]], np.uint8), (count, 1))
     return np.hstack([head, body])

@@ -1,4 +1,4 @@
-"""What becomes of traces that are still open when the process ends, forks or is told to go."""
+"""Close open traces when the process ends or is terminated, and release them when it forks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Open(Protocol):
     """A trace being written."""
 
     def close(self) -> None:
-        """Write what there is, and end."""
+        """Write everything and close the file."""
 
     def forget(self) -> None:
-        """Touch nothing: this process is a copy of the one that writes."""
+        """Release the file untouched: this process is a fork of the one that writes."""
 
 
 _open: weakref.WeakSet[Open] = weakref.WeakSet()
@@ -30,11 +30,11 @@ _END_SIGNALS = (signal.SIGTERM,) if sys.platform == "win32" else (signal.SIGTERM
 
 
 def register(trace: Open) -> None:
-    """Look after a trace from now on.
+    """Close a trace at the end of the process, unless it is unregistered before.
 
     While traces are open, SIGTERM and SIGHUP end the process as `sys.exit` does, with 128 plus
-    the number, so that traces are closed and temporary folders removed: only where nobody has
-    said otherwise, and in the main thread, which alone gets signals.
+    the number, so that traces are closed and temporary folders removed. A signal that has a
+    handler keeps it; handlers are set in the main thread only, which alone gets signals.
     """
     _open.add(trace)
     if threading.current_thread() is threading.main_thread():
@@ -44,7 +44,7 @@ def register(trace: Open) -> None:
 
 
 def unregister(trace: Open) -> None:
-    """It has ended by itself."""
+    """Forget a trace that is closed, and restore the signals after the last one."""
     _open.discard(trace)
     if not _open and threading.current_thread() is threading.main_thread():
         for number in _END_SIGNALS:

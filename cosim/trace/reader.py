@@ -1,64 +1,63 @@
-"""Reading a trace: what was run, with what result, and every topic as columns.
+"""Read a trace: its run and result, and every topic as columns.
 
-Opening reads the summary and the indexes; the data are read when they are asked for, chunk by
-chunk, those chunks alone that hold the topics and the time asked for.
+Opening a trace reads the summary and the indexes; a read decompresses only the chunks with the
+topics and the time window wanted.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace import frames, layout, traffic
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
 from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
+from cosim.trace.frames import Align
 from cosim.trace.gather import TopicRows
+from cosim.trace.layout import Signal
+from cosim.trace.messages import Messages
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
 from cosim.trace.topic_info import TopicInfo, window_ns
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from cosim.trace.frames import Align
-    from cosim.trace.layout import Signal
-    from cosim.trace.messages import Messages
-
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
 
 class Trace:
-    """A trace file, ours or any MCAP file.
+    """A trace file: a recorded run, or any MCAP file.
 
     Parameters
     ----------
     path : the file.
-    incomplete : True: a file cut short or damaged is read as far as it goes, for which all of
-        it is gone through. False: it is refused; damage of the data is found when they are
-        read. None: True for a name that ends in `.partial`, else False.
+    incomplete : True: read a file that is cut short or damaged as far as possible, by a scan of
+        the whole file. False: refuse it; damaged data are noticed when they are read. None:
+        True for a name that ends in `.partial`, else False.
 
     Attributes
     ----------
-    run, result : entries of `cosim.run` ({} if there is none, as in foreign files) and
-        `cosim.result` (None if the run did not finish).
+    run, result : entries of `cosim.run` ({} in files of other tools) and `cosim.result` (None if
+        the run did not finish).
     finished : whether there is a result.
-    complete : whether the file is whole; `damage` says where and why it could not be read on.
+    complete : whether the file is whole; else `damage` says where and why reading stopped.
     metadata : every metadata record, (name, entries), in file order.
     attachments, media_types : by name.
     topics : `TopicInfo` by topic, in order of appearance.
-    library : who wrote the file, as its header says.
+    library : the writing library, from the file's header.
 
     Raises
     ------
-    InputError : missing, a directory, empty, not MCAP.
-    LossError : cut short or damaged, and `incomplete` does not allow it.
+    InputError : the file is missing, empty, a directory or no MCAP file.
+    LossError : it is cut short or damaged, and `incomplete` does not allow that.
     """
 
     def __init__(self, path: str | PathLike[str], *, incomplete: bool | None = None) -> None:
@@ -86,27 +85,21 @@ class Trace:
 
     @property
     def finished(self) -> bool:
-        """Whether the run finished: whether there is a `cosim.result`."""
+        """Whether the run finished: there is a `cosim.result`."""
         return self.result is not None
 
     @functools.cached_property
     def attachments(self) -> dict[str, bytes]:
-        """The files carried inside, by name; `LossError` where one is damaged."""
-        try:
+        """The attached files by name; `LossError` where one is damaged."""
+        with self._damage_as_loss():
             return attachment_data(self.path, self._contents.attachments)
-        except DamageError as error:
-            raise self._lost(str(error)) from error
 
     @functools.cached_property
     def spans(self) -> dict[str, tuple[int, int]]:
         """Least and greatest log time [ns] by topic, of those with messages."""
         known = self._contents
-        by_id = known.spans
-        if by_id is None:
-            try:
-                by_id = times_of(self.path, known)
-            except DamageError as error:
-                raise self._lost(str(error)) from error
+        with self._damage_as_loss():
+            by_id = times_of(self.path, known) if known.spans is None else known.spans
         found: dict[str, tuple[int, int]] = {}
         for number, (low, high) in by_id.items():
             topic = known.declared.channels[number].topic
@@ -118,18 +111,16 @@ class Trace:
     def signals(self) -> dict[str, tuple[str, Signal]]:
         """Topic and description of every protobuf signal, by the name `signal` takes.
 
-        `component.variable` for what components send and receive, `TOPIC:name` for the rest.
+        `component.variable` for outputs and inputs of components, `TOPIC:name` for the rest.
         """
         found: dict[str, tuple[str, Signal]] = {}
         for topic, info in self.topics.items():
-            component = layout.component_of(topic)
             for signal in info.signals:
-                name = f"{component}.{signal.name}" if component else f"{topic}:{signal.name}"
-                found.setdefault(name, (topic, signal))
+                found.setdefault(layout.signal_name(topic, signal.name), (topic, signal))
         return found
 
     def place(self, name: str) -> tuple[str, str]:
-        """Topic, and name within it, of a signal.
+        """Return the topic of a signal, and its name within the topic.
 
         Raises
         ------
@@ -144,30 +135,30 @@ class Trace:
         raise InputError.unknown("signal", name, self.signals, where=str(self.path))
 
     def signal(self, name: str, *, start: float | None = None, end: float | None = None) -> Series:
-        """One signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
+        """Read one signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
 
         start, end : as in `read`.
 
         Raises
         ------
-        InputError, LossError : no such signal; as `read`.
+        InputError, LossError : no such signal, and as `read`.
         """
         topic, own = self.place(name)
         return series_of(self.read(topic, start=start, end=end), own)
 
     def __getitem__(self, name: str) -> Series:
-        """`signal(name)`."""
+        """Read one signal over time, as `signal(name)`."""
         return self.signal(name)
 
     def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
-        """Rows of one topic.
+        """Read the rows of one topic.
 
         start, end : least and greatest time of delivery [s]; all by default.
 
         Raises
         ------
-        InputError : no such topic, or neither protobuf nor JSON.
-        LossError : damage, or a row that does not fit its schema.
+        InputError : no such topic, or its encoding is neither protobuf nor JSON.
+        LossError : the file is damaged, or a row does not fit its schema.
         """
         return self.read_all([topic], start=start, end=end)[topic]
 
@@ -178,7 +169,7 @@ class Trace:
         start: float | None = None,
         end: float | None = None,
     ) -> dict[str, Table]:
-        """Tables of several topics (all protobuf ones if None), in one pass over the file."""
+        """Read several topics (all protobuf topics if None) in one pass over the file."""
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
         first, last = window_ns(start, end)
@@ -203,9 +194,9 @@ class Trace:
         start: float | None = None,
         end: float | None = None,
     ) -> Any:
-        """A pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
+        """Return a pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
 
-        what : a topic, or topics and signals; by default what every component sent and received.
+        what : a topic, or topics and signals; by default outputs and inputs of all components.
         """
         if what is None:
             what = [t for t in self.topics if layout.component_of(t)] or [
@@ -216,26 +207,24 @@ class Trace:
     def age(
         self, link: str, at: NDArray[np.float64] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Age [s] of a link's message in use over time [s]; see `cosim.trace.traffic.age`."""
+        """Return instants [s] and the age [s] of the message in use; see `cosim.trace.traffic`."""
         return traffic.age(self, link, at)
 
     def dropped(self, link: str) -> Table:
-        """What a link did not deliver, and why; see `cosim.trace.traffic.dropped`."""
+        """Read the messages that a link dropped, with the reason; see `cosim.trace.traffic`."""
         return traffic.dropped(self, link)
 
     def messages(self) -> Iterator[tuple[Channel, int, int, int, memoryview]]:
-        """Every message in file order: channel, sequence, log time, publish time, payload."""
-        channels = self._contents.declared.channels
+        """Yield channel, sequence, log time, publish time and payload of each message in order."""
+        channels = self.channels
         for block in self.blocks():
             heads = block.heads
-            columns = (heads[key].tolist() for key in ("channel", "sequence", "log", "publish"))
-            for number, sequence, log, publish, payload in zip(
-                *columns, block.payloads(), strict=True
-            ):
-                yield channels[number], sequence, log, publish, payload
+            columns = [heads[key].tolist() for key in ("channel", "sequence", "log", "publish")]
+            for number, *rest in zip(*columns, block.payloads(), strict=True):
+                yield channels[number], *rest
 
     def blocks(self) -> Iterator[Messages]:
-        """The messages in file order, a chunk at a time; `LossError` where one is damaged."""
+        """Yield the messages in file order, a chunk at a time; `LossError` where one is damaged."""
         return self._segments(None, 0, 2**64 - 1)
 
     @property
@@ -244,19 +233,23 @@ class Trace:
         return self._contents.declared.channels
 
     def check(self) -> None:
-        """Go through the records of the whole file, checksums too; `LossError` if it is damaged.
+        """Check every record of the file and its checksums; `LossError` if it is damaged.
 
-        Not inside the chunks: whoever reads those checks them.
+        Records inside a chunk are checked when the chunk is read.
         """
-        if self._contents.scanned:
-            return
+        if not self._contents.scanned:
+            with self._damage_as_loss():
+                check_outer_records(self.path)
+
+    @contextmanager
+    def _damage_as_loss(self) -> Iterator[None]:
         try:
-            check_outer_records(self.path)
+            yield
         except DamageError as error:
             raise self._lost(str(error)) from error
 
     def _segments(self, wanted: set[int] | None, first: int, last: int) -> Iterator[Messages]:
-        """Messages of the stretches with one of these channels and some time in the window."""
+        """Yield the messages of the segments that have these channels and overlap the window."""
         declared = self._contents.declared
         with open_trace(self.path) as stream:
             for segment in self._contents.segments:
@@ -265,10 +258,9 @@ class Trace:
                 there = segment.channels
                 if wanted is not None and there is not None and not there & wanted:
                     continue
-                try:
-                    yield read_segment(stream, segment, declared)
-                except DamageError as error:
-                    raise self._lost(str(error)) from error
+                with self._damage_as_loss():
+                    messages = read_segment(stream, segment, declared)
+                yield messages
 
     def _gathered(self, topic: str) -> TopicRows:
         if topic not in self.topics:

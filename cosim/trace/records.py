@@ -1,9 +1,8 @@
-"""The records of an MCAP file in file order, chunks opened, as far as they can be read.
+"""Read the records of an MCAP file in file order, as far as they are whole.
 
-The official reader seeks through the summary, which a file cut short does not have, and takes
-lengths at their word. This one walks from the front, checks every length against what is
-there and every checksum that is given, and says where it stopped. Format: the MCAP
-specification, https://mcap.dev/spec.
+The official reader needs the summary, which a file cut short does not have, and trusts lengths.
+This one reads from the front, checks every length and every checksum, and reports where it
+stopped. Format: the MCAP specification, https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -11,7 +10,9 @@ from __future__ import annotations
 import stat
 import struct
 import zlib
-from typing import TYPE_CHECKING, BinaryIO
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
 
 import lz4.frame
 import zstandard
@@ -19,14 +20,10 @@ from mcap.opcode import Opcode
 
 from cosim.core import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
 MAGIC = b"\x89MCAP0\r\n"
 
 MAX_CHUNK_BYTES = 2**28
-"""Largest chunk that is opened; a claim beyond it is taken for damage, not memory."""
+"""Largest chunk that is opened; one that claims more is damaged."""
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")
@@ -39,7 +36,7 @@ class DamageError(Exception):
 
 
 class Cursor:
-    """Reads the fields of one record; running over its end is damage."""
+    """A reading position in one record; `DamageError` at a field beyond the record's end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self._data = memoryview(data)
@@ -78,31 +75,13 @@ class Cursor:
         return len(self._data) - self._at
 
 
-def records(path: Path) -> Iterator[tuple[int, memoryview]]:
-    """Opcode and content of each record; those of a chunk in its place, without the chunk.
-
-    Ends normally only after the closing magic.
+def outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Yield opcode, position in the file and content of each record, with chunks unopened.
 
     Raises
     ------
     InputError : no such file, a directory, an empty file, not an MCAP file.
-    DamageError : cut short, or damaged; what was yielded before is good.
-    """
-    for opcode, position, content in outer_records(path):
-        if opcode != Opcode.CHUNK:
-            yield opcode, memoryview(content)
-            continue
-        try:
-            for inner, _, inside in inner_records(chunk_data(content)):
-                yield inner, inside
-        except DamageError as error:
-            raise DamageError(f"record at byte {position}: {error}") from None
-
-
-def outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
-    """Opcode, position in the file and content of each record; chunks stay as they are.
-
-    Ends and raises as `records`.
+    DamageError : the file is cut short or damaged; records yielded before are whole.
     """
     with open_trace(path) as stream:
         try:
@@ -112,7 +91,7 @@ def outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
 
 
 def open_trace(path: Path) -> BinaryIO:
-    """The file for reading; an `InputError` if it is none, a pipe, or cannot be opened."""
+    """Open a file for reading; `InputError` if that fails, or if it is no regular file."""
     try:
         # a pipe would block for ever
         regular = stat.S_ISREG(path.stat().st_mode)
@@ -135,7 +114,7 @@ def open_trace(path: Path) -> BinaryIO:
 
 
 def check_start(start: bytes, size: int, path: Path) -> None:
-    """See that a file of `size` bytes begins as an MCAP file does; an `InputError` if not."""
+    """Raise an `InputError` unless the first bytes of a file of `size` bytes are MCAP's."""
     if start != MAGIC:
         cut = bool(start) and MAGIC.startswith(start)
         raise InputError(
@@ -193,7 +172,7 @@ def _check(opcode: int, content: bytes, checksum: int) -> None:
 
 
 def inner_records(data: bytes | memoryview) -> Iterator[tuple[int, int, memoryview]]:
-    """Opcode, place and content of each record of an opened chunk; `DamageError` as `records`."""
+    """Yield opcode, place and content of each record of an opened chunk; `DamageError` if cut."""
     view = memoryview(data)
     at, size = 0, len(data)
     while at < size:
@@ -211,7 +190,7 @@ def inner_records(data: bytes | memoryview) -> Iterator[tuple[int, int, memoryvi
 
 
 def chunk_data(content: bytes | memoryview) -> bytes:
-    """Uncompressed data of a chunk record, checked; `DamageError` if it is not as it claims."""
+    """Decompress a chunk record; `DamageError` if size or checksum are not as it claims."""
     fields = Cursor(content)
     _, _, size, checksum = _CHUNK.unpack(fields.take(_CHUNK.size))
     compression = fields.text()

@@ -1,4 +1,4 @@
-"""A finished file of what is left of one that was cut short or damaged."""
+"""Recover a trace that was cut short or damaged: write a finished file of its whole records."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from cosim.trace.stream import McapStream
 
 @dataclass(frozen=True)
 class Recovery:
-    """What became of a file.
+    """The result of recovering a file.
 
     Attributes
     ----------
-    source, output : the file, and the one that was written; the same where nothing had to be.
-    complete : whether the file was whole: then there was nothing to recover.
-    finished : whether the run had come to its result.
-    messages, metadata, attachments : how many are in the output.
-    lost_messages : how many are not, None where nobody can tell.
+    source, output : the file read, and the one written; the same if nothing had to be written.
+    complete : whether the file was whole, with nothing to recover.
+    finished : whether the run has a result.
+    messages, metadata, attachments : number of them in the output.
+    lost_messages : number of messages lost, None if unknown.
     lost_bytes : bytes of the file that could not be used.
-    damage : where and why.
-    lost : whether anything recorded is lost, or may be: the file was cut before its end.
+    damage : places and reasons.
+    lost : whether recorded data are lost, or may be: the file was cut before its end.
     """
 
     source: Path
@@ -49,7 +49,7 @@ class Recovery:
     lost: bool
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return all fields as JSON values, for `--json`."""
         return {
             **{name: getattr(self, name) for name in _PLAIN},
             "source": str(self.source),
@@ -79,9 +79,8 @@ def recover(
 ) -> Recovery:
     """Write a finished file with every message, metadata record and attachment that is whole.
 
-    A chunk whose checksum does not match is left out: nothing in it is proved. The original
-    stays as it is. A file that is whole is left alone, unless an output is named: then that is
-    a copy.
+    A chunk whose checksum does not match is left out. The source is not changed. If it is whole,
+    nothing is written, or a copy if an output is given.
 
     Parameters
     ----------
@@ -90,8 +89,8 @@ def recover(
 
     Raises
     ------
-    InputError : the source cannot be read, is no MCAP file or holds nothing; the output exists
-        or is the source.
+    InputError : the source cannot be read, is no MCAP file or has no whole record; the output
+        exists or is the source.
     LossError : the output cannot be written.
     """
     report_progress = progress or silent

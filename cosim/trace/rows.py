@@ -1,4 +1,4 @@
-"""Many rows at once, for `TraceWriter.write_rows`."""
+"""Arrays of rows and poses for `TraceWriter.write_rows`."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Rows:
     values : (m, signals), doubles, or m lists of values of the signals' own kinds.
     publish_ns : instants of sending [ns]; the log times by default.
     sequence : sequence numbers; zeros by default.
-    rank : orders what has the same log time: the smaller first key comes first, then the second
-        decides, and so on; a tuple for all rows, or int64 (m, keys).
+    rank : order of rows of the same log time: ascending in the first key, then the second, and
+        so on; a tuple for all rows, or int64 (m, keys).
     """
 
     topic_id: int
@@ -43,10 +43,7 @@ class Rows:
 
 @dataclass
 class Poses:
-    """Poses of the vehicle: x, y, z [m] and psi [rad], (m, 4), as `TraceWriter.pose` takes one.
-
-    `log_ns` and `rank` as for `Rows`.
-    """
+    """Poses of the vehicle: x, y, z [m] and psi [rad], (m, 4); the rest as in `Rows`."""
 
     log_ns: Integers
     values: NDArray[np.float64]

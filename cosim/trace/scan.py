@@ -1,7 +1,7 @@
-"""What is left of an MCAP file: every record that is whole, and where the damage is.
+"""Find every whole record of an MCAP file, and its damage.
 
-Unlike `records`, which stops at the first fault, this goes on behind it: where a record cannot
-be right, the next place is looked for at which one can.
+Unlike `records`, which stops at the first fault, this goes on behind it: where a record cannot be
+right, it looks for the next place where one can be.
 """
 
 from __future__ import annotations
@@ -35,21 +35,20 @@ class Damage:
 
 @dataclass
 class Scan:
-    """What a file holds.
+    """The whole records of a file, and its damage.
 
     Attributes
     ----------
-    pieces : the whole records of the data section, in file order; chunks as they are.
-    summary : those behind its end.
-    damage : in file order; with the bytes at the end that are no whole record.
-    schemas, channels : by id, from wherever they are declared.
-    conflicts : ids declared twice, not alike.
-    ended : the record that ends the data section, None if there is none.
+    pieces : whole records of the data section, in file order, with chunks unopened.
+    summary : whole records behind the data section.
+    damage : in file order, with bytes at the end that are no whole record.
+    schemas, channels : by id, wherever they are declared.
+    conflicts : ids declared twice with different content.
+    ended : the record that ends the data section, or None.
     footer : start of the summary, start of its offsets, its checksum; None without a footer.
-    proved : whether the summary is that of its checksum.
+    proved : whether the summary matches its checksum.
     whole : whether footer and closing magic are there.
-    lost : messages in what is damaged before the end, by the chunks' indexes; None where that
-        cannot be told.
+    lost : number of messages in damage before the end, by the chunks' indexes; None if unknown.
     """
 
     pieces: list[Piece] = field(default_factory=list)
@@ -71,7 +70,7 @@ class Scan:
 
 
 def scan(file: McapFile) -> Scan:
-    """Look at every record, from the front to the end."""
+    """Scan a file for whole records and damage, from the front to the end."""
     return _Scanner(file).run()
 
 

@@ -1,8 +1,8 @@
-"""An MCAP stream that takes messages one by one or in blocks of thousands.
+"""Write an MCAP file, messages one by one or in blocks of thousands.
 
-Records are written through the mcap package's own classes; what is ours is the way into a
-chunk: a block of messages, already laid out as bytes, is appended as it is, its index as
-arrays. (The package's `Writer` takes one message at a time, some 130,000 a second.)
+Records are written by the classes of the mcap package. Only chunks are filled here: a block of
+messages, laid out as bytes, is appended with its index as arrays. (The package's `Writer` takes
+one message at a time, some 130,000 a second.)
 """
 
 from __future__ import annotations
@@ -45,27 +45,27 @@ _FOOTER_LENGTH = 8 + 8 + 4
 
 
 class Sink(Protocol):
-    """Takes bytes: a file, or what stands for one."""
+    """A file, or another receiver of bytes."""
 
     def write(self, data: Data, /) -> int:
-        """Write all of it."""
+        """Write all the data."""
 
     def flush(self) -> None:
-        """Hand it on."""
+        """Pass everything written on to the operating system."""
 
 
 class McapStream:
-    """Writes one MCAP file; the caller owns the stream and calls `start` first, `finish` last.
+    """A writer of one MCAP file; the caller owns the stream, and calls `start` and `finish`.
 
-    An interruption (Ctrl-C) may strike anywhere: `finish` only while `sound`.
+    An interruption (Ctrl-C) may come at any time: call `finish` only while `sound`.
 
     Parameters
     ----------
     stream : binary, seekable or not.
-    chunk_bytes : size before compression at which a chunk is closed.
+    chunk_bytes : size before compression at which a chunk is closed [bytes].
     compression : one of `COMPRESSIONS`.
-    early : schemas and channels also stand before the chunks, so that a chunk that is damaged
-        takes with it no channel that later ones use.
+    early : write schemas and channels before the chunks too, so that a damaged chunk loses no
+        channel that later ones use.
     """
 
     def __init__(
@@ -73,9 +73,9 @@ class McapStream:
     ) -> None:
         self._stream = stream
         self.position = 0
-        """Where the last whole record ends."""
+        """End of the last whole record [bytes]."""
         self.sound = True
-        """False from an interruption in the middle of something on: no summary could be true."""
+        """False after an interruption within an operation: a summary would be wrong."""
         self._crc = 0
         self._chunk_bytes = chunk_bytes
         self._compress = Compressor("" if compression == "none" else compression)
@@ -91,12 +91,12 @@ class McapStream:
         self._last = 0
 
     def start(self, library: str, profile: str = "") -> None:
-        """Magic bytes and header."""
+        """Write magic bytes and header."""
         self._write(MCAP0_MAGIC)
         self._record(Header(profile=profile, library=library))
 
     def metadata(self, name: str, entries: Mapping[str, str]) -> None:
-        """A metadata record; what is in the chunk in progress stays behind it."""
+        """Write a metadata record, before the messages of the chunk in progress."""
         with self._undivided():
             offset = self.position
             length = self._record(Metadata(name=name, metadata=dict(entries)))
@@ -105,7 +105,7 @@ class McapStream:
     def attachment(
         self, name: str, media_type: str, data: bytes, *, log_ns: int = 0, create_ns: int = 0
     ) -> None:
-        """An attachment; without times, unless they are given."""
+        """Write an attachment; its times are 0 unless given."""
         with self._undivided():
             offset = self.position
             record = Attachment(
@@ -129,7 +129,7 @@ class McapStream:
             )
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Declare a schema; returns its id."""
+        """Declare a schema and return its id."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         with self._undivided():
             self._schemas.append(schema)
@@ -139,7 +139,7 @@ class McapStream:
     def channel(
         self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]
     ) -> int:
-        """Declare a channel; returns its id."""
+        """Declare a channel and return its id."""
         channel = Channel(
             id=len(self._channels) + 1,
             topic=topic,
@@ -153,7 +153,7 @@ class McapStream:
         return channel.id
 
     def add(self, block: Block) -> None:
-        """Messages in the order of the block; chunks are closed as they fill."""
+        """Write messages in the order of the block; chunks are closed as they fill."""
         sealed = []
         begin = 0
         with self._undivided():
@@ -173,7 +173,7 @@ class McapStream:
     def message(
         self, channel: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
     ) -> None:
-        """One message."""
+        """Write one message."""
         self._chunk.message(channel, log_ns, publish_ns, sequence, data)
         if self._chunk.count > self._chunk_bytes:
             self._close_chunk()
@@ -184,7 +184,7 @@ class McapStream:
         self._stream.flush()
 
     def finish(self) -> None:
-        """The last chunk, the summary, the footer."""
+        """Write the last chunk, the summary and the footer."""
         self._close_chunk()
         self._record(DataEnd(self._crc))
         start = self.position

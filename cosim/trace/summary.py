@@ -1,7 +1,7 @@
-"""What is in an MCAP file by its summary, which is believed where it adds up.
+"""Read the contents of an MCAP file from its summary, if that is consistent.
 
-Its checksum and its counts are right, every chunk stands where it says, and no message lies
-between what it names.
+Its checksum and counts must be right, every chunk must be where it says, and no message may lie
+between the records it names.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _FOOTER = struct.Struct("<QQI")
 
 
 def from_summary(path: Path) -> Contents | None:
-    """Contents as the summary tells them; None where it is missing or does not add up.
+    """Read the contents from the summary; None if it is missing or inconsistent.
 
     Raises
     ------
@@ -47,7 +47,7 @@ class _Summary:
     def __init__(self, stream: BinaryIO, size: int) -> None:
         self._stream, self._size = stream, size
         self._known = Contents()
-        self._named: list[tuple[int, int]] = []  # where what the summary names begins and ends
+        self._named: list[tuple[int, int]] = []  # begin and end of the records in the summary
         self._metadata: list[int] = []
         self._numbers: tuple[int, ...] | None = None
 

@@ -1,32 +1,30 @@
-"""Rows of a topic as columns, and one signal by itself."""
+"""The rows of a topic as columns, and one signal over time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, optional
-
-if TYPE_CHECKING:
-    from cosim.trace.layout import Signal
+from cosim.trace.layout import Signal
 
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of a topic in file order.
+    """The rows of a topic in file order.
 
     Attributes
     ----------
     log_time_ns : instants of delivery [ns], int64 (m,).
-    publish_time_ns : instants of sending [ns], int64 (m,); the same but on links.
+    publish_time_ns : instants of sending [ns], int64 (m,); equal to `log_time_ns` but on links.
     sequence : sequence numbers, int64 (m,).
     columns : by FMI name: float64, int64, bool, or object (str).
-    present : where each has a value. Where it has none, the column holds NaN, 0, False or "".
+    present : where each column has a value; elsewhere it has NaN, 0, False or "".
     signals : unit, description and hold of each column, by name.
     """
 
@@ -42,7 +40,7 @@ class Table:
         return int(self.log_time_ns.size)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Column of a signal; `InputError` if there is none of this name."""
+        """Return the column of a signal; `InputError` if there is none of this name."""
         if name not in self.columns:
             raise InputError.unknown("signal", name, self.columns, where=f"topic {self.topic}")
         return self.columns[name]
@@ -58,11 +56,11 @@ class Table:
         return self.publish_time_ns / 1e9
 
     def to_pandas(self) -> Any:
-        """A pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
+        """Return a pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
         return rows_frame(self)
 
     def part(self, which: NDArray[Any]) -> Table:
-        """The rows that a mask or indices name."""
+        """Return the rows that a mask or indices select."""
         return Table(
             self.topic,
             self.log_time_ns[which],
@@ -81,9 +79,9 @@ class Series:
     Attributes
     ----------
     name : FMI name, `eta.x`.
-    topic : where it was recorded.
+    topic : the topic it was recorded on.
     unit, description : as in the model description; None if there is none.
-    hold : how it goes on between two values: "continuous" or "discrete" (as FMI's variability).
+    hold : the value between two messages, "continuous" or "discrete" (FMI's variability).
     values : float64, int64, bool, or object (str), (m,).
     delivered_ns, sent_ns : log and publish times [ns], int64 (m,).
     """
@@ -111,19 +109,14 @@ class Series:
         return int(self.delivered_ns.size)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> NDArray[Any]:
-        """The values: NumPy's functions take the series itself."""
+        """Return the values, so that NumPy's functions take the series itself."""
         if copy is False:
             return np.asarray(self.values, dtype)
         return np.array(self.values, dtype)
 
 
 def series_of(table: Table, name: str) -> Series:
-    """One column of a table, the rows where it has a value.
-
-    Raises
-    ------
-    InputError : no such column.
-    """
+    """Take one column of a table, where it has values; `InputError` if there is no such column."""
     values, signal, there = table[name], table.signals[name], table.present[name]
     log, sent = table.log_time_ns, table.publish_time_ns
     if not there.all():
@@ -134,26 +127,25 @@ def series_of(table: Table, name: str) -> Series:
 
 
 def pandas() -> Any:
-    """The package pandas; an `InputError` if it is not installed."""
+    """Import pandas; `InputError` if it is not installed."""
     return optional("pandas", extra="tables", what="data frames need pandas")
 
 
 def rows_frame(table: Table) -> Any:
-    """The rows of one topic as they are; `InputError` without pandas."""
+    """Return the rows of one topic as a DataFrame; `InputError` without pandas."""
     pd = pandas()
     columns: dict[str, Any] = {}
     if (table.log_time_ns != table.publish_time_ns).any():
         columns["sent_s"] = table.sent
     for name, values in table.columns.items():
         columns[name] = with_gaps(values, table.present[name])
-    index = pd.Index(table.delivered, name="time_s")
-    frame = pd.DataFrame(columns, index=index)
+    frame = pd.DataFrame(columns, index=pd.Index(table.delivered, name="time_s"))
     frame.attrs["units"] = {n: s.unit for n, s in table.signals.items() if s.unit is not None}
     return frame
 
 
 def with_gaps(values: NDArray[Any], there: NDArray[np.bool_]) -> NDArray[Any]:
-    """Values with what is missing as pandas marks it."""
+    """Return values with the missing ones as pandas marks them: NaN or None."""
     if there.all() or values.dtype.kind == "f":
         return values
     if values.dtype.kind == "i":

@@ -1,8 +1,8 @@
-"""A trace as tables of other formats: CSV for everybody, Parquet for those who compute.
+"""Export a trace as tables: CSV or Parquet.
 
-Long form: a table per topic, rows as they were recorded. Wide form: one table of all signals
-chosen, side by side on the union of their instants, each with the value in force there (sample
-and hold, `cosim.trace.frames`).
+Long form: a table per topic, with the rows as recorded. Wide form: one table of all signals chosen
+at the union of their instants, each with the value in force there (sample and hold, as in
+`cosim.trace.frames`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.core import InputError, Progress
+from cosim.core import InputError, Progress, silent
 from cosim.trace.content import content_hash_of
-from cosim.trace.diff_signals import signal_name
 from cosim.trace.hold import rows_in_force, sample_and_hold
+from cosim.trace.layout import signal_name
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
 from cosim.trace.table_files import Column, Sheet, pyarrow, write_csv, write_parquet
@@ -29,7 +29,7 @@ _EXACT = 2**53
 
 @dataclass(frozen=True, slots=True)
 class WrittenTable:
-    """A file that was written."""
+    """A table that was written to a file; `topic` is None for the wide form."""
 
     path: Path
     topic: str | None
@@ -49,24 +49,23 @@ def export(
     wide: bool = False,
     report_progress: Progress | None = None,
 ) -> list[WrittenTable]:
-    """Write a trace's rows as tables.
+    """Write the rows of a trace as tables.
 
     Parameters
     ----------
-    target : a file where there is one table (one topic, or `wide`), else a folder; beside the
-        trace if None.
-    topics : these alone; all that have columns by default.
-    signals : these alone (`plant.eta.x`, or a group: `plant.eta`).
+    target : a file for one table (one topic, or `wide`), else a folder; beside the trace if None.
+    topics : only these; by default all that have columns.
+    signals : only these (`plant.eta.x`, or a group: `plant.eta`).
     start, end : least and greatest time of delivery [s].
-    wide : one table, sample and hold.
+    wide : one table of all signals, by sample and hold.
 
     Raises
     ------
-    InputError : nothing to write, names that do not exist, a place that cannot be written,
-        pyarrow not installed.
-    LossError : a damaged trace.
+    InputError : there is nothing to write, a topic or signal does not exist, a file cannot be
+        written, or pyarrow is not installed.
+    LossError : the trace is damaged.
     """
-    notify = report_progress or (lambda _what, _share: None)
+    notify = report_progress or silent
     trace = Trace(path)
     chosen = _chosen(trace, topics, signals)
     arrow = pyarrow() if to == "parquet" else None
@@ -105,7 +104,7 @@ def export(
 def _chosen(
     trace: Trace, topics: Sequence[str] | None, signals: Sequence[str] | None
 ) -> dict[str, list[str] | None]:
-    """Columns by topic; None: all of it."""
+    """Return the columns wanted of each topic; None stands for all."""
     readable = [t for t, info in trace.topics.items() if info.signals or info.encoding == "json"]
     for topic in topics or ():
         if topic not in trace.topics:
@@ -120,7 +119,7 @@ def _chosen(
                 got=", ".join(trace.topics) or "no topics",
             )
         return dict.fromkeys(within, None)
-    found: dict[str, list[str] | None] = {}
+    found: dict[str, list[str]] = {}
     for wanted in signals:
         members = [
             place
@@ -128,21 +127,15 @@ def _chosen(
             if (name == wanted or name.startswith((f"{wanted}.", f"{wanted}[")))
             and place[0] in within
         ]
-        if not members:
-            topic, own = trace.place(wanted)
-            found.setdefault(topic, [])
-            columns = found[topic]
-            if columns is not None:
-                columns.append(own)
-        for topic, signal in members:
-            columns = found.setdefault(topic, [])
-            if columns is not None and signal.name not in columns:
-                columns.append(signal.name)
-    return found
+        own = [(topic, signal.name) for topic, signal in members] or [trace.place(wanted)]
+        for topic, name in own:
+            if name not in found.setdefault(topic, []):
+                found[topic].append(name)
+    return dict(found)
 
 
 def _file_names(topics: list[str]) -> dict[str, str]:
-    """A file name for each topic, `plant.output`, all different also without regard to case."""
+    """Choose a file name for each topic, `plant.output`; no two differ in case only."""
     names: dict[str, str] = {}
     taken: set[str] = set()
     for topic in topics:
@@ -157,10 +150,9 @@ def _file_names(topics: list[str]) -> dict[str, str]:
 
 
 def _long(table: Table, names: list[str] | None) -> Sheet:
-    """time_s, sent_s, sequence, then the signals.
+    """Make the table of one topic: time_s, sent_s, sequence, then the signals.
 
-    Where the instants have more digits than a double (stamps of a wall clock), they come in
-    nanoseconds too.
+    Instants with more digits than a double (of a wall clock) are written in nanoseconds too.
     """
     everywhere = np.ones(len(table), np.bool_)
     columns = [
@@ -173,34 +165,23 @@ def _long(table: Table, names: list[str] | None) -> Sheet:
             columns.append(Column(name, "ns", None, times, everywhere))
     taken = {column.name for column in columns}
     for name in table.columns if names is None else names:
-        signal = table.signals.get(name)
-        values = table[name]
-        columns.append(
-            Column(
-                name if name not in taken else f"{name}_2",
-                signal.unit if signal else None,
-                signal.description if signal else None,
-                values,
-                table.present[name],
-            )
-        )
+        own = name if name not in taken else f"{name}_2"
+        values, signal = table[name], table.signals[name]
+        columns.append(Column(own, signal.unit, signal.description, values, table.present[name]))
     return Sheet(table.topic, columns)
 
 
 def _wide(tables: dict[str, Table], chosen: dict[str, list[str] | None]) -> Sheet:
-    """time_s, then every signal by its full name."""
+    """Make the wide table: time_s, then every signal by its full name."""
     base = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
     everywhere = np.ones(base.size, np.bool_)
     columns = [Column("time_s", "s", "time", base / 1e9, everywhere)]
     for topic, names in chosen.items():
         table = tables[topic]
         for name in table.columns if names is None else names:
-            values = table[name]
-            there = table.present[name]
+            there, signal = table.present[name], table.signals[name]
             rows = rows_in_force(table.log_time_ns[there], base)
-            values, known = sample_and_hold(values[there], rows)
-            signal = table.signals[name]
-            columns.append(
-                Column(signal_name(topic, name), signal.unit, signal.description, values, known)
-            )
+            column = sample_and_hold(table[name][there], rows)
+            own = signal_name(topic, name)
+            columns.append(Column(own, signal.unit, signal.description, *column))
     return Sheet(None, columns)

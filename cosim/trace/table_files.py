@@ -1,4 +1,4 @@
-"""Tables as files: CSV, and Parquet (the extra `tables`)."""
+"""Write tables as files: CSV, and Parquet (the extra `tables`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ROWS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table to be written: values, and where there are any."""
+    """A column of a table to be written: values, and where they are present."""
 
     name: str
     unit: str | None
@@ -31,19 +31,19 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """A table to be written; `topic` None: the wide one."""
+    """A table to be written; `topic` is None for the wide form."""
 
     topic: str | None
     columns: list[Column]
 
     @property
     def rows(self) -> int:
-        """How many."""
+        """Number of rows."""
         return int(self.columns[0].values.size)
 
 
 def write_csv(path: Path, sheet: Sheet) -> None:
-    """RFC 4180: a header, numbers so that they read back to the same bits, empty where absent."""
+    """Write CSV (RFC 4180): a header, numbers that read back to the same bits, empty if absent."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow([column.name for column in sheet.columns])
@@ -54,7 +54,7 @@ def write_csv(path: Path, sheet: Sheet) -> None:
 
 def _texts(column: Column, begin: int, end: int) -> Iterator[Any]:
     values, present = column.values[begin:end], column.present[begin:end]
-    # str of a Python float is the shortest text that reads back to the same double
+    # csv writes the str of a float: the shortest text that reads back to the same double
     texts = values.tolist()
     if column.values.dtype.kind == "b":
         texts = ["true" if value else "false" for value in texts]
@@ -64,7 +64,7 @@ def _texts(column: Column, begin: int, end: int) -> Iterator[Any]:
 
 
 def pyarrow() -> Any:
-    """The package pyarrow; an `InputError` if it is not installed."""
+    """Import pyarrow; `InputError` if it is not installed."""
     return optional(
         "pyarrow",
         "pyarrow.parquet",
@@ -75,7 +75,7 @@ def pyarrow() -> Any:
 
 
 def write_parquet(pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash: str) -> None:
-    """Units and descriptions with each field; where it is from with the schema."""
+    """Write Parquet, with units and descriptions in the fields and the origin in the schema."""
     arrays, fields = [], []
     for column in sheet.columns:
         mask = None if column.present.all() else ~column.present

@@ -1,9 +1,9 @@
-"""Protobuf messages that are laid out alike, taken apart together.
+"""Decode protobuf messages of one layout together.
 
-The first message of a length is read tag by tag; where each tag, length and value stands is a
-template. Every other message with the same bytes at the places of tags and lengths has its
-values at the same places, and they come out as arrays. Messages whose order of fields, absent
-fields or widths of numbers are others need another template.
+The first message of a length is read tag by tag; the places of its tags, lengths and values are a
+template. Messages with the same bytes at the places of tags and lengths have their values at the
+same places, which are read as arrays. Another order of fields, other absent fields or other widths
+of numbers need another template.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _NARROW = (FieldDescriptor.TYPE_INT32, FieldDescriptor.TYPE_UINT32, FieldDescrip
 
 
 class _Slot(NamedTuple):
-    """A value in a message: of which leaf, from which byte, how many."""
+    """A value in a message: number of its leaf, first byte, number of bytes."""
 
     leaf: int
     at: int
@@ -44,17 +44,17 @@ class _Slot(NamedTuple):
 
 
 class _NotAlikeError(Exception):
-    """The message is of a kind that needs a parser."""
+    """The message needs protobuf's parser."""
 
 
 @dataclass(slots=True)
 class Template:
-    """Where values stand in messages of one layout.
+    """The places of values in messages of one layout.
 
     Attributes
     ----------
     slots : of the leaves that are in the message.
-    defaults : leaves that are not, but read as their default (proto3 without presence).
+    defaults : leaves that are absent and read as their default (proto3 without presence).
     """
 
     leaves: Sequence[Path]
@@ -66,7 +66,7 @@ class Template:
     _last: list[int] = field(default_factory=list)
 
     def fits(self, rows: Bytes) -> NDArray[np.bool_]:
-        """Which messages, uint8 (m, size), are laid out so."""
+        """Return which messages, uint8 (m, size), have this layout."""
         alike = (rows[:, self._fixed] == self.row[self._fixed]).all(axis=1)
         for places, bit in ((self._more, 0x80), (self._last, 0)):
             if places:
@@ -75,12 +75,7 @@ class Template:
         return found
 
     def values(self, rows: Bytes) -> dict[int, Any]:
-        """Values by leaf, of messages that fit.
-
-        Raises
-        ------
-        ValueError : a text that is not UTF-8.
-        """
+        """Return the values of messages that fit, by leaf; `ValueError` if a text is not UTF-8."""
         found: dict[int, Any] = {}
         fixed = {s: f for s in self.slots if (f := _FIXED.get(self.leaves[s.leaf][-1].type))}
         if fixed:
@@ -100,7 +95,7 @@ class Template:
 
 
 def template(message: Descriptor, leaves: Sequence[Path], row: Bytes) -> Template | None:
-    """Template of a message; None if only a parser does it justice.
+    """Make the template of a message; None if it needs protobuf's parser.
 
     Parameters
     ----------
@@ -129,8 +124,8 @@ class _Reader:
         self.messages: set[Path] = set()
 
     def message(self, kind: Descriptor, path: Path, at: int, end: int) -> None:
-        """The fields of one message, from byte `at` to `end`."""
-        if path in self.messages:  # protobuf merges the two
+        """Read the fields of one message, from byte `at` to `end`."""
+        if path in self.messages:  # given twice: protobuf merges the two
             raise _NotAlikeError
         self.messages.add(path)
         while at < end:
@@ -143,7 +138,7 @@ class _Reader:
             raise _NotAlikeError
 
     def _field(self, found: FieldDescriptor, wire: int, path: Path, at: int, end: int) -> int:
-        """One field, from behind its tag; where the next begins."""
+        """Read one field behind its tag, and return where the next begins."""
         choice = found.containing_oneof
         if choice is not None:
             if (path, choice.full_name) in self._choices:  # the last one counts
@@ -182,7 +177,7 @@ class _Reader:
         return at + 1
 
     def _slot(self, leaf: int, found: FieldDescriptor, wire: int, at: int, width: int) -> None:
-        """A value, if the wire has it as its type says, and once."""
+        """Add the place of a value; it must have the wire type of its field, and occur once."""
         form = _FIXED.get(found.type)
         if found.type in _TEXTS:
             expected = _LENGTH
@@ -197,7 +192,7 @@ class _Reader:
         self._made.slots.append(_Slot(leaf, at, width))
 
     def _length(self, at: int, end: int) -> tuple[int, int]:
-        """A tag or a length: part of the layout."""
+        """Read a tag or a length, which are part of the layout."""
         value, shift = 0, 0
         while True:
             if at >= end or shift > 28:
@@ -211,7 +206,7 @@ class _Reader:
 
 
 def _numbers(rows: Bytes, kind: int) -> NDArray[Any]:
-    """Base-128 numbers of one width, (m, width), as their type has them."""
+    """Decode base-128 numbers of one width, uint8 (m, width), to the values of their type."""
     value = np.zeros(len(rows), np.uint64)
     for i in range(rows.shape[1]):
         value |= (rows[:, i] & np.uint8(0x7F)).astype(np.uint64) << np.uint64(7 * i)

@@ -1,4 +1,4 @@
-"""How far apart two values may be, and how far apart they are."""
+"""Distances between values, and the tolerances for them."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Two values agree if |a - b| <= max(absolute, relative max(|a|, |b|)), as `math.isclose`.
+    """A tolerance: values agree if |a - b| <= max(absolute, relative max(|a|, |b|)).
 
-    NaN agrees with NaN, an infinity with itself.
+    That is `math.isclose`, but NaN agrees with NaN.
 
     Raises
     ------
-    InputError : negative, or no number.
+    InputError : a tolerance is negative or not finite.
     """
 
     absolute: float = 0.0
@@ -43,23 +43,23 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Tolerances of all signals, and others of some.
+    """A general tolerance, and special ones by signal.
 
     Attributes
     ----------
-    special : by the name of a signal (`plant.eta.x`), or of a group (`plant.eta`).
+    special : by the name of a signal (`plant.eta.x`) or of a group (`plant.eta`).
     """
 
     general: Tolerance = Tolerance()
     special: Mapping[str, Tolerance] = field(default_factory=dict)
 
     def of(self, name: str) -> Tolerance:
-        """That of a signal: the longest name that fits."""
+        """Return the tolerance of a signal: the special one of the longest name that fits."""
         fitting = [key for key in self.special if _covers(key, name)]
         return self.special[max(fitting, key=len)] if fitting else self.general
 
     def check(self, names: list[str]) -> None:
-        """Refuse a special tolerance of something that is not there."""
+        """Raise an `InputError` if a special tolerance fits none of the names."""
         for key in self.special:
             if not any(_covers(key, name) for name in names):
                 raise InputError.unknown("signal", key, names, where="--signal")
@@ -70,9 +70,9 @@ def _covers(key: str, name: str) -> bool:
 
 
 def distances(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
-    """|a - b| and |a - b| / max(|a|, |b|), elementwise; of what is no number 0, or inf if unlike.
+    """Return |a - b| and |a - b| / max(|a|, |b|), elementwise; two NaN have distance 0.
 
-    a, b : of any kind; two NaN are alike.
+    a, b : of any kind; values that are no numbers have distance 0 if equal, else infinity.
     """
     if a.dtype.kind not in "fiub" or b.dtype.kind not in "fiub":
         unlike = np.array([x != y for x, y in zip(a, b, strict=True)], np.bool_)
@@ -82,7 +82,7 @@ def distances(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
         x, y = a.astype(np.float64), b.astype(np.float64)
         alike = (x == y) | (np.isnan(x) & np.isnan(y))
         distance = np.abs(x - y)
-        if a.dtype.kind == b.dtype.kind == "i":  # doubles do not tell large integers apart
+        if a.dtype.kind == b.dtype.kind == "i":  # as doubles, large integers may look equal
             alike = a == b
             distance = np.where(alike | (distance > 0), distance, np.abs(a - b))
         distance[np.isnan(distance)] = np.inf
@@ -93,5 +93,5 @@ def distances(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:
 
 
 def exceeds(tolerance: Tolerance, distance: Floats, relative: Floats) -> NDArray[np.bool_]:
-    """Where values are further apart than they may be."""
+    """Return where the distances are beyond the tolerance."""
     return (distance > tolerance.absolute) & (relative > tolerance.relative)

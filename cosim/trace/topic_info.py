@@ -1,28 +1,32 @@
-"""What a topic holds, and windows of time."""
+"""Topics of a trace: what each holds, what can be read of them, and windows of time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
 
 from cosim.core import InputError
 from cosim.trace.declared import Channel
 from cosim.trace.gather import decoder_of
 from cosim.trace.layout import Signal
+from cosim.trace.table import Table
 
 Spans = Mapping[str, tuple[int, int]]
 """Least and greatest log time [ns] by topic."""
 
 
 class TopicInfo:
-    """What a topic holds.
+    """The description of a topic.
 
     Attributes
     ----------
-    schema, encoding : name of the schema, and how its messages are written.
+    schema, encoding : name of the schema, and encoding of the messages.
     metadata : of its channel.
     signals : of a protobuf topic; empty for others.
-    count : how many messages.
+    count : number of messages.
     """
 
     def __init__(self, channel: Channel, count: int, spans: Callable[[], Spans]) -> None:
@@ -34,26 +38,48 @@ class TopicInfo:
         self.count = count
         self.signals: tuple[Signal, ...] = ()
         if channel.encoding == channel.schema.encoding == "protobuf":
-            try:
+            with suppress(ValueError):  # `read` reports what is wrong with the schema
                 self.signals = decoder_of(channel).signals
-            except ValueError:
-                self.signals = ()  # `read` says what is wrong with the schema
 
     @property
     def start_ns(self) -> int | None:
         """Least log time [ns]; None without messages."""
-        span = self._spans().get(self.topic)
-        return None if span is None else span[0]
+        return self._spans().get(self.topic, (None, None))[0]
 
     @property
     def end_ns(self) -> int | None:
         """Greatest log time [ns]; None without messages."""
-        span = self._spans().get(self.topic)
-        return None if span is None else span[1]
+        return self._spans().get(self.topic, (None, None))[1]
+
+
+class Readable(Protocol):
+    """The part of `Trace` that data frames and links need: its topics, read one by one."""
+
+    path: Path
+    topics: dict[str, TopicInfo]
+
+    @property
+    def signals(self) -> dict[str, tuple[str, Signal]]:
+        """See `Trace`."""
+
+    def place(self, name: str) -> tuple[str, str]:
+        """See `Trace`."""
+
+    def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
+        """See `Trace`."""
+
+    def read_all(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> dict[str, Table]:
+        """See `Trace`."""
 
 
 def window_ns(start: float | None, end: float | None) -> tuple[int, int]:
-    """A time window in nanoseconds, both ends included."""
+    """Return a time window in nanoseconds, both ends included; None is no bound."""
     bounds = []
     for name, seconds, default in (("start", start, 0), ("end", end, 2**64 - 1)):
         if seconds is None:

@@ -1,4 +1,4 @@
-"""The messages of a link: how old they were, and which were not used."""
+"""Read the messages of a link: delivered, dropped, and the age of the one in use."""
 
 from __future__ import annotations
 
@@ -8,22 +8,19 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.trace.hold import rows_in_force
 from cosim.trace.layout import dropped_topic, link_topic
-from cosim.trace.readable import Readable
 from cosim.trace.table import Table
+from cosim.trace.topic_info import Readable
 
 
 def link_names(trace: Readable) -> list[str]:
-    """Names of the links of a trace, in order of appearance."""
+    """Return the names of the links of a trace, in order of appearance."""
     prefix = link_topic("")
-    return [
-        name.removeprefix(prefix)
-        for name in trace.topics
-        if name.startswith(prefix) and "/" not in name.removeprefix(prefix)
-    ]
+    names = [topic.removeprefix(prefix) for topic in trace.topics if topic.startswith(prefix)]
+    return [name for name in names if "/" not in name]
 
 
 def deliveries(trace: Readable, link: str) -> Table:
-    """What a link delivered: `log_time_ns` delivered, `publish_time_ns` sent.
+    """Read the messages that a link delivered, at `log_time_ns`; sent at `publish_time_ns`.
 
     Raises
     ------
@@ -33,7 +30,7 @@ def deliveries(trace: Readable, link: str) -> Table:
 
 
 def dropped(trace: Readable, link: str) -> Table:
-    """What a link did not deliver, with its `reason`; `log_time_ns` is when it was due.
+    """Read the messages that a link dropped, with the `reason`; they were due at `log_time_ns`.
 
     Raises
     ------
@@ -45,13 +42,14 @@ def dropped(trace: Readable, link: str) -> Table:
 def age(
     trace: Readable, link: str, at: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Age [s] of the message in use over time [s]: the time since it was sent.
+    """Return instants [s] and the age [s] of the message in use there: the time since it was sent.
+
+    The age is NaN where no message is in use: before the first, and while a lost message is
+    replaced by the link's `on_loss` value.
 
     Parameters
     ----------
-    at : instants [s]; by default each delivery, before and after: the corners of the saw-tooth.
-        NaN where no message is in use: before the first, and while the link's `on_loss` value
-        stands in for one that was lost.
+    at : instants [s]; by default just before and at each delivery, the corners of the sawtooth.
 
     Raises
     ------
@@ -72,30 +70,50 @@ def age(
     ages = np.full(instants.size, np.nan)
     known = rows >= 0
     ages[known] = (instants[known] - sent[rows[known]]) / 1e9
-    substituted = _substituted(trace, link, table, rows, instants)
-    ages[substituted] = np.nan
+    ages[_substituted(trace, link, table, rows, instants)] = np.nan
     return instants / 1e9, ages
+
+
+def loop_age(
+    up: Table, down: Table, at_ns: NDArray[np.int64], step_ns: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return instants [ns] and the age [s] of the measurement behind the command in force there.
+
+    The command in force leads back to its own message, and that to the measurement which had
+    reached the controller one step before the command was sent. NaN before the first command.
+
+    Parameters
+    ----------
+    up, down : delivered measurements and commands.
+    at_ns : instants [ns]; each delivery of a command, and the instant before it, are added.
+    step_ns : communication step [ns].
+    """
+    arrivals = down.log_time_ns
+    t = np.unique(np.concatenate([at_ns, arrivals, arrivals - 1]))
+    command = np.searchsorted(arrivals, t, side="right") - 1
+    sent = down.publish_time_ns[np.maximum(command, 0)]
+    measured = np.searchsorted(up.log_time_ns, sent - step_ns, side="right") - 1
+    age = (t - up.publish_time_ns[np.maximum(measured, 0)]) / 1e9
+    return t, np.where((command >= 0) & (measured >= 0), age, np.nan)
 
 
 def _substituted(
     trace: Readable, link: str, table: Table, rows: NDArray[np.int64], at_ns: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Where the value for lost messages was in use: lost, due since the last delivery, newer."""
+    """Return where the substitute was in use: a newer message was lost since the last delivery."""
     topic = dropped_topic(link)
-    nowhere = np.zeros(at_ns.size, np.bool_)
-    if trace.topics[link_topic(link)].metadata.get("on_loss", "hold") == "hold":
-        return nowhere
-    if topic not in trace.topics or not len(table):
-        return nowhere
+    substituted = np.zeros(at_ns.size, np.bool_)
+    holds = trace.topics[link_topic(link)].metadata.get("on_loss", "hold") == "hold"
+    if holds or topic not in trace.topics or not len(table):
+        return substituted
     lost = trace.read(topic)
     lost = lost.part(lost["reason"] == "lost")
     last = rows_in_force(lost.log_time_ns, at_ns)
     known = (last >= 0) & (rows >= 0)
     due, number = lost.log_time_ns[last[known]], lost.sequence[last[known]]
-    nowhere[known] = (due >= table.log_time_ns[rows[known]]) & (
-        number > table.sequence[rows[known]]
-    )
-    return nowhere
+    in_use = rows[known]
+    substituted[known] = (due >= table.log_time_ns[in_use]) & (number > table.sequence[in_use])
+    return substituted
 
 
 def _known(trace: Readable, link: str, topic: str) -> str:

@@ -1,4 +1,4 @@
-"""Is a trace what it says: whole, unchanged, complete, and a run that could have happened."""
+"""Verify a trace: whole, unchanged, complete, and consistent as a run."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cosim.trace.verify_run import checks_of_run
 
 @dataclass(frozen=True)
 class Verification:
-    """What a file was found to be.
+    """The result of verifying a file.
 
     Attributes
     ----------
     path : the file.
-    ours : whether it records one of our runs; of other files only the structure is checked.
+    ours : whether it records a run of auv-cosim; of other files only the structure is checked.
     checks : in the order in which they were made.
     """
 
@@ -30,14 +30,14 @@ class Verification:
 
     @property
     def verdict(self) -> Verdict:
-        """Of all together."""
+        """The verdict of all checks together."""
         found = {check.verdict for check in self.checks}
         if "failed" in found:
             return "failed"
         return "incomplete" if "incomplete" in found else "ok"
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return all fields as JSON values, for `--json`."""
         return {
             "path": str(self.path),
             "verdict": self.verdict,
@@ -48,22 +48,20 @@ class Verification:
 
 
 def verify(path: Path, fmus: Path | None = None) -> Verification:
-    """Check a file against itself, and a run's trace against what a run is.
+    """Check the structure of a file, and the content of a run's trace for consistency.
 
     Parameters
     ----------
-    fmus : folder in which the FMUs named are looked up by their SHA-256.
+    fmus : folder in which to look up the trace's FMUs by their SHA-256.
 
     Raises
     ------
-    InputError : it cannot be read, or is no MCAP file; there is no such folder.
+    InputError : the file cannot be read, or is no MCAP file; there is no such folder.
     """
     with McapFile(path) as file:
         found = scan(file)
         checks = list(checks_of_file(file, found))
         run = checks_of_run(file, found, path, fmus)
-    if run is None:
-        nothing = "no record cosim.run: of another tool's file only the structure is checked"
-        checks.append(Check("run", "not checked", nothing))
-        return Verification(path, ours=False, checks=tuple(checks))
-    return Verification(path, ours=True, checks=(*checks, *run))
+    nothing = "no record cosim.run: of another tool's file only the structure is checked"
+    checks += [Check("run", "not checked", nothing)] if run is None else run
+    return Verification(path, ours=run is not None, checks=tuple(checks))

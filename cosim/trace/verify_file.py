@@ -1,4 +1,4 @@
-"""The structure of an MCAP file: everything that says something about something else."""
+"""Check the structure of an MCAP file: counts, indexes, offsets and checksums."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _FileStatistics:
 
 
 def checks_of_file(file: McapFile, found: Scan) -> Iterator[Check]:
-    """Name, verdict and detail of each check that any MCAP file can pass."""
+    """Yield the checks of any MCAP file."""
     yield _end_of_file(file, found)
     yield _records(file, found)
     statistics = _collect_statistics(file, found)

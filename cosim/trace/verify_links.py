@@ -1,4 +1,4 @@
-"""The messages of a link against what was sent, and what became of it."""
+"""Check the messages of links against what was sent, declared and counted."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from cosim.trace.reader import Table
 
 @dataclass(frozen=True)
 class Link:
-    """What the trace has of a link.
+    """A link as the trace has it.
 
     Attributes
     ----------
-    delivered, dropped : its messages; None if it has no such topic.
+    delivered, dropped : its messages; None without such a topic.
     declared : the link as `cosim.run` describes it, and its order.
-    figures : of `cosim.result`; empty without one.
+    figures : its figures in `cosim.result`; empty without a result.
     """
 
     name: str
@@ -35,23 +35,23 @@ class Link:
 def checks_of_links(
     links: Sequence[Link], tables: Mapping[str, Table], *, whole: bool
 ) -> Iterator[Check]:
-    """Name, verdict and detail; one of each kind for all links together."""
+    """Yield one check of each kind for all links together."""
     if not links:
         yield Check("links", "not checked", "the run has none")
         return
     names = ", ".join(link.name for link in links)
     for name, check, fine in (
-        ("link delays", _early, "nothing came before it was sent and the link's delay was over"),
-        ("link sequence", _sequence, "numbers as the order of the link has them"),
+        ("link delays", _early, "no message was delivered before the link's delay was over"),
+        ("link sequence", _sequence, "sequence numbers follow the order of the link"),
         ("link fates", _accounting, "every message was delivered, dropped or in flight, once"),
     ):
         problems = [f"{link.name}: {what}" for link in links for what in check(link)]
         yield check_result(name, problems, f"{names}: {fine}")
     problems = [f"{link.name}: {what}" for link in links for what in _values(link, tables)]
-    yield check_result("link values", problems, f"{names}: what was delivered is what was sent")
+    yield check_result("link values", problems, f"{names}: values delivered are those sent")
     if whole:
         problems = [f"{link.name}: {what}" for link in links for what in _figures(link)]
-        yield check_result("link counts", problems, f"{names}: as many as the result says")
+        yield check_result("link counts", problems, f"{names}: counts as in the result")
 
 
 def _numbers(table: Table | None) -> NDArray[np.int64]:
@@ -69,10 +69,10 @@ def _early(link: Link) -> Iterator[str]:
 
 
 def _sequence(link: Link) -> Iterator[str]:
-    """In order of delivery the numbers grow, unless the link says as-arrived."""
+    """Check that numbers grow in order of delivery, unless the order is as-arrived."""
     numbers, sent = link.delivered.sequence, link.delivered.publish_time_ns
     if link.declared.get("order") in ("newest-wins", "fifo"):
-        # of two copies newest-wins drops the later, fifo uses both
+        # of two copies, newest-wins drops the later one, fifo delivers both
         again = link.declared.get("order") == "fifo" and link.declared.get("duplicate")
         least = 0 if again else 1
         back = np.flatnonzero(np.diff(numbers) < least)
@@ -81,11 +81,11 @@ def _sequence(link: Link) -> Iterator[str]:
             yield f"message {numbers[i + 1]} was delivered after {numbers[i]}"
     by_number = np.argsort(numbers, kind="stable")
     if (np.diff(sent[by_number]) < 0).any():
-        yield "a message of a higher number was sent before one of a lower"
+        yield "a message was sent before one with a lower number"
 
 
 def _accounting(link: Link) -> Iterator[str]:
-    """A message has one fate, and its copy one, too."""
+    """Check that a message, and its copy if there is one, is delivered or dropped once."""
     most = 2 if link.declared.get("duplicate") else 1
     numbers = np.concatenate([_numbers(link.delivered), _numbers(link.dropped)])
     found, counts = np.unique(numbers, return_counts=True)
@@ -98,27 +98,26 @@ def _figures(link: Link) -> Iterator[str]:
     stated = {key: int(v) for key, v in link.figures.items() if v.isdecimal()}
     delivered, dropped = _numbers(link.delivered), _numbers(link.dropped)
     if not {"sent", "delivered", "dropped", "in_flight"} <= set(stated):
-        if delivered.size + dropped.size:  # a run that ends where it begins has none
+        if delivered.size + dropped.size:  # a run of no steps has none
             yield "the result has no figures of it"
         return
-    if delivered.size != stated["delivered"]:
-        yield f"{delivered.size} messages delivered, the result says {stated['delivered']}"
-    if dropped.size != stated["dropped"]:
-        yield f"{dropped.size} messages dropped, the result says {stated['dropped']}"
+    for what, found in (("delivered", delivered), ("dropped", dropped)):
+        if found.size != stated[what]:
+            yield f"{found.size} messages {what}, the result says {stated[what]}"
     total = stated["delivered"] + stated["dropped"] + stated["in_flight"]
     if stated["sent"] + stated.get("duplicated", 0) != total:
-        yield f"of {stated['sent']} messages sent the result has the fates of {total}"
+        yield f"{stated['sent']} messages sent, but {total} delivered, dropped or in flight"
     known = np.union1d(delivered, dropped)
     missing = np.setdiff1d(np.arange(stated["sent"]), known).size
-    copies = bool(link.declared.get("duplicate"))  # of which some may be in flight alone
+    copies = bool(link.declared.get("duplicate"))  # a copy may be in flight, its message not
     if missing > stated["in_flight"] or (missing < stated["in_flight"] and not copies):
-        yield f"{missing} messages without a fate, the result says {stated['in_flight']}"
+        yield f"{missing} messages in flight, the result says {stated['in_flight']}"
     if known.size and known[-1] >= stated["sent"]:
-        yield f"message {known[-1]}, where the result says {stated['sent']} were sent"
+        yield f"there is message {known[-1]}, the result says {stated['sent']} were sent"
 
 
 def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
-    """Every value is the sender's at the instant of sending, quantized as the link does."""
+    """Check that every value is the sender's at the instant of sending, quantized by the link."""
     step = link.declared.get("quantization", 0.0)
     for name, values in link.delivered.columns.items():
         sender = _sender(name, tables)
@@ -126,7 +125,7 @@ def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
             yield f"{name} is no output in this trace"
             continue
         table, variable = sender
-        # what a component has sent holds until its next row
+        # sample and hold, in file order: rows out of order are another check's finding
         rows = np.searchsorted(table.log_time_ns, link.delivered.publish_time_ns, "right") - 1
         there = rows >= 0
         if not there.all():
@@ -146,10 +145,10 @@ def _values(link: Link, tables: Mapping[str, Table]) -> Iterator[str]:
 
 
 def _sender(name: str, tables: Mapping[str, Table]) -> tuple[Table, str] | None:
-    """Rows and column of `component.variable`; both may have dots."""
+    """Return rows and column of `component.variable`; both names may have dots."""
     parts = name.split(".")
     for i in range(1, len(parts)):
-        table = tables.get(output_topic(".".join(parts[:i])))
-        if table is not None and ".".join(parts[i:]) in table.columns:
-            return table, ".".join(parts[i:])
+        table, variable = tables.get(output_topic(".".join(parts[:i]))), ".".join(parts[i:])
+        if table is not None and variable in table.columns:
+            return table, variable
     return None

@@ -1,4 +1,4 @@
-"""A trace of ours against what a run is: complete, and nothing in it that cannot have been."""
+"""Check the content of a run's trace: complete, and consistent as a run."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from cosim.trace.pieces import McapFile, attachment_of, metadata_of
 from cosim.trace.reader import Table, Trace
 from cosim.trace.records import Cursor
 from cosim.trace.scan import Scan
+from cosim.trace.traffic import link_names
 from cosim.trace.verify_links import Link, checks_of_links
 
 _HASHED = {
@@ -27,22 +28,16 @@ _HASHED = {
 
 
 def checks_of_run(file: McapFile, found: Scan, path: Path, fmus: Path | None) -> list[Check] | None:
-    """Name, verdict and detail of each check of a run; None if the file records none of ours.
+    """Make the checks of a run; None if the file has no `cosim.run`.
 
-    Raises
-    ------
-    InputError : there is no folder `fmus`.
+    `InputError` if there is no folder `fmus`.
     """
     metadata = [metadata_of(file.content(p)) for p in found.pieces if p.opcode == Opcode.METADATA]
     run = next((entries for name, entries in metadata if name == layout.RUN), None)
     if run is None:
         return None
-    attached = {
-        one.name: one.data
-        for p in found.pieces
-        if p.opcode == Opcode.ATTACHMENT
-        for one in (attachment_of(file.content(p)),)
-    }
+    records = [file.content(p) for p in found.pieces if p.opcode == Opcode.ATTACHMENT]
+    attached = {one.name: one.data for one in map(attachment_of, records)}
     cut = found.ended is None
     checks = [_beginning(file, found, run, attached), *_fmus(run, attached, fmus, cut=cut)]
     result = next((entries for name, entries in metadata if name == layout.RESULT), None)
@@ -62,26 +57,19 @@ def checks_of_run(file: McapFile, found: Scan, path: Path, fmus: Path | None) ->
 def _beginning(
     file: McapFile, found: Scan, run: Mapping[str, str], attached: Mapping[str, bytes]
 ) -> Check:
-    """cosim.run before all else, and the files that it names by their hashes."""
+    """Check that cosim.run comes first, and that attached files have the hashes it names."""
     problems: list[str] = []
-    missing: list[str] = []
-    first = next((p for p in found.pieces if p.opcode != Opcode.HEADER), None)
-    if (
-        first is None
-        or first.opcode != Opcode.METADATA
-        or Cursor(file.content(first)).text() != layout.RUN
-    ):
+    first = next(p for p in found.pieces if p.opcode != Opcode.HEADER)
+    if first.opcode != Opcode.METADATA or Cursor(file.content(first)).text() != layout.RUN:
         problems.append("cosim.run is not the first record")
-    named = 0
-    for key, name in _HASHED.items():
-        if key not in run:
-            continue
-        named += 1
-        if name not in attached:
-            missing.append(f"{name} is not attached")
-        elif hashlib.sha256(attached[name]).hexdigest() != run[key]:
-            problems.append(f"{name} is not the file of the SHA-256 that cosim.run names")
-    check = check_result("run", problems, f"cosim.run first; {named} attached files as named")
+    named = {name: run[key] for key, name in _HASHED.items() if key in run}
+    missing = [f"{name} is not attached" for name in named if name not in attached]
+    problems += [
+        f"{name} is not the file of the SHA-256 that cosim.run names"
+        for name, expected in named.items()
+        if name in attached and hashlib.sha256(attached[name]).hexdigest() != expected
+    ]
+    check = check_result("run", problems, f"cosim.run first; {len(named)} attached files as named")
     return with_missing(check, missing, cut=found.ended is None)
 
 
@@ -99,13 +87,8 @@ def _fmus(
         for name, value in hashes.items()
         if len(value) != 64 or set(value) - set("0123456789abcdef")
     ]
-    problems += [
-        f"{name}: no SHA-256"
-        for key in run
-        if key.startswith("fmu.") and not key.endswith(suffix)
-        for name in (key.removeprefix("fmu."),)
-        if name not in hashes
-    ]
+    names = [k.removeprefix("fmu.") for k in run if k.startswith("fmu.") and not k.endswith(suffix)]
+    problems += [f"{name}: no SHA-256" for name in names if name not in hashes]
     missing = [
         f"the model description of {name} is not attached"
         for name in hashes
@@ -139,9 +122,8 @@ def _certificate(run: Mapping[str, str], attached: Mapping[str, bytes], *, cut: 
         missing = [f"{layout.CERTIFICATE_ATTACHMENT} is not attached"]
         return with_missing(check_result("certificate", [], ""), missing, cut=cut)
     if hashlib.sha256(data).hexdigest() != certificate["sha256"]:
-        return Check(
-            "certificate", "failed", "it is not the file of the SHA-256 that cosim.run names"
-        )
+        other = "it is not the file of the SHA-256 that cosim.run names"
+        return Check("certificate", "failed", other)
     try:
         claim = json.loads(data)["claim"]
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -153,7 +135,7 @@ def _certificate(run: Mapping[str, str], attached: Mapping[str, bytes], *, cut: 
 
 def _result(metadata: list[tuple[str, dict[str, str]]], result: Mapping[str, str] | None) -> Check:
     if result is None:
-        return Check("result", "incomplete", "no cosim.result: the run did not come to its end")
+        return Check("result", "incomplete", "no cosim.result: the run did not finish")
     names = [name for name, _ in metadata]
     if names.count(layout.RESULT) > 1 or names.count(layout.RUN) > 1:
         return Check("result", "failed", "more than one cosim.run or cosim.result")
@@ -178,7 +160,7 @@ def _order(trace: Trace) -> Check:
 def _steps(
     tables: Mapping[str, Table], run: Mapping[str, str], result: Mapping[str, str] | None
 ) -> Check:
-    """Every component has a row at each communication point, or at each of its own."""
+    """Check that every component has a row at each communication point, or each of its own."""
     topics = {
         topic: table.log_time_ns
         for topic, table in tables.items()
@@ -197,7 +179,7 @@ def _steps(
         steps = result.get("steps", "")
         points = int(steps) + 1 if steps.isdecimal() else most
         for topic, times in topics.items():
-            # a component with a step of its own has its rows at its multiples, and at the end
+            # a component with its own step has rows at its own points, and at the end
             own = np.unique(np.diff(times[:-1])).size <= 1
             if times.size > points or (times.size < points and not own):
                 problems.append(f"{topic}: {times.size} rows, {points} communication points")
@@ -215,26 +197,17 @@ def _links(
     run: Mapping[str, str],
     result: Mapping[str, str] | None,
 ) -> list[Link]:
-    prefix = layout.link_topic("")
     links = []
-    for topic, info in trace.topics.items():
-        name = topic.removeprefix(prefix)
-        if not topic.startswith(prefix) or "/" in name or topic not in tables:
+    for name in link_names(trace):
+        topic, prefix = layout.link_topic(name), f"link.{name}."
+        if topic not in tables:
             continue
-        figures = {
-            key.removeprefix(f"link.{name}."): value
-            for key, value in (result or {}).items()
-            if key.startswith(f"link.{name}.")
-        }
-        links.append(
-            Link(
-                name,
-                tables[topic],
-                tables.get(layout.dropped_topic(name)),
-                {**_declared(run.get(f"link.{name}")), "order": info.metadata.get("order")},
-                figures,
-            )
-        )
+        dropped = tables.get(layout.dropped_topic(name))
+        declared = _declared(run.get(f"link.{name}"))
+        declared["order"] = trace.topics[topic].metadata.get("order")
+        entries = (result or {}).items()
+        figures = {k.removeprefix(prefix): v for k, v in entries if k.startswith(prefix)}
+        links.append(Link(name, tables[topic], dropped, declared, figures))
     return links
 
 

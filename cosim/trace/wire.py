@@ -1,4 +1,4 @@
-"""Protobuf's wire format, many values at once: tags, varints, doubles as arrays of bytes."""
+"""Encode many values at once in protobuf's wire format, as arrays of bytes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ VARINT, FIXED64, LENGTH = 0, 1, 2
 
 
 def field_tag(number: int, wire: int) -> bytes:
-    """Tag of a field: one byte for numbers up to 15, then two, three."""
+    """Return the tag of a field: one byte for numbers up to 15, then two, three."""
     return varint(number << 3 | wire)
 
 
 def varint(value: int) -> bytes:
-    """One unsigned integer."""
+    """Encode one unsigned integer."""
     encoded = bytearray()
     while value > 0x7F:
         encoded.append(value & 0x7F | 0x80)
@@ -28,7 +28,7 @@ def varint(value: int) -> bytes:
 
 
 def varint_lengths(values: Integers) -> Integers:
-    """Bytes of each as a varint: 1 for 0 to 127, ..., 10 for what is negative."""
+    """Return the number of bytes of each varint: 1 for 0 to 127, ..., 10 for negative values."""
     length = np.ones(values.shape, np.int64)
     rest = values.view(np.uint64) >> np.uint64(7)
     while rest.any():
@@ -38,7 +38,7 @@ def varint_lengths(values: Integers) -> Integers:
 
 
 def put_varints(into: Bytes, values: Integers) -> None:
-    """Fill `into`, (m, length), with varints of that length each."""
+    """Fill `into`, (m, length), with varints that all have this length."""
     length = into.shape[1]
     unsigned = values.view(np.uint64)
     for j in range(length):
@@ -47,7 +47,7 @@ def put_varints(into: Bytes, values: Integers) -> None:
 
 
 def equal_rows(shapes: Integers) -> list[NDArray[np.intp]]:
-    """Which rows of `shapes`, (m, k), are the same, in order of their entries; none negative."""
+    """Group equal rows of `shapes`, (m, k) and not negative: row numbers, by their entries."""
     sizes = shapes.max(axis=0, initial=0).tolist()
     code, room = np.zeros(len(shapes), np.int64), 1
     for j, size in enumerate(sizes):

@@ -1,17 +1,19 @@
-"""Writing a trace: MCAP as it comes, readable at any moment.
+"""Write a trace as an MCAP file that is readable at any moment.
 
-The file is `<path>.partial` until `finish` renames it. Metadata record `cosim.run` and the
-attachments come first, `cosim.result` last: without it the run did not finish. Messages lie in
-the order of the calls, which is to be the order of delivery (log time).
+The file is `<path>.partial` until `finish` renames it. The metadata record `cosim.run` and the
+attachments come first, `cosim.result` last: without it the run did not finish. Messages have the
+order of the calls, which must be the order of delivery (log time).
 """
 
 from __future__ import annotations
 
 import contextlib
 import operator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -23,19 +25,14 @@ from cosim.trace.disk import Guard, PartialFile
 from cosim.trace.encode import RowEncoder
 from cosim.trace.flusher import Flusher
 from cosim.trace.foxglove_topics import FoxgloveTopics
+from cosim.trace.layout import Signal
 from cosim.trace.rows import Poses, Rows
 from cosim.trace.stream import COMPRESSIONS, McapStream
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from os import PathLike
-
-    from cosim.trace.layout import Signal
 
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A file carried inside the trace: the scenario, a model description.
+    """A file attached to the trace: the scenario, a model description.
 
     Parameters
     ----------
@@ -50,30 +47,29 @@ class Attachment:
 
 
 class TraceWriter:
-    """Writes one trace; use as a context manager.
+    """A writer of one trace, and a context manager that closes it.
 
-    Left by an exception, or by `close` without `finish`, it leaves `<path>.partial`: a
-    well-formed MCAP file without `cosim.result`. A process killed leaves what was flushed; one
-    that is told to go (SIGTERM), or ends without closing the trace, everything. Once it is
-    `ended` it takes nothing more.
+    After an exception, or `close` without `finish`, there is `<path>.partial`: a well-formed MCAP
+    file without `cosim.result`. If the process is killed, it has everything flushed; on SIGTERM,
+    or if the process ends without closing the trace, it has everything. An `ended` writer
+    refuses further calls.
 
     Parameters
     ----------
-    path : final path; an existing file there is replaced by `finish`.
+    path : final path; `finish` replaces an existing file.
     run : entries of `cosim.run`. Keys that begin with `host.` (wall clock, machine) are not
-        part of the content hash; everything else is to be the same in each rerun.
-    attachments : files to carry, written right after `cosim.run`.
-    flush_interval_s : longest wall-clock time [s] that a row waits in memory, whether or not
-        more rows come.
+        part of the content hash; all others must be the same in each rerun.
+    attachments : attached files, written right after `cosim.run`.
+    flush_interval_s : longest wall-clock time that a row waits in memory [s].
     compression : "zstd", "lz4" or "none".
-    chunk_bytes : size [bytes] before compression at which a chunk is closed.
-    fsync : hand each flush on to the disk itself, so that it survives a power cut.
+    chunk_bytes : size before compression at which a chunk is closed [bytes].
+    fsync : flush to the disk itself, so that data survive a power cut.
 
     Raises
     ------
     InputError : the file cannot be created, another run is writing it, or an entry is no string.
-    LossError : from any method, when the disk fails; the writer is then closed and what had
-        been written stays in the `.partial` file.
+    LossError : from any method, when the disk fails; the writer is then closed, and the
+        `.partial` file has what was written before.
     """
 
     def __init__(
@@ -139,17 +135,15 @@ class TraceWriter:
 
         Returns
         -------
-        id : for `write`.
+        id : of the topic, for `write`.
 
         Raises
         ------
-        InputError : a topic or signal twice, or a name that is none.
+        InputError : a topic or signal is declared twice, or a name is invalid.
         """
         files = FileDescriptorSet(file=[layout.file_descriptor(schema_name, signals)])
         message = layout.message_class(files, schema_name)
-        entries = layout.channel_metadata(signals)
-        if metadata:
-            entries |= _strings(topic, metadata)
+        entries = layout.channel_metadata(signals) | _strings(topic, metadata or {})
         topic_id = self._register(topic, schema_name, files, entries)
         self._encoders[topic_id] = RowEncoder(topic, signals, message)
         return topic_id
@@ -157,8 +151,7 @@ class TraceWriter:
     def add_dropped_topic(self, link: str) -> int:
         """Declare `/link/<link>/dropped`; its one value is the reason, "lost" or "overtaken".
 
-        Log time is the instant at which the message arrived or was due, publish time that of
-        sending.
+        Log time is when the message arrived or was due, publish time when it was sent.
         """
         return self.add_topic(
             layout.dropped_topic(link), layout.DROPPED_SIGNALS, schema_name="cosim.link.Dropped"
@@ -211,11 +204,7 @@ class TraceWriter:
             return
         low = min(int(min(r.log_ns.min(), r.publish_ns.min())) for r in records)
         if low < 0 or any(r.sequence.max() >= 2**32 or r.sequence.min() < 0 for r in records):
-            raise InputError(
-                "time or sequence number out of range",
-                where="trace",
-                expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
-            )
+            raise _out_of_range()
         block = in_order(records)
         with self._guard:
             self._stream.add(block)
@@ -259,8 +248,8 @@ class TraceWriter:
         ----------
         time_ns : instant in the run [ns].
         level : "debug", "info", "warning", "error" or "fatal".
-        name : who speaks: a component, a link.
-        message : what is said.
+        name : origin of the message: a component, a link.
+        message : the text.
         """
         topic_id, data = self._foxglove.log(time_ns, level, name, message)
         self._add(topic_id, time_ns, data, None, 0)
@@ -268,10 +257,9 @@ class TraceWriter:
     def pose(self, time_ns: int, x: float, y: float, z: float, psi: float) -> None:
         """Write to `/auv/pose` (`foxglove.PoseInFrame`), in the frame `ned`.
 
-        Position (x north, y east, z down) [m] and heading psi about z [rad] go in as they are.
-        With the first pose, the transform from `map` (x east, y north, z up: what a 3D view
-        expects) to `ned` is written to `/tf`: choose `map` as the display frame and down is
-        down.
+        Position (x north, y east, z down) is in m, heading psi about z in rad. The first pose
+        also writes the transform from `map` (x east, y north, z up) to `ned` to `/tf`: with `map`
+        as its display frame, a 3D view shows down as down.
         """
         row = np.array([[x, y, z, psi]], np.float64)
         self.write_rows([Poses(np.array([time_ns], np.int64), row)])
@@ -285,7 +273,7 @@ class TraceWriter:
         """Write `cosim.result`, close the file and rename it; returns the final path."""
         entries = _strings(layout.RESULT, result)
         with self._guard:
-            self._stream.flush()  # so that cosim.result comes after the last message
+            self._stream.flush()  # cosim.result comes after the last message
             self._stream.metadata(layout.RESULT, entries)
             self._stream.finish()
             self._file.finish()
@@ -295,18 +283,16 @@ class TraceWriter:
 
     def close(self) -> None:
         """Close without a result, if still open; the `.partial` file stays, well-formed."""
-        if not self._guard.open:
-            self._ended()
-            return
-        with self._guard:
-            if self._stream.sound:
-                self._stream.finish()
-            self._file.close()
-            self._guard.open = False
+        if self._guard.open:
+            with self._guard:
+                if self._stream.sound:
+                    self._stream.finish()
+                self._file.close()
+                self._guard.open = False
         self._ended()
 
     def forget(self) -> None:
-        """In a forked process: the file is the parent's; nothing of it is touched here."""
+        """Release the file untouched, in a forked process: it is the parent's."""
         self._guard.forget()
 
     def __enter__(self) -> Self:
@@ -316,12 +302,12 @@ class TraceWriter:
         if error is None:
             self.close()
             return
-        with contextlib.suppress(CosimError):  # what went wrong first is what matters
+        with contextlib.suppress(CosimError):  # the first error is the one to report
             self.close()
 
     def __del__(self) -> None:
-        """Nobody can write any more: what there is goes to the disk."""
-        if hasattr(self, "_foxglove"):  # the beginning was not refused
+        """Close a writer that nobody refers to any more."""
+        if hasattr(self, "_foxglove"):  # the constructor raised no error
             with contextlib.suppress(CosimError):
                 self.close()
 
@@ -358,7 +344,7 @@ class TraceWriter:
     def _add(
         self, topic_id: int, log_ns: int, data: bytes, publish_ns: int | None, sequence: int
     ) -> None:
-        try:  # before the chunk is touched: half a message in it would spoil all that follow
+        try:  # before the chunk is touched: half a message in it would damage all later ones
             log_ns, sequence = operator.index(log_ns), operator.index(sequence)
             publish = log_ns if publish_ns is None else operator.index(publish_ns)
         except TypeError as error:
@@ -369,20 +355,25 @@ class TraceWriter:
                 got=f"log time {log_ns!r}, publish time {publish_ns!r}, sequence {sequence!r}",
             ) from error
         if not (0 <= log_ns < 2**63 and 0 <= publish < 2**63 and 0 <= sequence < 2**32):
-            raise InputError(
-                "time or sequence number out of range",
-                where="trace",
-                expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
-                got=f"log time {log_ns}, publish time {publish}, sequence {sequence}",
-            )
+            got = f"log time {log_ns}, publish time {publish}, sequence {sequence}"
+            raise _out_of_range(got)
         with self._guard:
             self._stream.message(topic_id, log_ns, publish, sequence, data)
             if self._flusher.due():
                 self._flush()
 
 
+def _out_of_range(got: str | None = None) -> InputError:
+    return InputError(
+        "time or sequence number out of range",
+        where="trace",
+        expected="times from 0 to 2**63 - 1 ns, sequence from 0 to 2**32 - 1",
+        got=got,
+    )
+
+
 def _strings(where: str, entries: Mapping[str, str]) -> dict[str, str]:
-    """Entries as MCAP metadata, sorted by key so that their order says nothing."""
+    """Check that metadata are strings, and sort them by key."""
     for key, value in entries.items():
         if not isinstance(key, str) or not isinstance(value, str):
             raise InputError(

@@ -74,7 +74,7 @@ def test_signals_are_joined_by_sample_and_hold(tmp_path: Path) -> None:
     assert late.tolist()[1:] == [0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0]
 
 
-def test_bases_of_time(tmp_path: Path) -> None:
+def test_align_takes_topic_period_and_instants(tmp_path: Path) -> None:
     trace = recorded(tmp_path / "a.mcap")
     names = ["plant.eta.x", "pilot.mode"]
     assert list(trace.to_pandas(names, align="/link/up").index) == [0.5, 1.5, 2.5]
@@ -142,7 +142,7 @@ def test_age_is_that_of_the_schedule(tmp_path: Path, kind: str) -> None:
     assert len(trace.dropped("up")) == lost
 
 
-def test_corners_of_the_age(tmp_path: Path) -> None:
+def test_age_has_the_corners_of_the_sawtooth(tmp_path: Path) -> None:
     times, ages = recorded(tmp_path / "a.mcap").age("up")
     assert times.tolist() == [0.5, 0.5, 1.5, 1.5, 2.5, 2.5]
     assert np.array_equal(ages, [np.nan, 0.5, 1.5, 0.5, 1.5, 0.5], equal_nan=True)

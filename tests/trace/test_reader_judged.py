@@ -87,7 +87,7 @@ def inner(message: Any, path: str) -> Any:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_every_topic_as_the_official_reader_has_it(tmp_path: Path, compression: str) -> None:
+def test_every_topic_equals_the_official_readers(tmp_path: Path, compression: str) -> None:
     path = recorded_run(tmp_path / "a.mcap", compression=compression)
     trace = Trace(path)
     tables = trace.read_all()
@@ -185,7 +185,7 @@ def same(one: Any, two: Any) -> bool:
 
 @settings(max_examples=100)
 @given(st.lists(st.tuples(wholes, st.integers(0, 2)), min_size=1, max_size=6), st.data())
-def test_any_message_as_protobuf_parses_it(
+def test_decoded_messages_equal_protobufs(
     rows: list[tuple[dict[str, Any], int]], data: st.DataObject
 ) -> None:
     """Whatever is present, whatever the widths, also messages laid out oddly."""

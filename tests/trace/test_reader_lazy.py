@@ -36,7 +36,7 @@ def two_topics(path: Path) -> Path:
 
 @pytest.fixture
 def read_segment(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Positions of the chunks opened so far."""
+    """Record the positions of the chunks read."""
     positions: list[int] = []
     real = file_parts.read_segment
 
@@ -83,7 +83,7 @@ def test_windows_include_their_ends(
 
 
 @pytest.mark.parametrize("window", [{"start": float("nan")}, {"start": 2.0, "end": 1.0}])
-def test_windows_that_are_none(tmp_path: Path, window: dict[str, float]) -> None:
+def test_invalid_windows_are_refused(tmp_path: Path, window: dict[str, float]) -> None:
     trace = Trace(two_topics(tmp_path / "a.mcap"))
     with pytest.raises(InputError):
         trace.read("/plant/output", **window)
@@ -112,7 +112,7 @@ def test_signals_by_name(tmp_path: Path) -> None:
         trace.signal("plant.eta.xx")
 
 
-def test_the_summary_says_what_the_scan_finds(tmp_path: Path) -> None:
+def test_summary_and_scan_agree(tmp_path: Path) -> None:
     by_summary, found = from_summary(path := two_topics(tmp_path / "a.mcap")), by_scan(path)
     assert by_summary is not None
     assert [
@@ -128,7 +128,7 @@ def without_summary_checksum(whole: bytes) -> bytearray:
     return changed
 
 
-def test_a_summary_that_lies_is_not_believed(tmp_path: Path) -> None:
+def test_inconsistent_summary_is_not_used(tmp_path: Path) -> None:
     """No byte of the summary, checksum switched off, makes a reader miss or invent a row."""
     path = two_topics(tmp_path / "a.mcap")
     truth = Trace(path).read("/plant/output")["eta.x"].tolist()
@@ -197,7 +197,7 @@ def bomb(size: int, claimed: int) -> bytes:
 
 
 @pytest.mark.parametrize(("size", "claimed"), [(2**28 + 1, 2**28 + 1), (2**28, 100), (100, 2**60)])
-def test_bombs_are_refused(tmp_path: Path, size: int, claimed: int) -> None:
+def test_decompression_bombs_are_refused(tmp_path: Path, size: int, claimed: int) -> None:
     """What unpacks to more than it claims, or claims more than a chunk may have."""
     path = tmp_path / "bomb.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + bomb(size, claimed))

@@ -137,8 +137,8 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_content(tmp_path: Path, name: str) -> None:
-    """Damage is a `LossError`; under `.partial` it is told, and nothing else fails."""
+def test_damaged_content_is_reported(tmp_path: Path, name: str) -> None:
+    """Damage is a `LossError`; in a `.partial` file it is reported as `damage`."""
     path = tmp_path / "a.mcap"
     content, reported = HOSTILE[name]
     path.write_bytes(MAGIC + content)
@@ -163,7 +163,7 @@ def test_not_a_trace(tmp_path: Path, content: bytes, name: str) -> None:
             read(tmp_path / name)
 
 
-def test_no_file(tmp_path: Path) -> None:
+def test_path_that_is_no_readable_file_is_refused(tmp_path: Path) -> None:
     """Missing files, directories, pipes and impossible names are bad input."""
     os.mkfifo(tmp_path / "pipe.mcap")
     with pytest.raises(InputError, match="No such file"):
@@ -176,7 +176,7 @@ def test_no_file(tmp_path: Path) -> None:
         Trace("a\0b.mcap")
 
 
-def test_random_damage_never_escapes(tmp_path: Path) -> None:
+def test_random_damage_raises_only_our_errors(tmp_path: Path) -> None:
     """Bytes changed at random give a trace or one of our errors, in every reading function."""
     path = tmp_path / "a.mcap.partial"
     rows = [(k, k, k, [k, None if k % 7 else k]) for k in range(60)]

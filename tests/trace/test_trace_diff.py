@@ -59,7 +59,7 @@ def test_tolerance_of_a_signal_is_that_of_the_longest_name() -> None:
 
 
 @pytest.mark.parametrize("value", [0, 0.0, False, ""])
-def test_value_that_is_not_there_is_no_zero(tmp_path: Path, value: Any) -> None:
+def test_absent_value_differs_from_zero(tmp_path: Path, value: Any) -> None:
     """Rows as JSON, one of them without the key: unlike whatever stands there in the other."""
 
     def rows(name: str, *contents: dict[str, Any]) -> Path:
@@ -80,7 +80,7 @@ def test_value_that_is_not_there_is_no_zero(tmp_path: Path, value: Any) -> None:
     assert diff(gap, other).equal
 
 
-def test_where_and_by_how_much(tmp_path: Path) -> None:
+def test_diff_reports_first_and_largest_difference(tmp_path: Path) -> None:
     a = one(tmp_path / "a.mcap", [1.0, 2.0, 4.0, -8.0])
     b = one(tmp_path / "b.mcap", [1.0, 2.5, 4.0, -2.0])
     found = diff(a, b)
@@ -110,7 +110,7 @@ def test_where_and_by_how_much(tmp_path: Path) -> None:
     st.floats(0, 1e3),
     st.floats(0, 1),
 )
-def test_a_tolerance_is_that_of_math_isclose(
+def test_tolerance_equals_math_isclose(
     pairs: list[tuple[float, float]], absolute: float, relative: float
 ) -> None:
     """But NaN is close to NaN."""
@@ -161,7 +161,7 @@ def test_an_earlier_end_is_a_difference(tmp_path: Path) -> None:
     assert not diff(one(tmp_path / "c.mcap", [1, 5]), a, prefix=True).equal
 
 
-def test_what_one_alone_has(tmp_path: Path) -> None:
+def test_topics_and_signals_of_one_trace_only_are_listed(tmp_path: Path) -> None:
     a = write(tmp_path / "a.mcap", rows=[(0, 0, 0, [1, 2])])
     b = write(tmp_path / "b.mcap", rows=[(0, 0, 0, [1, 2])], signals=[ETA[0], Signal("nu.u")])
     c = write(tmp_path / "c.mcap", rows=[(0, 0, 0, [1, 2])], topic="/other/output")
@@ -222,7 +222,7 @@ def test_scenario_design_and_entries(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
-def test_tolerances_that_are_none(value: float) -> None:
+def test_invalid_tolerances_are_refused(value: float) -> None:
     with pytest.raises(InputError):
         Tolerance(value)
     with pytest.raises(InputError):

@@ -47,7 +47,7 @@ def trace(tmp_path: Path) -> Path:
     return tmp_path / "run.mcap"
 
 
-def test_csv_gives_every_bit_back(trace: Path, tmp_path: Path) -> None:
+def test_csv_reads_back_to_the_same_bits(trace: Path, tmp_path: Path) -> None:
     written = export(trace, tmp_path / "out", "csv")
     assert [(w.path.name, w.topic, w.rows) for w in written] == [
         ("link.up.csv", "/link/up", 4),
@@ -91,7 +91,7 @@ def test_parquet_has_units_and_provenance(trace: Path, tmp_path: Path) -> None:
     assert frame["nu.u"].to_numpy().tobytes() == read["nu.u"].tobytes()
 
 
-def test_wide_is_what_pandas_joins(trace: Path, tmp_path: Path) -> None:
+def test_wide_table_equals_the_joined_data_frame(trace: Path, tmp_path: Path) -> None:
     names = ["plant.eta", "/link/up:n"]
     (one,) = export(trace, tmp_path / "w.parquet", "parquet", signals=names, wide=True)
     assert one.columns == ("time_s", "plant.eta.x", "/link/up:n")
@@ -116,7 +116,7 @@ def test_topics_signals_and_windows(trace: Path, tmp_path: Path) -> None:
             export(trace, tmp_path / "b", "csv", **wrong)  # type: ignore[arg-type]
 
 
-def test_a_place_that_cannot_be_written(trace: Path, tmp_path: Path) -> None:
+def test_export_to_a_place_that_cannot_be_written_is_refused(trace: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for to in ("csv", "parquet"):
         with pytest.raises(InputError, match="cannot be written"):

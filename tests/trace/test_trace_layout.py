@@ -92,7 +92,7 @@ def test_timestamp_is_the_well_known_one() -> None:
     assert theirs.ToNanoseconds() == 7_000_000_008
 
 
-def test_layout_refuses() -> None:
+def test_layout_refuses_invalid_signals_and_names() -> None:
     """Nameless signals, unknown kinds, signals twice and impossible schema names."""
     with pytest.raises(InputError, match="name"):
         Signal("")

@@ -61,7 +61,7 @@ def foreign(path: Path, *, chunking: bool, compression: CompressionType) -> Path
 
 
 def cut_everywhere(whole: Path, tmp_path: Path, step: int) -> None:
-    """Whatever the length: a prefix of everything, or a clear refusal."""
+    """Check that a cut file gives a prefix of all records, or an error."""
     data = whole.read_bytes()
     everything = contents(whole)
     cut, out = tmp_path / "cut.mcap.partial", tmp_path / "out.mcap"
@@ -125,7 +125,7 @@ def test_foreign_file_cut(tmp_path: Path, compression: CompressionType, *, chunk
 
 
 def test_recovered_trace_is_a_trace(tmp_path: Path) -> None:
-    """Finished, with the content hash of what was left of it, and it says what it is."""
+    """It is finished, has the content hash of the cut file, and records its recovery."""
     whole = a_trace(tmp_path / "a.mcap")
     partial = tmp_path / "b.mcap.partial"
     partial.write_bytes(whole.read_bytes()[:4000])
@@ -197,8 +197,8 @@ def test_messages_on_a_channel_that_is_not_declared_are_counted(tmp_path: Path) 
     assert (result.messages, result.lost_messages, result.lost) == (40, 20, True)
 
 
-def test_destroyed_bytes_anywhere(tmp_path: Path) -> None:
-    """Bytes overwritten anywhere, lengths included: what is kept is true, and a loss is told."""
+def test_overwritten_bytes_lose_no_other_message(tmp_path: Path) -> None:
+    """Overwritten bytes, also in lengths: kept messages are unchanged, losses reported."""
     choose = random.Random(3)  # noqa: S311 - to be repeatable
     out = tmp_path / "out.mcap"
     for compression in ("zstd", "none"):
@@ -226,7 +226,7 @@ def test_destroyed_bytes_anywhere(tmp_path: Path) -> None:
                 assert len(found) + result.lost_messages == len(everything[0])
 
 
-def test_file_that_is_whole(tmp_path: Path) -> None:
+def test_whole_file_is_not_rewritten(tmp_path: Path) -> None:
     """Nothing is written, unless a copy is asked for."""
     path = a_trace(tmp_path / "a.mcap")
     before = sorted(tmp_path.iterdir())
@@ -282,7 +282,7 @@ def test_hostile_lengths_take_no_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MC", b"PK\x03\x04" * 30, b"\x89MCAP0\r\n"])
-def test_nothing_there(tmp_path: Path, content: bytes) -> None:
+def test_file_without_records_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.mcap").write_bytes(content)
     with pytest.raises(InputError) as caught:
         recover(tmp_path / "a.mcap")
@@ -293,7 +293,7 @@ def test_nothing_there(tmp_path: Path, content: bytes) -> None:
             recover(path)
 
 
-def test_start_is_damaged(tmp_path: Path) -> None:
+def test_file_with_damaged_start_is_recovered(tmp_path: Path) -> None:
     """Even without its first bytes a file that is one is recovered."""
     path = a_trace(tmp_path / "a.mcap")
     whole = path.read_bytes()

@@ -251,14 +251,14 @@ TAMPERED: dict[str, tuple[set[str], Change]] = {
 
 @pytest.mark.parametrize("name", TAMPERED)
 def test_tampered_run_fails(tmp_path: Path, name: str) -> None:
-    """Checksums are right, the content is not: the check that is about it says so."""
+    """With right checksums and wrong content, the check of that content fails."""
     expected, change = TAMPERED[name]
     path = rewritten(a_run(tmp_path / "a.mcap"), tmp_path / "b.mcap", change)
     assert failing(path) == expected
     assert verify(path).verdict == ("incomplete" if name == "no result" else "failed")
 
 
-def test_number_beyond_those_that_were_sent(tmp_path: Path) -> None:
+def test_sequence_number_beyond_those_sent_fails(tmp_path: Path) -> None:
     """A copy that calls itself the message after the last, while other copies are in flight."""
     wide = Jitter("uniform", width_ns=400)
     link = PacketLink("sc", 20, jitter=wide, duplicate=0.9, order="as-arrived", seed=6)
@@ -297,7 +297,7 @@ def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
 
 
 def test_cut_file_is_incomplete(tmp_path: Path) -> None:
-    """Cut short, but right as far as it goes: neither good nor wrong."""
+    """A correct file that is cut short is incomplete, neither ok nor failed."""
     path = a_run(tmp_path / "a.mcap")
     whole = path.read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -318,7 +318,7 @@ def patched(whole: bytes, at: int, new: bytes) -> bytes:
 
 
 def test_false_indexes_are_noticed(tmp_path: Path) -> None:
-    """Index, statistics, offsets: each says something else than what is there."""
+    """Indexes, statistics and offsets that contradict the file."""
     path = a_run(tmp_path / "a.mcap")
     whole = path.read_bytes()
     assert patched(whole, 0, b"") == whole
@@ -355,7 +355,7 @@ def test_false_indexes_are_noticed(tmp_path: Path) -> None:
     assert len(places) == 11
 
 
-def test_chunk_that_says_other_times(tmp_path: Path) -> None:
+def test_chunk_with_wrong_times_fails(tmp_path: Path) -> None:
     path = a_run(tmp_path / "a.mcap")
     whole = path.read_bytes()
     with path.open("rb") as stream:
@@ -380,8 +380,8 @@ def test_foreign_files_are_checked_for_structure_alone(
     assert verify(path).verdict == "incomplete"
 
 
-def test_fmus_are_looked_up(tmp_path: Path) -> None:
-    """By their content, whatever they are called."""
+def test_fmus_are_found_by_their_hash(tmp_path: Path) -> None:
+    """FMUs are found by their SHA-256, whatever their names."""
     path = a_run(tmp_path / "a.mcap")
     folder = tmp_path / "fmus"
     (folder / "deep").mkdir(parents=True)

@@ -229,7 +229,7 @@ def test_fast_rows_are_protobuf(rows: list[list[float | None]]) -> None:
         assert (same | both_nan).all()
 
 
-def test_writer_refuses(tmp_path: Path) -> None:
+def test_writer_refuses_invalid_calls(tmp_path: Path) -> None:
     """Wrong counts, kinds, times, topics and late calls are refused with a message."""
     writer = TraceWriter(tmp_path / "a.mcap", run={})
     eta = writer.add_topic("/eta", ETA, schema_name="cosim.E")
@@ -264,7 +264,7 @@ def test_writer_refuses(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_no_place_to_write(tmp_path: Path) -> None:
+def test_path_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     """A missing folder, a directory and an unknown compression are bad input."""
     (tmp_path / "d.mcap").mkdir()
     with pytest.raises(InputError, match="cannot be created"):
@@ -300,7 +300,7 @@ except LossError as error:
 """
 
 
-def test_disk_that_fails_midway(tmp_path: Path) -> None:
+def test_disk_failure_keeps_the_rows_before(tmp_path: Path) -> None:
     """When the file can grow no further, the error says so and the rows before are readable."""
     command = [sys.executable, "-c", FULL, str(tmp_path / "a.mcap")]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])}

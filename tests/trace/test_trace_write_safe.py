@@ -54,14 +54,14 @@ def rows_of(path: Path) -> list[float]:
 
 
 def fill(writer: TraceWriter) -> None:
-    """A thousand rows, unless something comes in between."""
+    """Write a thousand rows, unless interrupted."""
     topic = writer.add_topic("/x", X, schema_name="t.X")
     for k in range(1000):
         writer.write(topic, k, [k])
 
 
-def test_row_is_on_the_disk_though_no_other_follows(tmp_path: Path) -> None:
-    """A step that takes long: the rows before it do not wait for its end."""
+def test_row_is_flushed_without_a_later_row(tmp_path: Path) -> None:
+    """Rows before a long step are flushed during the step."""
     with TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=0.2) as writer:
         topic = writer.add_topic("/x", X, schema_name="t.X")
         for k in range(3):
@@ -100,7 +100,7 @@ def test_closed_writer_leaves_no_thread(tmp_path: Path) -> None:
     assert not set(threading.enumerate()) - before
 
 
-def test_writer_that_nobody_holds_any_more(tmp_path: Path) -> None:
+def test_unreferenced_writer_is_closed(tmp_path: Path) -> None:
     """Its rows are on the disk, its file and thread are given back."""
     before = set(threading.enumerate())
     writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=1e9)
@@ -148,7 +148,7 @@ def test_sigterm_closes_the_trace(tmp_path: Path, number: signal.Signals, code: 
     assert rows_of(trace.path) == list(range(1000))
 
 
-def test_whoever_handles_the_signal_keeps_it(tmp_path: Path) -> None:
+def test_signal_handlers_are_kept_and_restored(tmp_path: Path) -> None:
     """A handler of the program's own stays, and the default comes back after the last trace."""
 
     def own(number: int, frame: Any) -> None:
@@ -166,7 +166,7 @@ def test_whoever_handles_the_signal_keeps_it(tmp_path: Path) -> None:
         signal.signal(signal.SIGTERM, before)
 
 
-def test_program_that_forgets_to_close(tmp_path: Path) -> None:
+def test_trace_is_closed_at_the_end_of_the_program(tmp_path: Path) -> None:
     """The end of the program, also by an exception, closes the trace."""
     for end in ("", "raise ValueError('no')", "sys.exit(3)"):
         with started(WRITES + end, tmp_path / "a.mcap") as process:
@@ -176,7 +176,7 @@ def test_program_that_forgets_to_close(tmp_path: Path) -> None:
 
 
 def test_forked_child_leaves_the_trace_alone(tmp_path: Path) -> None:
-    """A copy of the process that ends, or writes, changes nothing in the parent's file."""
+    """A forked process that ends, or writes, does not change the parent's file."""
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         topic = writer.add_topic("/x", X, schema_name="t.X")
         times = np.arange(20_000)
@@ -221,7 +221,7 @@ def test_finished_trace_stays_until_the_new_one_is_finished(tmp_path: Path) -> N
 
 
 def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
-    """The second is refused, and spoils nothing; the next after the end is welcome."""
+    """The second writer is refused without harm; after the first has ended, one is accepted."""
     with TraceWriter(tmp_path / "a.mcap", run={"n": "1"}) as writer:
         topic = writer.add_topic("/x", X, schema_name="t.X")
         writer.write(topic, 0, [1.0])
@@ -252,8 +252,8 @@ class Full:
 
 
 @pytest.mark.parametrize("room", range(0, 6000, 211))
-def test_disk_that_is_full(tmp_path: Path, room: int) -> None:
-    """Whatever was being written: an error in words, then whole records that all read."""
+def test_full_disk_leaves_whole_records(tmp_path: Path, room: int) -> None:
+    """A clear error, then a file of whole records."""
     writer = TraceWriter(tmp_path / "a.mcap", run={"k": "v"}, chunk_bytes=500, compression="none")
     writer._file._raw = Full(writer._file._raw, room)  # type: ignore[assignment]
     with pytest.raises(LossError, match="No space left") as caught:
@@ -271,8 +271,8 @@ def test_disk_that_is_full(tmp_path: Path, room: int) -> None:
     assert len(found) * 40 <= room
 
 
-def test_disk_that_is_full_while_nobody_writes(tmp_path: Path) -> None:
-    """What fails in the background is told at the next use."""
+def test_full_disk_during_a_flush_is_reported_at_the_next_use(tmp_path: Path) -> None:
+    """A failure in the background is reported at the next use."""
     writer = TraceWriter(tmp_path / "a.mcap", run={}, flush_interval_s=0.02)
     topic = writer.add_topic("/x", X, schema_name="t.X")
     writer._file._raw = Full(writer._file._raw, 30)  # type: ignore[assignment]
@@ -285,11 +285,11 @@ def test_disk_that_is_full_while_nobody_writes(tmp_path: Path) -> None:
 
 
 class Struck(BaseException):
-    """An interruption that strikes anywhere."""
+    """An interruption raised at any write."""
 
 
 @pytest.mark.parametrize("strike", range(1, 60))
-def test_interruption_anywhere_leaves_a_true_file(
+def test_interruption_leaves_a_consistent_file(
     tmp_path: Path, strike: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between any two writes: what is there reads, in order, and no summary says otherwise."""

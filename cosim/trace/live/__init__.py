@@ -1,4 +1,4 @@
-"""Traces shown to people by other tools: played to Foxglove, opened in Rerun."""
+"""Show traces in other tools: play them to Foxglove, open them in Rerun."""
 
 from cosim.trace.live.player import Player
 from cosim.trace.live.rerun_view import ViewResult, view_in_rerun

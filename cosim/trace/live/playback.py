@@ -1,4 +1,4 @@
-"""Where a playback stands: play, pause, seek, rate. Without a network and without a thread."""
+"""Control a playback: play, pause, seek, rate. Without network and threads."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST_RATE = 1e6
 
 
 class Status(Enum):
-    """What a playback does."""
+    """The status of a playback."""
 
     playing = "playing"
     paused = "paused"
@@ -23,27 +23,23 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Due:
-    """What is to be sent now: message numbers in order, and whether it comes after a jump."""
+    """The messages to send now: their numbers in order, and whether they follow a jump."""
 
     messages: NDArray[np.int64]
     jumped: bool
 
 
 class Playback:
-    """A position in recorded time that moves with the clock.
+    """A position in recorded time that moves with the clock; it begins paused.
 
     Parameters
     ----------
-    times_ns : log times, not decreasing, (m,).
+    times_ns : log times [ns], not decreasing, (m,).
     channels : number of the channel of each message, (m,).
     rate : recorded seconds per second, > 0.
-    start_ns : where it begins, and where a loop begins again.
-    loop : whether the end is followed by the beginning.
-    clock : nanoseconds of a clock that never goes back.
-
-    Attributes
-    ----------
-    status : it begins paused.
+    start_ns : where it begins, and where a loop begins again [ns].
+    loop : whether to begin again at the end.
+    clock : returns the nanoseconds of a monotonic clock.
     """
 
     def __init__(
@@ -68,40 +64,39 @@ class Playback:
         self._next = 0
         self._again: NDArray[np.int64] = np.zeros(0, np.int64)
         self._jumped = False
-        if start_ns is None:
-            return
-        self.seek(start_ns)
+        if start_ns is not None:
+            self.seek(start_ns)
 
     @property
     def position_ns(self) -> int:
-        """Recorded time reached."""
+        """Recorded time reached [ns]."""
         at, since = self._anchor
         if self.status is not Status.playing:
             return at
         return min(at + round((self._clock() - since) * self.rate), self.last_ns)
 
     def play(self) -> None:
-        """Go on; from the beginning if the end was reached."""
+        """Start or continue; from the beginning if the end was reached."""
         if self.status is Status.ended:
             self.seek(self._begin_ns)
         self._anchor = (self.position_ns, self._clock())
         self.status = Status.playing
 
     def pause(self) -> None:
-        """Stand still."""
+        """Stop at the present position."""
         at = self.position_ns
         if self.status is Status.playing:
             self.status = Status.paused
         self._anchor = (at, self._clock())
 
     def set_rate(self, rate: float) -> None:
-        """Another speed from here on; what is no positive number is left out of account."""
+        """Change the rate from here on; ignore one that is not positive, or too large."""
         if 0 < rate <= LARGEST_RATE:
             self._anchor = (self.position_ns, self._clock())
             self.rate = rate
 
     def seek(self, time_ns: int) -> None:
-        """Go to a time; the last message of each channel up to it is due again."""
+        """Go to a time [ns]; the last message of each channel up to it is due again."""
         if self.status is Status.ended:
             self.status = Status.paused
         at = self._inside(time_ns)
@@ -113,7 +108,7 @@ class Playback:
         self._jumped = True
 
     def due(self) -> Due:
-        """Messages whose time has come since the last call; at the end, ends or begins again."""
+        """Return the messages due since the last call; at the end, end or begin again."""
         at = self.position_ns
         again, jumped = self._again, self._jumped
         self._again, self._jumped = np.zeros(0, np.int64), False

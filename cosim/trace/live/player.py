@@ -1,4 +1,4 @@
-"""A live server for Foxglove: the messages of a trace as they were, in their own time."""
+"""Play the messages of a trace to Foxglove, at their recorded times."""
 
 from __future__ import annotations
 
@@ -15,38 +15,39 @@ from cosim.trace.reader import Trace
 
 _TICK_S = 0.02
 _AFTER_JUMP_S = 0.05
-"""So long nothing is sent after a jump: the client hears of the jump first."""
+"""Pause after a jump, so that the client is notified of it before any message [s]."""
 _AFTER_SUBSCRIPTION_S = 0.25
-"""So long it waits before it begins: the server takes a client in after it has told of it, and
-clients ask for one channel after the other."""
+"""Pause before the start [s]: the server reports a client before it serves it, and clients
+subscribe to one channel after the other."""
 _LATEST = 2**63 - 1
-"""A file may claim times beyond; what comes that late is sent at the end."""
+"""Latest time; messages of later times, which a file may claim, are sent at the end."""
 _BACKLOG = 1 << 17
 _LOOPBACK = "127.0.0.1"
 
 
 class Player:
-    """Serves a trace on the loopback interface, from `with` to its end.
+    """A server of a trace on the loopback interface, running within `with`.
 
-    Every channel is advertised with its schema before anything is sent. It begins to play when
-    a client subscribes for the first time, so that nobody misses the start.
+    Every channel is advertised with its schema before any message is sent. The playback begins
+    when the first client subscribes, so that it misses nothing.
 
     Parameters
     ----------
-    path : finished or not, ours or any MCAP file.
+    path : a trace, finished or not, or any MCAP file.
     rate : recorded seconds per second.
-    port : 0 takes any that is free.
-    start_s : where to begin, seconds from the first message.
+    port : 0 takes any free port.
+    start_s : where to begin, from the first message [s].
     loop : begin again at the end.
 
     Attributes
     ----------
-    port : the one that is listened on.
-    playback : where it stands.
+    port : the port of the server.
+    playback : position, rate and status.
 
     Raises
     ------
-    InputError : foxglove-sdk is not installed, no trace, no messages, a bad rate or port.
+    InputError : foxglove-sdk is not installed, there is no trace or no message in it, or a rate,
+        port or start is out of range.
     """
 
     def __init__(
@@ -59,7 +60,8 @@ class Player:
         loop: bool = False,
     ) -> None:
         _check(rate, port, start_s)
-        self._sdk = _sdk()
+        what = "a trace is played with foxglove-sdk"
+        self._sdk = optional("foxglove", "foxglove.websocket", extra="foxglove", what=what)
         self._path, self._wanted_port = path, port
         trace = Trace(path, incomplete=True)
         self._channels = list(trace.channels.values())
@@ -81,7 +83,7 @@ class Player:
             start_ns=first + round(start_s * 1e9) if start_s else None,
             loop=loop,
         )
-        # guards `playback`, never held while the SDK is called: its callbacks want it too
+        # guards `playback`; never held while the SDK is called, whose callbacks take it
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._listened_to = threading.Event()
@@ -92,7 +94,7 @@ class Player:
 
     def __enter__(self) -> Self:
         foxglove = self._sdk
-        # the server alone does not keep it alive
+        # the server does not keep the context alive
         self._context = context = foxglove.Context()
         self._advertised = [_advertised(foxglove, channel, context) for channel in self._channels]
         try:
@@ -127,20 +129,20 @@ class Player:
 
     @property
     def url(self) -> str:
-        """What a client connects to."""
+        """The address for clients."""
         return f"ws://{_LOOPBACK}:{self.port}"
 
     @property
     def topics(self) -> list[str]:
-        """Topics that are advertised."""
+        """The topics advertised."""
         return list(dict.fromkeys(channel.topic for channel in self._channels))
 
     def subscribed(self) -> None:
-        """A client listens: the first one starts the playback."""
+        """Register a subscription: the first one starts the playback."""
         self._listened_to.set()
 
     def control(self, request: Any) -> Any:
-        """Do what a client asks for: play or pause, at a rate, from a time."""
+        """Play, pause, change rate or seek as a client requests, and return the new state."""
         play = request.playback_command == self._sdk.websocket.PlaybackCommand.Play
         jumped = request.seek_time is not None
         with self._lock:
@@ -153,11 +155,11 @@ class Player:
             else:
                 self.playback.pause()
             self._begun = True
-            self._reported_status, self._news = self.playback.status, False  # the answer tells it
+            self._reported_status, self._news = self.playback.status, False  # by the answer
             return self._state(jumped=jumped, request=request.request_id)
 
     def wait(self) -> None:
-        """Never return by itself: until an interruption, or the end of `with` elsewhere."""
+        """Wait for an interruption, or for the end of `with` in another thread."""
         while not self._stop.wait(0.5):
             pass
 
@@ -180,14 +182,14 @@ class Player:
             due = self.playback.due()
             at = self.playback.position_ns
             looped = due.jumped and before is Status.playing is self.playback.status
-            # an end is told one step late: the SDK lets it overtake the last messages
+            # an end is reported one step late: the SDK lets it overtake the last messages
             state = self._state(jumped=looped, request=None) if looped or self._news else None
             self._news = self.playback.status is not before
             self._reported_status = self.playback.status
         if state is not None:
             self._server.broadcast_playback_state(state)
         for i in due.messages:
-            if self._jumps != jumps:  # somebody went elsewhere: what is left is of no use
+            if self._jumps != jumps:  # a client jumped: the remaining messages are outdated
                 return
             _, _, log, _, payload = self._messages[i]
             self._advertised[self._number[i]].log(bytes(payload), log_time=log)
@@ -205,7 +207,7 @@ class Player:
 
 
 class _Listener:
-    """What clients ask for."""
+    """The receiver of clients' requests."""
 
     def __init__(self, player: Player) -> None:
         self._player = player
@@ -215,15 +217,15 @@ class _Listener:
         self._player.subscribed()
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
-        """Others may still listen: it plays on."""
+        """Do nothing: other clients may still be subscribed."""
 
     def on_playback_control_request(self, request: Any) -> Any:
-        """Play, pause, rate, seek."""
+        """Pass on a request to play, pause, change rate or seek."""
         return self._player.control(request)
 
 
 def _advertised(foxglove: Any, channel: Any, context: Any) -> Any:
-    """A channel with the schema, encoding and metadata that it has in the file."""
+    """Advertise a channel with its schema, encoding and metadata in the file."""
     schema = channel.schema
     return foxglove.Channel(
         channel.topic,
@@ -251,12 +253,3 @@ def _check(rate: float, port: int, start_s: float) -> None:
             expected="seconds, 0 or more",
             got=f"{start_s}",
         )
-
-
-def _sdk() -> Any:
-    return optional(
-        "foxglove",
-        "foxglove.websocket",
-        extra="foxglove",
-        what="a trace is played with foxglove-sdk",
-    )

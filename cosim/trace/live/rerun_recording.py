@@ -1,4 +1,4 @@
-"""A trace as a Rerun recording: every signal at its own times, and a layout made for the run."""
+"""Write a trace as a Rerun recording: every signal at its own times, with a layout for the run."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _LEVELS = {
     "fatal": "CRITICAL",
 }
 _FAR = 1e30
-"""Positions beyond do not fit into the four bytes that Rerun has for them."""
+"""Largest position: Rerun stores them in four bytes."""
 _AT_ONCE = 6
-"""Charts side by side; more go into tabs."""
+"""Most charts in one tab."""
 
 
 def write_recording(rr: Any, content: Content, pose: dict[str, Reals], target: Path) -> None:
-    """Write the recording with its layout.
+    """Write the recording of a trace, with its layout.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def write_recording(rr: Any, content: Content, pose: dict[str, Reals], target: P
 
 
 def entity(chart: Chart, curve: Curve) -> str:
-    """Where a curve lies in the recording: `/plant/output/eta.x`, or `/derived/...`."""
+    """Return the path of a curve in the recording: `/plant/output/eta.x`, or `/derived/...`."""
     text = curve.source or f"/derived/{chart.key}/{curve.label}"
     parts = (part for part in text.split("/") if part)
     return "".join("/" + "".join(_escaped(c) for c in part) for part in parts)
@@ -96,10 +96,8 @@ def _times(rr: Any, t: Reals) -> Any:
 
 
 def _log_curve(rr: Any, recording: Any, path: str, curve: Curve) -> None:
-    colour = (
-        _NAMED.get(str(curve.role))
-        or _COLOURS[(curve.role if isinstance(curve.role, int) else 0) % len(_COLOURS)]
-    )
+    number = curve.role if isinstance(curve.role, int) else 0
+    colour = _NAMED.get(str(curve.role), _COLOURS[number % len(_COLOURS)])
     name = f"{curve.label} [{curve.unit}]" if curve.unit else curve.label
     if curve.text is not None:
         style = rr.SeriesPoints(names=name, colors=[colour], markers="Cross")
@@ -116,7 +114,7 @@ def _log_curve(rr: Any, recording: Any, path: str, curve: Curve) -> None:
 
 
 def _log_pose(rr: Any, recording: Any, content: Content, pose: dict[str, Reals]) -> None:
-    """Path, set point, and the vehicle's frame; x north, y east, z down."""
+    """Log path, set point and the vehicle's frame; x north, y east, z down."""
     place = np.column_stack([pose[axis] for axis in ("eta.x", "eta.y", "eta.z")])
     half = 0.5 * pose["eta.psi"]
     finite = np.isfinite(place).all(axis=1) & np.isfinite(half)
@@ -128,18 +126,11 @@ def _log_pose(rr: Any, recording: Any, content: Content, pose: dict[str, Reals])
     recording.log("/world/path", rr.LineStrips3D([place], colors=[_COLOURS[0]]), static=True)
     target = content.path["target"] if content.path else None
     if target is not None:
-        recording.log(
-            "/world/set_point",
-            rr.Points3D(
-                [target], colors=[_NAMED["reference"]], radii=[size / 8], labels=["set point"]
-            ),
-            static=True,
-        )
-    recording.log(
-        "/world/vehicle/axes",
-        rr.Arrows3D(vectors=size * np.eye(3), colors=[_COLOURS[1], _COLOURS[2], _COLOURS[5]]),
-        static=True,
-    )
+        grey = _NAMED["reference"]
+        point = rr.Points3D([target], colors=[grey], radii=[size / 8], labels=["set point"])
+        recording.log("/world/set_point", point, static=True)
+    axes = rr.Arrows3D(vectors=size * np.eye(3), colors=[_COLOURS[1], _COLOURS[2], _COLOURS[5]])
+    recording.log("/world/vehicle/axes", axes, static=True)
     zero = np.zeros(t.size)
     recording.send_columns(
         "/world/vehicle",
@@ -152,7 +143,7 @@ def _log_pose(rr: Any, recording: Any, content: Content, pose: dict[str, Reals])
 
 
 def _layout(rrb: Any, content: Content, pose: dict[str, Reals]) -> Any:
-    """Path and log on the left, charts of the whole run on the right."""
+    """Lay out path and log on the left, charts of the whole run on the right."""
     left = []
     if pose:
         left.append(rrb.Spatial3DView(origin="/world", name="Path (x north, y east, z down)"))
@@ -188,17 +179,9 @@ def _view(rrb: Any, chart: Chart, span: tuple[float, float]) -> Any:
     paths = [entity(chart, curve) for curve in chart.curves if curve.t.size]
     paths += [f"/limits/{chart.key}/{i}" for i in range(len(chart.bounds))]
     name = f"{chart.title} [{chart.unit}]" if chart.unit else chart.title
-    return rrb.TimeSeriesView(
-        origin="/",
-        contents=paths,
-        name=name,
-        axis_x=rrb.TimeAxis(
-            view_range=rrb.TimeRange(
-                start=rrb.TimeRangeBoundary.absolute(seconds=span[0]),
-                end=rrb.TimeRangeBoundary.absolute(seconds=span[1]),
-            ),
-        ),
-    )
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=t) for t in span)
+    axis = rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+    return rrb.TimeSeriesView(origin="/", contents=paths, name=name, axis_x=axis)
 
 
 def _verdict(content: Content) -> str:

@@ -1,4 +1,4 @@
-"""A trace opened in Rerun, or saved for it: nothing leaves this machine."""
+"""Open a trace in Rerun, or save it for Rerun; no data leave this machine."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _OFF = '"analytics_enabled": false'
 
 @dataclass(frozen=True)
 class ViewResult:
-    """What became of a trace: `output` is the recording that was kept, None if none was."""
+    """The result of viewing a trace; `output` is the recording saved, None if none was."""
 
     trace: Path
     output: Path | None
     charts: int
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return all fields as JSON values, for `--json`."""
         return {
             "trace": str(self.trace),
             "output": None if self.output is None else str(self.output),
@@ -42,26 +42,27 @@ class ViewResult:
         }
 
     def text(self) -> str:
-        """One line for people."""
+        """Return the result as one line of text."""
         if self.output is None:
             return f"{self.trace}: the viewer was closed"
         return f"recording: {self.output} ({self.charts} charts); rerun {self.output} opens it"
 
 
 def view_in_rerun(path: Path, save: Path | None = None) -> ViewResult:
-    """Open a trace in the viewer and wait until it is closed, or save it for later.
+    """Open a trace in the viewer and wait until it is closed, or save the recording.
 
     Raises
     ------
-    InputError : rerun-sdk is not installed, no trace, no display, or `save` cannot be written.
+    InputError : rerun-sdk is not installed, there is no trace or no display, or `save` cannot be
+        written.
     """
-    rr = _sdk()
+    rr = optional("rerun", extra="rerun", what="a trace is viewed with rerun-sdk")
     if save is None:
-        _see_display()
+        _check_display()
     content = content_of(path)
     pose = _pose(path)
     if save is not None:
-        _see_place(save)
+        _check_place(save)
         write_recording(rr, content, pose, save)
         return ViewResult(path, save, len(content.charts))
     with tempfile.TemporaryDirectory(prefix="cosim-view-") as folder:
@@ -72,20 +73,20 @@ def view_in_rerun(path: Path, save: Path | None = None) -> ViewResult:
 
 
 def quiet_environment(settings: Path) -> Mapping[str, str]:
-    """An environment in which the viewer sends no usage figures; it is asked whether that is so.
+    """Make an environment in which the viewer sends no usage figures, and ask it to confirm that.
 
-    The viewer has no switch for it but its settings, so it gets settings of its own; and for
-    whatever else it might look up, a proxy that leads nowhere.
+    Only its settings switch them off, so it gets its own settings; a proxy without a server
+    blocks any other request.
 
     Raises
     ------
-    InputError : the viewer still says that it would.
+    InputError : the viewer reports that it would send them.
     """
     settings.mkdir(parents=True, exist_ok=True)
     places = ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME")
     environment = dict(os.environ) | dict.fromkeys(places, str(settings))
     environment.pop("FORCE_RERUN_ANALYTICS", None)
-    for name in _PROXIES:  # it would look for newer versions of itself, too
+    for name in _PROXIES:  # it would also look for newer versions of itself
         environment |= {name: _NOWHERE, name.lower(): _NOWHERE}
     _ask(environment, "disable")
     reported = _ask(environment, "config")
@@ -115,7 +116,7 @@ def _ask(environment: Mapping[str, str], what: str) -> str:
 
 
 def _open(recording: Path, environment: Mapping[str, str]) -> None:
-    """The viewer, on a free port of the loopback interface alone, until it is closed."""
+    """Run the viewer, on a free port of the loopback interface only, until it is closed."""
     command = [*_RERUN, str(recording), "--bind", _LOOPBACK, "--port", "0"]
     done = subprocess.run(  # noqa: S603 - the same
         [*command, "--hide-welcome-screen"],
@@ -140,7 +141,7 @@ def _pose(path: Path) -> dict[str, Reals]:
     return {"t": craft.pose["eta.x"].t, **pose}
 
 
-def _see_display() -> None:
+def _check_display() -> None:
     if sys.platform.startswith("linux") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
@@ -152,7 +153,7 @@ def _see_display() -> None:
         )
 
 
-def _see_place(save: Path) -> None:
+def _check_place(save: Path) -> None:
     try:
         save.parent.mkdir(parents=True, exist_ok=True)
         save.write_bytes(b"")
@@ -160,7 +161,3 @@ def _see_place(save: Path) -> None:
         raise InputError(
             "the recording cannot be written", where=str(save), got=str(error)
         ) from error
-
-
-def _sdk() -> Any:
-    return optional("rerun", extra="rerun", what="a trace is viewed with rerun-sdk")

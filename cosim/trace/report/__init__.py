@@ -1,4 +1,4 @@
-"""A trace as one HTML file for people: verdict, path, signals, links, provenance."""
+"""Report a trace as one HTML file: verdict, path, signals, links, provenance."""
 
 from cosim.trace.report.write import Report, write_report
 

@@ -1,11 +1,12 @@
-"""A chart as plotly.js draws it: plain data, without colours, which the page's theme gives.
+"""Charts as data for plotly.js, without colours, which `report.js` takes from the page's theme.
 
-`meta.role` of a curve is the number of its colour in the palette, or the name of what it is
-("reference", "limit"); `report.js` turns it into ink.
+`meta.role` of a curve is the number of its colour in the palette, or a name ("reference", "limit").
+Numbers are little-endian in base64, in four bytes where no difference can be seen.
 """
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from cosim.trace.report.decimation import decimated
-from cosim.trace.report.packed import packed_times, packed_values
 from cosim.trace.report.series import Reals, Series
+
+LARGEST = 1e150
+"""Greater values overflow the arithmetic of a drawing; they are drawn at this one."""
 
 _DASHES = ("solid", "dash", "dot", "dashdot")
 PALETTE = 7
-"""Colours of the theme; the next seven curves have another dash."""
+"""Number of colours of the theme; the next seven curves have another dash."""
 
 
 @dataclass
@@ -28,8 +31,9 @@ class Curve:
     Attributes
     ----------
     role : number of a colour, or a name that the page knows.
-    hidden : shown in the legend alone, until it is asked for.
-    source : `/component/direction/name` of the signal, "" for what is derived.
+    hidden : shown in the legend only, until it is clicked.
+    text : of each point, which is then drawn as a mark.
+    source : `/component/direction/name` of the signal, "" for derived values.
     """
 
     label: str
@@ -43,7 +47,7 @@ class Curve:
     source: str = ""
 
     def trace(self, segments: int) -> dict[str, Any]:
-        """As plotly.js takes it, with so many stretches of time told apart."""
+        """Return the curve as plotly.js takes it, thinned to so many segments of time."""
         kept = decimated(self.t, self.values, segments, stepwise=self.stepwise)
         t, values = self.t[kept], self.values[kept]
         drawn: dict[str, Any] = {
@@ -88,7 +92,7 @@ class Chart:
     note: str = ""
 
     def figure(self, segments: int) -> dict[str, Any]:
-        """`data` and `layout` for plotly.js."""
+        """Return `data` and `layout` for plotly.js."""
         data = [curve.trace(segments) for curve in self.curves if curve.t.size]
         data += self._levels()
         return {
@@ -100,7 +104,7 @@ class Chart:
         }
 
     def summary(self) -> str:
-        """The chart in words, for those who do not see it."""
+        """Describe the chart in words, for screen readers."""
         parts = []
         for curve in self.curves:
             finite = curve.values[np.isfinite(curve.values)]
@@ -129,7 +133,7 @@ class Chart:
 
 
 def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool = False) -> Curve:
-    """The curve of a signal."""
+    """Return the curve of a signal."""
     return Curve(
         label or series.full_name,
         series.t,
@@ -143,5 +147,29 @@ def curve_of(series: Series, role: int | str, label: str = "", *, hidden: bool =
 
 
 def _plain(text: str) -> str:
-    """Text that plotly takes for nothing else: no tags, no placeholders."""
+    """Escape text so that plotly finds no tags and no placeholders in it."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace("%{", "% {")
+
+
+def packed(values: Reals, tolerance: float) -> dict[str, str]:
+    """Pack values for plotly, in four bytes each if no error exceeds the tolerance, else eight."""
+    drawn = np.clip(values, -LARGEST, LARGEST)
+    with np.errstate(over="ignore", invalid="ignore"):
+        short = drawn.astype("<f4")
+        wrong = np.abs(short.astype(np.float64) - drawn)
+    close = not np.nanmax(wrong, initial=0.0) > tolerance
+    data, kind = (short, "f4") if close else (drawn.astype("<f8"), "f8")
+    return {"dtype": kind, "bdata": base64.b64encode(data.tobytes()).decode("ascii")}
+
+
+def packed_times(t: Reals) -> dict[str, str]:
+    """Pack times, exact to a thousandth of their least distance."""
+    steps = np.diff(t)
+    steps = steps[steps > 0]
+    return packed(t, float(steps.min()) * 1e-3 if steps.size else 0.0)
+
+
+def packed_values(values: Reals) -> dict[str, str]:
+    """Pack values, exact to a hundred-thousandth of their span."""
+    finite = values[np.isfinite(values)]
+    return packed(values, float(np.ptp(finite / 2)) * 2e-5 if finite.size else 0.0)

@@ -1,4 +1,4 @@
-"""All that a report shows of a trace, put together once; the page only lays it out."""
+"""Collect the content of a report from a trace, for the HTML page and for Rerun."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from cosim.trace.info import describe
 from cosim.trace.layout import HOST_PREFIX
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, traffic, vehicle, verdict
-from cosim.trace.report.chart import Chart
-from cosim.trace.report.packed import LARGEST
+from cosim.trace.report.chart import LARGEST, Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
 from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of
 
 MAX_ROWS = 400
-"""Rows of a table; a page with more is not read but searched."""
+"""Most rows of the table of signals."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A signal in numbers; None where it has none."""
+    """The figures of a signal; None where it has no number. `gaps` counts missing numbers."""
 
     topic: str
     name: str
@@ -50,14 +49,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Content:
-    """What a report says.
+    """The content of a report.
 
     Attributes
     ----------
-    info : as `cosim.trace.describe` has it.
+    info : as from `cosim.trace.describe`.
     span : first and last time shown [s].
     log : the last lines, of all levels.
-    left_out : what could not be drawn, and why.
+    left_out : what is not drawn, and why.
     """
 
     info: dict[str, Any]
@@ -83,17 +82,12 @@ class Content:
 
     @property
     def charts(self) -> list[Chart]:
-        """Of all sections."""
+        """The charts of all sections."""
         return [chart for section in self.sections for chart in section.charts]
 
 
 def content_of(path: Path) -> Content:
-    """Read a trace, finished or not, ours or foreign.
-
-    Raises
-    ------
-    InputError : it is not an MCAP file.
-    """
+    """Read a trace, finished or not, or any MCAP file; `InputError` if it is none."""
     info = describe(path)
     recording = Recording(Trace(path, incomplete=True))
     settings = Settings(recording.trace)
@@ -156,18 +150,16 @@ def _left_out(recording: Recording, sections: list[Section]) -> Iterator[tuple[s
     if drawn == generic.MAX_CHARTS:
         yield "further signals", f"a report has at most {generic.MAX_CHARTS} such charts"
     if len(recording.series) > MAX_ROWS:
-        yield (
-            f"{len(recording.series) - MAX_ROWS} signals",
-            f"not in the table, which has {MAX_ROWS} rows",
-        )
+        more = len(recording.series) - MAX_ROWS
+        yield f"{more} signals", f"not in the table, which has {MAX_ROWS} rows"
 
 
 def _bars(metrics: Mapping[str, Any]) -> list[tuple[str, float, float, str]]:
-    """Gain, norm and bound next to each other: label, value, share of the greatest, how."""
+    """Return label, value, share of the greatest, and origin of gain, norm and bound."""
     found = [
         (label, float(metrics[key]), how)
         for key, label, how in (
-            ("gain", "gain of this flight", "measured"),
+            ("gain", "gain of this run", "measured"),
             ("exact_norm", "exact norm", "computed"),
             ("gamma", "bound γ", "certified"),
         )
@@ -180,12 +172,8 @@ def _bars(metrics: Mapping[str, Any]) -> list[tuple[str, float, float, str]]:
 def _components(run: Mapping[str, str]) -> list[dict[str, str]]:
     names = [k.removeprefix("fmu.").removesuffix(".sha256") for k in run if k.startswith("fmu.")]
     return [
-        {
-            "name": name,
-            "fmu": run.get(f"fmu.{name}", ""),
-            "sha256": run.get(f"fmu.{name}.sha256", ""),
-        }
-        for name in sorted(set(names))
+        {"name": n, "fmu": run.get(f"fmu.{n}", ""), "sha256": run.get(f"fmu.{n}.sha256", "")}
+        for n in sorted(set(names))
     ]
 
 
@@ -208,18 +196,11 @@ def _provenance(info: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _row(series: Series) -> Row:
     values = series.values
     finite = values[np.isfinite(values)]
-    ends = [float(v) if np.isfinite(v) else None for v in values[[0, -1]]]
-    return Row(
-        topic=series.topic,
-        name=series.name,
-        unit=series.unit or "",
-        count=int(values.size),
-        first=ends[0],
-        least=float(finite.min()) if finite.size else None,
-        most=float(finite.max()) if finite.size else None,
-        last=ends[1],
-        gaps=int(values.size - finite.size),
-    )
+    first, last = (float(v) if np.isfinite(v) else None for v in values[[0, -1]])
+    least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
+    gaps = int(values.size - finite.size)
+    unit = series.unit or ""
+    return Row(series.topic, series.name, unit, values.size, first, least, most, last, gaps)
 
 
 def _span(recording: Recording) -> tuple[float, float]:

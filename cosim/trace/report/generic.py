@@ -1,4 +1,4 @@
-"""Charts of any signals: by component, direction and unit."""
+"""Chart any signals, by component, direction and unit."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ MAX_CHARTS = 48
 
 
 def charts_of(recording: Recording, drawn: Collection[str]) -> Iterator[Chart]:
-    """What is not `drawn` yet ("/topic name") and changes; outputs first.
+    """Yield charts of the signals that change and are not `drawn` ("/topic name"); outputs first.
 
-    What a link delivers is left out where its sender's output is in the trace.
+    A link's signals are left out where the sender's outputs are in the trace.
     """
     sent = {s.full_name for s in recording.series if s.direction == "output"}
     groups: dict[tuple[str, str, str], list[Series]] = {}
@@ -27,16 +27,14 @@ def charts_of(recording: Recording, drawn: Collection[str]) -> Iterator[Chart]:
             continue
         key = (series.component, series.direction, series.unit or "")
         groups.setdefault(key, []).append(series)
-    number = 0
-    for (component, direction, unit), members in groups.items():
-        for first in range(0, len(members), PALETTE):
-            if number == MAX_CHARTS:
-                return
-            some = members[first : first + PALETTE]
-            curves = [curve_of(s, i, s.name) for i, s in enumerate(some)]
-            title = f"{component} {direction}".strip()
-            yield Chart(f"signals-{number}", title, unit, curves)
-            number += 1
+    parts = [
+        (key, members[first : first + PALETTE])
+        for key, members in groups.items()
+        for first in range(0, len(members), PALETTE)
+    ]
+    for number, ((component, direction, unit), part) in enumerate(parts[:MAX_CHARTS]):
+        curves = [curve_of(s, i, s.name) for i, s in enumerate(part)]
+        yield Chart(f"signals-{number}", f"{component} {direction}".strip(), unit, curves)
 
 
 def is_constant(series: Series) -> bool:

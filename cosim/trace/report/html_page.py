@@ -1,4 +1,4 @@
-"""The report as one HTML file that stands alone: no network, and a policy that forbids it."""
+"""Render the report as one HTML page that uses no network, and whose policy forbids it."""
 
 from __future__ import annotations
 
@@ -20,38 +20,27 @@ _FEWEST_POINTS = 2_000
 
 
 def page(content: Content) -> str:
-    """HTML text, the same for the same content.
-
-    Raises
-    ------
-    InputError : plotly is not installed.
-    """
+    """Return the page as text, the same for the same content; `InputError` without plotly."""
     library = plotly_js()
     points = _POINTS
     while True:
         html = _rendered(content, library, points)
-        # tables and texts of a trace have no bound; what is drawn gives way to them
+        # the size of tables and texts is not limited: reduce the points of the curves instead
         if len(html.encode()) < MAX_BYTES or points <= _FEWEST_POINTS:
             return html
         points //= 2
 
 
 def plotly_js() -> str:
-    """plotly.js as the installed package carries it.
-
-    Raises
-    ------
-    InputError : plotly is not installed.
-    """
+    """Return the plotly.js of the installed package; `InputError` if there is none."""
     offline = optional("plotly.offline", extra="report", what="a report is drawn with plotly")
     return str(offline.get_plotlyjs()).replace("\r\n", "\n").replace("</script", "<\\/script")
 
 
 def figures(content: Content, points: int) -> dict[str, Any]:
-    """What `report.js` draws: `span`, `path`, and `charts` by key."""
+    """Return what `report.js` draws: `span`, `path`, and `charts` by key."""
     curves = sum(len(chart.curves) for chart in content.charts)
-    segments = max(points // (4 * max(curves, 1)), 8)
-    segments = min(segments, 1500)
+    segments = min(max(points // (4 * max(curves, 1)), 8), 1500)
     return {
         "span": list(content.span),
         "path": content.path,
@@ -82,7 +71,7 @@ def _rendered(content: Content, library: str, points: int) -> str:
 
 
 def _policy(*scripts: str) -> str:
-    """Content security policy: these scripts, styles of the page, and nothing from anywhere."""
+    """Return a content security policy: these scripts, styles in the page, no address outside."""
     hashes = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
     return "; ".join(
         (

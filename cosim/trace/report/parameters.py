@@ -1,7 +1,7 @@
-"""What the components were set to: start values of the model descriptions, and what was changed.
+"""Parameters of the components: start values of the model descriptions, and values set.
 
-Both are attached to the trace. A file that somebody else wrote may hold anything in their
-place: what cannot be read is left out.
+Both are attached to the trace. A file of another tool may hold anything in their place: what
+cannot be read is left out.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from cosim.trace.layout import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT
 from cosim.trace.reader import Trace
 
 _MODEL = ".modelDescription.xml"
+_SHARED = ("force", "moment")
+"""Commands `force.x`, ... share the limit `limit.force`."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter that is not what its model description says."""
+    """A parameter that differs from its model description; `by` is "scenario" or "design"."""
 
     component: str
     name: str
@@ -59,7 +61,7 @@ class Settings:
         self._gain = _gain(trace, self.scenario)
 
     def value(self, component: str, name: str) -> float | None:
-        """What a parameter was set to, or starts with; None if it is not known."""
+        """Return the value a parameter was set to, or its start value; None if unknown."""
         given = self.set.get(component, {}).get(name)
         if given is None:
             known = self.declared.get(component, {}).get(name)
@@ -69,8 +71,13 @@ class Settings:
         except (TypeError, ValueError):
             return None
 
+    def limit(self, component: str, command: str) -> float | None:
+        """Return the limit of a component's output (forces share one, moments too), or None."""
+        shared = command.partition(".")[0]
+        return self.value(component, f"limit.{shared if shared in _SHARED else command}")
+
     def changes(self) -> Iterator[Change]:
-        """What differs from the model descriptions."""
+        """Yield the parameters that differ from the model descriptions."""
         for component, values in self.set.items():
             yield from self._changed(component, values, "scenario")
         for component, values in self._gain.items():
@@ -103,13 +110,10 @@ def _formatted(value: Any) -> str:
 
 
 def _gain(trace: Trace, scenario: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """K[i,j] of the controller, as the design set them."""
+    """Return the entries K[i,j] of the design's gain, by component."""
     part = _table(scenario.get("design"))
-    data = trace.attachments.get(DESIGN_ATTACHMENT)
-    if data is None:
-        return {}
     try:
-        rows = json.loads(data)["K"]
+        rows = json.loads(trace.attachments.get(DESIGN_ATTACHMENT, "{}"))["K"]
         values = {
             f"K[{i},{j}]": float(value)
             for i, row in enumerate(rows, 1)
@@ -132,7 +136,7 @@ def _table(value: Any) -> dict[str, Any]:
 
 
 def _declared(data: bytes) -> dict[str, Parameter]:
-    """Variables of a model description with their start values."""
+    """Read the variables of a model description with their start values."""
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
     )

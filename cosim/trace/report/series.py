@@ -1,4 +1,4 @@
-"""The signals of a trace as curves: component, direction, name, unit, times, values."""
+"""Read the signals of a trace as curves: component, direction, name, unit, times, values."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cosim.trace.layout import FRAME_TOPIC, LOG_TOPIC, POSE_TOPIC, Signal
 Reals = NDArray[np.float64]
 
 _EPOCH_NS = 10**17
-"""Times beyond are counted from 1970, and shown from the first message on."""
+"""Later times are those of a wall clock, and shown from the first message on."""
 _NOT_DRAWN = (LOG_TOPIC, FRAME_TOPIC, POSE_TOPIC)
 _STAMP = ("timestamp.", "header.stamp.", "stamp.")
-"""Fields that say again when a message was."""
+"""Fields that repeat the time of a message."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class Series:
     Attributes
     ----------
     component, direction : of the topic `/component/direction`; a link has the direction
-        "link", any other topic is a component without a direction.
+        "link", any other topic is a component with the direction "".
     t, values : [s] and in `unit`, same shape; NaN where there is no number.
-    stepwise : the value goes on until the next, so that it is drawn as steps.
+    stepwise : the value holds until the next one, and is drawn as steps.
     """
 
     topic: str
@@ -53,9 +53,9 @@ class Recording:
 
     Attributes
     ----------
-    tables : by topic, as far as they could be read; `unread` says why the others were not.
-    series : every signal that is a number.
-    origin_ns : the log time that is shown as t = 0.
+    tables : by topic, of those that could be read; `unread` has the reason for the others.
+    series : every signal of numbers.
+    origin_ns : log time that is shown as t = 0 [ns].
     """
 
     def __init__(self, trace: Trace) -> None:
@@ -75,28 +75,24 @@ class Recording:
         self.series = list(self._series())
 
     def seconds(self, time_ns: NDArray[np.int64]) -> Reals:
-        """Times as they are shown [s]."""
+        """Convert log times [ns] to the times shown [s]."""
         return (time_ns - self.origin_ns) / 1e9
 
     def of(self, component: str, direction: str) -> dict[str, Series]:
-        """Signals of one topic of a component, by name."""
+        """Return the signals of one topic of a component, by name."""
         return {
             s.name: s for s in self.series if s.component == component and s.direction == direction
         }
 
     def links(self) -> dict[str, tuple[Table | None, Table | None]]:
-        """Delivered and dropped messages, by link."""
-        found: dict[str, tuple[Table | None, Table | None]] = {}
-        for topic in self.trace.topics:
-            name = topic.removeprefix("/link/")
-            if name == topic:
-                continue
-            link = name.removesuffix("/dropped")
-            found[link] = (
-                self.tables.get(f"/link/{link}"),
-                self.tables.get(f"/link/{link}/dropped"),
-            )
-        return found
+        """Return delivered and dropped messages by link; None where there are none."""
+        topics = [topic for topic in self.trace.topics if topic.startswith("/link/")]
+        links = dict.fromkeys(topic.removesuffix("/dropped") for topic in topics)
+        tables = self.tables
+        return {
+            link.removeprefix("/link/"): (tables.get(link), tables.get(f"{link}/dropped"))
+            for link in links
+        }
 
     def _series(self) -> Iterator[Series]:
         for topic, table in self.tables.items():
@@ -111,16 +107,13 @@ class Recording:
                 if column.dtype.kind not in "fiub" or name.startswith(_STAMP):
                     continue
                 signal = signals.get(name, Signal(name))
-                values = column[order].astype(np.float64)
-                present = table.present.get(name)
-                if present is not None:
-                    values = np.where(present[order], values, np.nan)
+                values = np.where(table.present[name], column.astype(np.float64), np.nan)[order]
                 stepwise = direction in {"input", "link"} or _steps(signal, info.metadata)
                 yield Series(topic, component, direction, name, signal.unit, t, values, stepwise)
 
 
 def _place(topic: str) -> tuple[str, str]:
-    """Component and direction of a topic."""
+    """Return component and direction of a topic."""
     parts = topic.strip("/").split("/")
     if len(parts) == 2 and parts[0] == "link":
         return parts[1], "link"
@@ -130,7 +123,7 @@ def _place(topic: str) -> tuple[str, str]:
 
 
 def _steps(signal: Signal, metadata: Mapping[str, str]) -> bool:
-    """Whether a signal holds its value; a foreign topic that does not say is a curve."""
+    """Whether a signal holds its value; in files of other tools, only booleans do."""
     if not any(key.endswith(".hold") for key in metadata):
         return signal.kind == "bool"
     return signal.hold != "continuous"

@@ -1,4 +1,4 @@
-"""What happened, in order of time: for whoever opens the report after a run went wrong."""
+"""The timeline of a report: limits, silences, failed assertions, warnings, in order of time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from cosim.trace.report.verdict import BAD, GOOD, OPEN, Check
 
 LOG_LINES = 40
 _LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
-_SHARED = {"force.": "limit.force", "moment.": "limit.moment"}
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True)
 class TimelineEntry:
-    """Something that happened at a time [s]."""
+    """An entry of the timeline, at a time [s]."""
 
     t: float
     tone: str
@@ -40,7 +39,7 @@ class TimelineEntry:
 
 
 def log_of(recording: Recording) -> list[Line]:
-    """The last lines of the log, oldest first."""
+    """Return the last lines of the log, oldest first."""
     table = recording.tables.get(LOG_TOPIC)
     if table is None or not {"level", "name", "message"} <= set(table.columns):
         return []
@@ -64,7 +63,7 @@ def timeline_of(
     assertions: Sequence[Check],
     metrics: Mapping[str, Any],
 ) -> list[TimelineEntry]:
-    """Limits reached, silences, values that are no numbers, assertions, warnings and errors."""
+    """List limits reached, silences, values that are not finite, failed assertions and warnings."""
     moments = [*_limits(recording, settings), *_beyond_numbers(recording)]
     moments += [TimelineEntry(t, OPEN, what) for link in links for t, what in traffic.moments(link)]
     moments += [
@@ -88,41 +87,35 @@ def _log_text(line: Line) -> str:
 
 
 def _limits(recording: Recording, settings: Settings) -> Iterator[TimelineEntry]:
-    """When each command first stood at its limit."""
-    for series in recording.series:
-        if series.direction != "output":
-            continue
-        limit = next(
-            (shared for start, shared in _SHARED.items() if series.name.startswith(start)),
-            f"limit.{series.name}",
-        )
-        bound = settings.value(series.component, limit)
+    """Yield when each command first stood at its limit."""
+    for series in _outputs(recording):
+        bound = settings.limit(series.component, series.name)
         if bound is None:
             continue
         at_limit = np.flatnonzero(np.abs(series.values) >= bound * (1 - 1e-12))
         if at_limit.size:
-            t = float(series.t[at_limit[0]])
-            yield TimelineEntry(
-                t, BAD, f"{series.full_name} is at its limit of {_amount(bound, series)}"
-            )
+            amount = f"{bound:g} {series.unit or ''}".strip()
+            what = f"{series.full_name} is at its limit of {amount}"
+            yield TimelineEntry(float(series.t[at_limit[0]]), BAD, what)
 
 
 def _beyond_numbers(recording: Recording) -> Iterator[TimelineEntry]:
-    """When an output first was no number, or left every sensible range."""
-    for series in recording.series:
-        if series.direction != "output":
-            continue
+    """Yield when an output was first not finite, or beyond 1e12."""
+    for series in _outputs(recording):
         wild = np.flatnonzero(~np.isfinite(series.values) | (np.abs(series.values) > 1e12))
         if wild.size:
-            value = series.values[wild[0]]
-            what = f"{series.full_name} is {value:.3g}"
+            what = f"{series.full_name} is {series.values[wild[0]]:.3g}"
             yield TimelineEntry(float(series.t[wild[0]]), BAD, what)
+
+
+def _outputs(recording: Recording) -> list[Series]:
+    return [series for series in recording.series if series.direction == "output"]
 
 
 def _too_old(
     recording: Recording, links: Sequence[traffic.LinkFigures], designed: float
 ) -> Iterator[TimelineEntry]:
-    """When a single link already made messages older than the whole loop was designed for."""
+    """Yield when the message of a single link was first older than the loop was designed for."""
     for link in links:
         if designed <= 0 or link.largest_age_s is None or link.largest_age_s <= designed:
             continue
@@ -131,7 +124,3 @@ def _too_old(
         if late.size:
             what = f"{link.name}: its message in use is older than the {designed:g} s designed for"
             yield TimelineEntry(float(t[late[0]]), BAD, what)
-
-
-def _amount(value: float, series: Series) -> str:
-    return f"{value:g} {series.unit or ''}".strip()

@@ -1,4 +1,4 @@
-"""What the links did: delivered and lost, delays, silences, and the age of what was in use."""
+"""Figures and charts of the links: messages delivered and dropped, delays, silences, ages."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from cosim.trace import Table
 from cosim.trace.report.chart import Chart, Curve
 from cosim.trace.report.series import Reals, Recording
+from cosim.trace.traffic import loop_age
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,9 @@ class LinkFigures:
     Attributes
     ----------
     sent, in_flight : as the run counted them; None if it did not finish.
-    reasons : number of messages not used, by reason.
-    mean_delay_s, largest_delay_s : from sending to delivery; None without deliveries.
-    silence_s, silence_from_s : longest time without a delivery, and when it began.
+    reasons : number of dropped messages, by reason.
+    mean_delay_s, largest_delay_s : from sending to delivery [s]; None without deliveries.
+    silence_s, silence_from_s : longest time without a delivery, and its beginning [s].
     """
 
     name: str
@@ -38,39 +39,57 @@ class LinkFigures:
 
     @property
     def dropped_share(self) -> float | None:
-        """Share of the messages that were due and not used."""
+        """Dropped messages over those delivered or dropped; None without any."""
         dropped = sum(self.reasons.values())
         due = self.delivered + dropped
         return dropped / due if due else None
 
 
 def figures(recording: Recording, counted: Mapping[str, Mapping[str, str]]) -> list[LinkFigures]:
-    """Figures of every link; `counted` are those of the run's result."""
+    """Return the figures of every link; `counted` are those in the run's result."""
     end = _end(recording)
-    found = []
-    for name, (delivered, dropped) in recording.links().items():
-        recorded = counted.get(name, {})
-        delays = _delays(delivered)
-        _, age = sawtooth(recording, delivered, end)
-        silence = _silence(recording, delivered, end)
-        found.append(
-            LinkFigures(
-                name,
-                _count(recorded.get("sent")),
-                _count(recorded.get("in_flight")),
-                0 if delivered is None else len(delivered),
-                _reasons(dropped),
-                float(delays.mean()) if delays.size else None,
-                float(delays.max()) if delays.size else None,
-                float(age.max()) if age.size else None,
-                *silence,
-            )
-        )
-    return found
+    return [
+        _figures(name, recording, *tables, counted.get(name, {}), end)
+        for name, tables in recording.links().items()
+    ]
+
+
+def _figures(
+    name: str,
+    recording: Recording,
+    delivered: Table | None,
+    dropped: Table | None,
+    counted: Mapping[str, str],
+    end: float,
+) -> LinkFigures:
+    sent, in_flight = (
+        int(text) if (text := counted.get(key, "")).isdecimal() else None
+        for key in ("sent", "in_flight")
+    )
+    reasons = _reasons(dropped)
+    if delivered is None or not len(delivered):
+        return LinkFigures(name, sent, in_flight, 0, reasons, None, None, None, None, None)
+    delays = (delivered.log_time_ns - delivered.publish_time_ns) / 1e9
+    _, age = sawtooth(recording, delivered, end)
+    arrived = np.sort(recording.seconds(delivered.log_time_ns))
+    gaps = np.diff(np.append(arrived, max(end, float(arrived[-1]))))
+    longest = int(np.argmax(gaps))
+    return LinkFigures(
+        name,
+        sent,
+        in_flight,
+        len(delivered),
+        reasons,
+        mean_delay_s=float(delays.mean()),
+        largest_delay_s=float(delays.max()),
+        largest_age_s=float(age.max()),
+        silence_s=float(gaps[longest]),
+        silence_from_s=float(arrived[longest]),
+    )
 
 
 def chart_of(recording: Recording, metrics: Mapping[str, Any], step_ns: int) -> Chart | None:
-    """Age of the message in use, link by link, with what was lost; None without links."""
+    """Chart the age of the message in use of each link, with dropped messages; None if no links."""
     links = recording.links()
     if not links:
         return None
@@ -95,7 +114,7 @@ def chart_of(recording: Recording, metrics: Mapping[str, Any], step_ns: int) -> 
 
 
 def sawtooth(recording: Recording, delivered: Table | None, end: float) -> tuple[Reals, Reals]:
-    """Times and age of the message that was delivered last, up to the end of the run."""
+    """Return times and age [s] of the last delivered message, up to the end of the run."""
     if delivered is None or not len(delivered):
         return np.zeros(0), np.zeros(0)
     order = np.argsort(delivered.log_time_ns, kind="stable")
@@ -107,11 +126,10 @@ def sawtooth(recording: Recording, delivered: Table | None, end: float) -> tuple
 
 
 def _loop_age(recording: Recording, step_ns: int, known: Any) -> tuple[Reals, Reals] | None:
-    """Age of the measurement behind the command in force, round the loop of two links.
+    """Return times and age [s] of the measurement behind the command in force (`loop_age`).
 
-    Back from the command's own message to the measurement that had reached the controller one
-    step before it was sent. Drawn only where its greatest value is the one that the run
-    measured: a controller that waits for its own sampling instants has another.
+    None unless the greatest value is the one that the run measured: a controller with its own
+    sampling instants has another age.
     """
     if not isinstance(known, int | float) or not step_ns:
         return None
@@ -123,38 +141,24 @@ def _loop_age(recording: Recording, step_ns: int, known: Any) -> tuple[Reals, Re
     points = max(
         (t for t in recording.tables.values() if t.topic.endswith("/output")), key=len
     ).log_time_ns
-    arrivals = down.log_time_ns
-    t = np.unique(np.concatenate([points, arrivals, arrivals - 1]))
-    t = t[(t >= points[0]) & (t <= points[-1])]
-    command = np.searchsorted(arrivals, t, side="right") - 1
-    sent = down.publish_time_ns[np.maximum(command, 0)]
-    measured = np.searchsorted(up.log_time_ns, sent - step_ns, side="right") - 1
-    age = (t - up.publish_time_ns[np.maximum(measured, 0)]) / 1e9
-    age = np.where((command >= 0) & (measured >= 0), age, np.nan)
-    if not abs(np.nanmax(age, initial=0.0) - known) <= 1e-6:
+    t, age = loop_age(up, down, points, step_ns)
+    inside = (t >= points[0]) & (t <= points[-1])
+    if not abs(np.nanmax(age[inside], initial=0.0) - known) <= 1e-6:
         return None
-    return recording.seconds(t), age
+    return recording.seconds(t[inside]), age[inside]
 
 
 def _closes(recording: Recording, up: Table, down: Table) -> bool:
-    """Whether `up` goes to the component that `down` comes from, and back."""
-    plant, controller = _sources(up), _sources(down)
+    """Whether `up` comes from a plant and `down` from its controller, which has references."""
+    plant, controller = ({name.partition(".")[0] for name in t.columns} for t in (up, down))
     if plant == controller or len(plant) != 1 or len(controller) != 1:
         return False
-    references = [
-        s.component
-        for s in recording.series
-        if s.direction == "input" and s.name.startswith("reference.")
-    ]
-    return controller <= set(references)
-
-
-def _sources(table: Table) -> set[str]:
-    return {name.partition(".")[0] for name in table.columns}
+    inputs = (s for s in recording.series if s.direction == "input")
+    return controller <= {s.component for s in inputs if s.name.startswith("reference.")}
 
 
 def _marks(recording: Recording, link: str, dropped: Table, number: int, foot: float) -> Curve:
-    """One mark at the foot of the chart per message that was not used, a row for each link."""
+    """Mark each dropped message at the foot of the chart, in a row for each link."""
     reasons = dropped.columns.get("reason")
     t = recording.seconds(dropped.log_time_ns)
     sent = recording.seconds(dropped.publish_time_ns)
@@ -164,23 +168,6 @@ def _marks(recording: Recording, link: str, dropped: Table, number: int, foot: f
         for i in range(len(dropped))
     ]
     return Curve(f"{link}: not used", t, np.full(t.size, foot), role=number, text=text)
-
-
-def _delays(delivered: Table | None) -> Reals:
-    if delivered is None:
-        return np.zeros(0)
-    return (delivered.log_time_ns - delivered.publish_time_ns) / 1e9
-
-
-def _silence(
-    recording: Recording, delivered: Table | None, end: float
-) -> tuple[float | None, float | None]:
-    if delivered is None or not len(delivered):
-        return None, None
-    arrived = np.sort(recording.seconds(delivered.log_time_ns))
-    gaps = np.diff(np.append(arrived, max(end, float(arrived[-1]))))
-    longest = int(np.argmax(gaps))
-    return float(gaps[longest]), float(arrived[longest])
 
 
 def _reasons(dropped: Table | None) -> dict[str, int]:
@@ -198,12 +185,8 @@ def _end(recording: Recording) -> float:
     return max(ends, default=0.0)
 
 
-def _count(text: str | None) -> int | None:
-    return int(text) if text is not None and text.isdecimal() else None
-
-
 def moments(link: LinkFigures) -> Iterator[tuple[float, str]]:
-    """What is worth knowing of a link, and when it was."""
+    """Yield time [s] and text of the longest silence, if the link dropped messages."""
     if link.silence_s is not None and link.silence_from_s is not None and link.reasons:
         yield (
             link.silence_from_s,

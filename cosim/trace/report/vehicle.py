@@ -1,4 +1,4 @@
-"""Charts of a vehicle: path, pose against reference, speeds, thrust with limits, disturbance."""
+"""Chart a vehicle: path, pose against reference, speeds, thrust with limits, disturbance."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace.report.chart import Chart, curve_of
+from cosim.trace.report.chart import Chart, curve_of, packed_values
 from cosim.trace.report.decimation import decimated
-from cosim.trace.report.packed import packed_values
 from cosim.trace.report.parameters import Settings
 from cosim.trace.report.series import Reals, Recording, Series
 
@@ -25,24 +24,21 @@ _TITLES = {
     "force.z": "Heave force",
     "moment.z": "Yaw moment",
 }
-_LIMITS = {
-    "force.x": "limit.force",
-    "force.y": "limit.force",
-    "force.z": "limit.force",
-    "moment.z": "limit.moment",
-}
+_COMMANDS = ("force.x", "force.y", "force.z", "moment.z")
 _HEADINGS = 24
 _PATH_SEGMENTS = 600
 
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Who plays which part: components by name.
+    """The component that is a vehicle, and the one that steers it.
 
     Attributes
     ----------
+    name : of the vehicle's component.
     pose : its outputs eta.x, eta.y, eta.z, eta.psi.
-    steering : the component that has references for the pose, None if there is none.
+    steering : the component with references for the pose, None if there is none.
+    reference : its inputs reference.x, ..., by the output of `pose` that they are for.
     """
 
     name: str
@@ -52,27 +48,25 @@ class Vehicle:
 
 
 def vehicle_of(recording: Recording) -> Vehicle | None:
-    """The first component that sends a pose; None if there is none."""
-    names = dict.fromkeys(s.component for s in recording.series if s.direction == "output")
-    for name in names:
+    """Return the first component that sends a pose; None if there is none."""
+    senders = dict.fromkeys(s.component for s in recording.series if s.direction == "output")
+    for name in senders:
         outputs = recording.of(name, "output")
-        if all(axis in outputs for axis in _POSE):
-            pose = {axis: outputs[axis] for axis in _POSE}
-            for other in dict.fromkeys(s.component for s in recording.series):
-                received = recording.of(other, "input")
-                wanted = {
-                    axis: received[f"reference.{axis.removeprefix('eta.')}"]
-                    for axis in _POSE
-                    if f"reference.{axis.removeprefix('eta.')}" in received
-                }
-                if wanted:
-                    return Vehicle(name, pose, other, wanted)
-            return Vehicle(name, pose, None, {})
+        if not all(axis in outputs for axis in _POSE):
+            continue
+        pose = {axis: outputs[axis] for axis in _POSE}
+        for other in dict.fromkeys(s.component for s in recording.series):
+            received = recording.of(other, "input")
+            references = {axis: axis.replace("eta.", "reference.") for axis in _POSE}
+            wanted = {axis: received[n] for axis, n in references.items() if n in received}
+            if wanted:
+                return Vehicle(name, pose, other, wanted)
+        return Vehicle(name, pose, None, {})
     return None
 
 
 def charts_of(vehicle: Vehicle, recording: Recording, settings: Settings) -> Iterator[Chart]:
-    """What is drawn of a vehicle over time."""
+    """Yield the charts of a vehicle over time."""
     measured = recording.of(vehicle.steering, "input") if vehicle.steering else {}
     for axis, true in vehicle.pose.items():
         curves = [curve_of(true, 0, "true")]
@@ -84,18 +78,17 @@ def charts_of(vehicle: Vehicle, recording: Recording, settings: Settings) -> Ite
     yield from _speeds(vehicle, recording)
     received = recording.of(vehicle.name, "input")
     commanded = recording.of(vehicle.steering, "output") if vehicle.steering else {}
-    for name, limit in _LIMITS.items():
-        if name not in received and name not in commanded:
-            continue
-        curves, unit = [], ""
+    for name in _COMMANDS:
+        curves = []
         if name in received:
             curves.append(curve_of(received[name], 0, "at the vehicle"))
-            unit = received[name].unit or ""
         if name in commanded:
             curves.append(curve_of(commanded[name], 1, "commanded", hidden=name in received))
-            unit = unit or commanded[name].unit or ""
+        if not curves:
+            continue
+        unit = next((curve.unit for curve in curves if curve.unit), "")
         chart = Chart(f"{vehicle.name}-{name}", _TITLES[name], unit, curves)
-        bound = settings.value(vehicle.steering, limit) if vehicle.steering else None
+        bound = settings.limit(vehicle.steering, name) if vehicle.steering else None
         if bound is not None:
             _bound(chart, bound)
         yield chart
@@ -103,13 +96,12 @@ def charts_of(vehicle: Vehicle, recording: Recording, settings: Settings) -> Ite
 
 
 def _bound(chart: Chart, bound: float) -> None:
-    """Limits as lines where they matter: far above every value they would flatten the curves."""
-    sizes = [float(np.nanmax(np.abs(c.values), initial=0.0)) for c in chart.curves]
-    if max(sizes, default=0.0) >= 0.25 * bound:
+    """Draw the limit, or note it where it is so far above all values that curves would be flat."""
+    most = max(float(np.nanmax(np.abs(c.values), initial=0.0)) for c in chart.curves)
+    if most >= 0.25 * bound:
         chart.bounds = [("limit", bound), ("limit (negative)", -bound)]
     else:
-        share = max(sizes, default=0.0) / bound if bound else 0.0
-        chart.note = f"limit ±{bound:g} {chart.unit}: at most {share:.1%} of it is used"
+        chart.note = f"limit ±{bound:g} {chart.unit}: at most {most / bound:.1%} of it is used"
 
 
 def _speeds(vehicle: Vehicle, recording: Recording) -> Iterator[Chart]:
@@ -120,10 +112,8 @@ def _speeds(vehicle: Vehicle, recording: Recording) -> Iterator[Chart]:
         curves = [curve_of(s, i, labels[i]) for i, s in enumerate(linear)]
         yield Chart(f"{vehicle.name}-nu", "Speeds", linear[0].unit or "", curves)
     if "nu.r" in outputs:
-        turn = outputs["nu.r"]
-        yield Chart(
-            f"{vehicle.name}-nu.r", "Yaw rate", turn.unit or "", [curve_of(turn, 0, "yaw rate r")]
-        )
+        curve = curve_of(outputs["nu.r"], 0, "yaw rate r")
+        yield Chart(f"{vehicle.name}-nu.r", "Yaw rate", curve.unit, [curve])
 
 
 def _disturbances(vehicle: Vehicle, received: Mapping[str, Series]) -> Iterator[Chart]:
@@ -137,19 +127,19 @@ def _disturbances(vehicle: Vehicle, received: Mapping[str, Series]) -> Iterator[
 
 
 def drawn(vehicle: Vehicle) -> set[str]:
-    """Topics and names that `charts_of` shows, so that they are not shown twice."""
+    """Return the signals ("/topic name") that `charts_of` shows, not to be shown twice."""
     names = {f"/{vehicle.name}/output {name}" for name in (*_POSE, "nu.u", "nu.v", "nu.w", "nu.r")}
-    names |= {f"/{vehicle.name}/input {name}" for name in _LIMITS}
+    names |= {f"/{vehicle.name}/input {name}" for name in _COMMANDS}
     names |= {f"/{vehicle.name}/input disturbance.{axis}" for axis in "uvwr"}
     if vehicle.steering:
-        names |= {f"/{vehicle.steering}/output {name}" for name in _LIMITS}
+        names |= {f"/{vehicle.steering}/output {name}" for name in _COMMANDS}
         names |= {f"/{vehicle.steering}/input {name}" for name in _POSE}
         names |= {f"/{vehicle.steering}/input {s.name}" for s in vehicle.reference.values()}
     return names
 
 
 def path_of(vehicle: Vehicle) -> dict[str, Any]:
-    """The path for the plan view and the 3-D view, thinned so that its corners survive.
+    """Return the path for the plan view and the 3-D view, thinned so that its corners survive.
 
     Keys: `t`, `x`, `y`, `z` (packed); `reference` with the same, None without one; `headings`
     [[x, y, z, psi, t], ...], `start` and `end` [x, y, z], `target` [x, y, z] or None.

@@ -1,7 +1,4 @@
-"""What may be said of the run: its status, the gain against gamma, assumptions, assertions.
-
-The words for what the run measured and wrote into `cosim.result`.
-"""
+"""Judge a run by its `cosim.result`: status, gain against gamma, assumptions, assertions."""
 
 from __future__ import annotations
 
@@ -28,7 +25,12 @@ _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "head
 
 @dataclass(frozen=True)
 class Check:
-    """Something that was to hold: tone (good, bad, open), what, and the numbers behind it."""
+    """A statement about the run: its tone (good, bad, open), and the numbers behind it.
+
+    Attributes
+    ----------
+    at : when it was decided [s]; kind : the assertion itself, where `what` is its name.
+    """
 
     tone: str
     what: str
@@ -38,20 +40,20 @@ class Check:
 
 
 def metrics_of(result: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The figures of a run; {} if it has none."""
+    """Return the metrics of a run; {} if it has none."""
     metrics = (result or {}).get("metrics")
     return metrics if isinstance(metrics, dict) else {}
 
 
 def status_of(info: Mapping[str, Any]) -> Check:
-    """How the run ended."""
+    """Return how the run ended."""
     result = info["result"]
     if not info["complete"]:
         return Check(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
     if result is None:
         if not info["run"]:
             return Check(OPEN, "recording", "Not a run of this project: signals without a verdict.")
-        return Check(BAD, "did not finish", "There is no result: the run was ended before its end.")
+        return Check(BAD, "did not finish", "There is no result: the run stopped before its end.")
     text = str(result.get("status", "finished"))
     tone, word = _STATUS.get(text, (OPEN, text.replace("_", " ")))
     if failed := failed_in(assertions_in(result)):
@@ -60,20 +62,18 @@ def status_of(info: Mapping[str, Any]) -> Check:
 
 
 def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
-    """Whether the certified bound may be claimed for this run; None where nothing was certified."""
+    """Judge whether the certified bound may be claimed; None where nothing was certified."""
     metrics = metrics_of(info["result"])
     if not checks:
         return None
     gain, gamma = _number(metrics, "gain"), _number(metrics, "gamma")
     broken = [check for check in checks if check.tone == BAD]
-    measured = (
-        f"measured gain {gain:.4g}, certified bound γ = {gamma:.4g}"
-        if gain is not None and gamma is not None
-        else "no gain was measured"
-    )
-    if gain is not None and gamma is not None and gain > gamma:
-        word = "above γ" if broken else "above γ although every assumption was met"
-        return Check(BAD, f"The measured gain is {word}", measured)
+    measured = "no gain was measured"
+    if gain is not None and gamma is not None:
+        measured = f"measured gain {gain:.4g}, certified bound γ = {gamma:.4g}"
+        if gain > gamma:
+            word = "above γ" if broken else "above γ although every assumption was met"
+            return Check(BAD, f"The measured gain is {word}", measured)
     if broken:
         count = f"{len(broken)} of {len(checks)} assumptions"
         return Check(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
@@ -81,7 +81,7 @@ def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
 
 
 def assumptions_of(info: Mapping[str, Any]) -> list[Check]:
-    """The certificate's assumptions, each with the numbers behind it."""
+    """Return the certificate's assumptions, each with the numbers behind it."""
     metrics = metrics_of(info["result"])
     assumed = metrics.get("assumptions")
     if not isinstance(assumed, dict):
@@ -93,7 +93,7 @@ def assumptions_of(info: Mapping[str, Any]) -> list[Check]:
 
 
 def assertions_of(info: Mapping[str, Any]) -> list[Check]:
-    """What the scenario said must hold, that which failed first."""
+    """Return the scenario's assertions, failed ones first."""
     return [
         Check(
             OPEN if each.result == "undecided" else GOOD if each.as_expected else BAD,
@@ -107,9 +107,9 @@ def assertions_of(info: Mapping[str, Any]) -> list[Check]:
 
 
 def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """(figure, value, how it was obtained)."""
+    """Yield the label, the value, and how it was obtained, of each figure of the run."""
     worst = metrics.get("worst_case")
-    from_rest = "measured, flight from rest"
+    from_rest = "measured, zero-state run"
     if isinstance(worst, dict) and (omega := _number(worst, "omega")) is not None:
         from_rest += f", worst case at {omega:.4g} rad/s"
     for key, label, unit, how in (
@@ -131,7 +131,7 @@ def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 
 
 def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
-    """An assumption in words, and its numbers."""
+    """Return an assumption in words, and its numbers."""
     match name:
         case "certificate_verified":
             why = "every inequality of the proof was checked again in exact rational arithmetic"
@@ -144,7 +144,7 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             return "No command stood at its limit", _limits(met, metrics)
         case "plant_as_designed":
             same = "every parameter of the plant is that of the design's model"
-            other = "the plant that flew has other parameters than the design's model"
+            other = "the plant of the run has other parameters than the design's model"
             return "The plant is the one designed for", same if met is True else other
     return name.replace("_", " ").capitalize(), "met" if met is True else "not met"
 
@@ -157,7 +157,7 @@ def _age(met: Any, metrics: Mapping[str, Any]) -> str:
     if designed == 0.0:
         text = f"oldest in use {age:.6g} s, designed for feedback without delay"
     if met is not True and age <= designed * (1 + 1e-12):
-        return text + "; but a link put a substitute in the place of messages that did not come"
+        return text + "; but a link used a substitute for lost messages"
     return text
 
 

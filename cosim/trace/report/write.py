@@ -1,4 +1,4 @@
-"""From a trace to the file of its report."""
+"""Write the report of a trace as an HTML file."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Report:
     Attributes
     ----------
     output, bytes : the file and its size.
-    status, guarantee : how the run ended, and whether its guarantee may be claimed (None: there
-        is none).
+    status : how the run ended.
+    guarantee : whether the certified bound may be claimed; None if nothing was certified.
     """
 
     trace: Path
@@ -32,27 +32,27 @@ class Report:
     charts: int
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return all fields as JSON values, for `--json`."""
+        claim = self.guarantee
         return {
             "trace": str(self.trace),
             "output": str(self.output),
             "bytes": self.bytes,
             "status": self.status,
-            "guarantee": None
-            if self.guarantee is None
-            else {"claimed": self.guarantee.tone == "good", **_words(self.guarantee)},
+            "guarantee": claim
+            and {"claimed": claim.tone == "good", "what": claim.what, "why": claim.why},
             "assertions": [asdict(check) for check in self.assertions],
             "charts": self.charts,
         }
 
 
 def write_report(trace: Path, output: Path | None = None) -> Report:
-    """Write the report of a trace, beside it unless told where.
+    """Write the report of a trace as one HTML file.
 
     Parameters
     ----------
-    trace : finished or not, ours or any MCAP file.
-    output : run.mcap gives run.html if None.
+    trace : a trace, finished or not, or any MCAP file.
+    output : the HTML file; beside the trace if None, run.html for run.mcap.
 
     Raises
     ------
@@ -84,13 +84,9 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
 
 
 def default_output(trace: Path) -> Path:
-    """Where a report goes that is not told: run.html, run.partial.html."""
+    """Return where a report goes by default: run.html, run.partial.html."""
     name = trace.name
     for end in (".mcap", ".mcap.partial"):
         if name.endswith(end) and name != end:
             return trace.with_name(name.removesuffix(end) + end.removeprefix(".mcap") + ".html")
     return trace.with_name(f"{name}.html")
-
-
-def _words(check: Check) -> dict[str, str]:
-    return {"what": check.what, "why": check.why}

@@ -129,7 +129,7 @@ def test_every_channel_is_advertised_with_its_schema() -> None:
             assert base64.b64decode(received["schema"]) == schema.data
 
 
-def test_all_of_it_arrives_as_it_was_recorded() -> None:
+def test_client_receives_every_message_unchanged() -> None:
     """Every message of every topic, byte for byte, in order; at the end it says so."""
     path = trace_of("paper-example")
     wanted = recorded(path)
@@ -150,8 +150,8 @@ def test_all_of_it_arrives_as_it_was_recorded() -> None:
     assert last.x_1 == pytest.approx(-0.2848937800327617)
 
 
-def test_pause_seek_and_rate_are_the_clients() -> None:
-    """After a pause nothing newer comes; after a seek the state there, then what follows."""
+def test_client_controls_pause_seek_and_rate() -> None:
+    """No newer message after a pause; after a seek the last messages there, then later ones."""
     path = trace_of("auv-acoustic")
     with Player(path, port=0, rate=8) as player, client(player.url) as seen:
         seen.subscribe("/plant/output", "/auv/pose", "/link/uplink")
@@ -187,8 +187,8 @@ def test_pause_seek_and_rate_are_the_clients() -> None:
         assert player.playback.rate == 4.0
 
 
-def test_two_clients_and_one_that_leaves() -> None:
-    """Whoever goes takes nothing with him; the rest go on."""
+def test_playback_continues_when_one_client_leaves() -> None:
+    """The other client receives every message."""
     with Player(trace_of("auv-acoustic"), port=0, rate=4) as player, client(player.url) as stays:
         with client(player.url) as leaves:
             leaves.subscribe("/plant/output")
@@ -216,7 +216,7 @@ def test_a_loop_starts_again_at_its_start_time() -> None:
 
 
 def test_play_runs_until_a_signal_ends_it(tmp_path: Path) -> None:
-    """One JSON object, then it serves; on Ctrl-C it ends with exit code 0 and says nothing more."""
+    """It prints one JSON object and serves; Ctrl-C ends it with exit code 0 and no more output."""
     path = trace_of("paper-example")
     command = [sys.executable, "-m", "cosim", "trace", "play", str(path), "--port", "0", "--json"]
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -238,7 +238,7 @@ def test_play_runs_until_a_signal_ends_it(tmp_path: Path) -> None:
         assert (process.returncode, out, err) == (0, "", "")
 
 
-def test_what_cannot_be_played_is_refused(tmp_path: Path) -> None:
+def test_play_refuses_invalid_input(tmp_path: Path) -> None:
     """Bad numbers, no trace, a port in use: exit code 2 and a message."""
     path = trace_of("paper-example")
     with Player(path, port=0) as player:

@@ -11,7 +11,7 @@ S = 10**9
 
 
 class Clock:
-    """Stands still until it is turned."""
+    """A clock that moves only when set."""
 
     now = 0
 
@@ -39,8 +39,8 @@ def sent(player: Playback) -> list[float]:
     return times[player.due().messages].tolist()  # type: ignore[no-any-return]
 
 
-def test_it_waits_and_then_keeps_time(clock: Clock) -> None:
-    """Nothing before play; afterwards what is due by the clock, at the rate, each once."""
+def test_messages_are_due_by_the_clock_after_play(clock: Clock) -> None:
+    """No message before play; then each message once, when due by clock and rate."""
     player = playback(clock, rate=2.0)
     clock.turn(5)
     assert sent(player) == []
@@ -52,8 +52,8 @@ def test_it_waits_and_then_keeps_time(clock: Clock) -> None:
     assert player.position_ns == 2.5 * S
 
 
-def test_a_pause_is_a_pause(clock: Clock) -> None:
-    """However long; and it goes on where it stood."""
+def test_pause_keeps_the_position(clock: Clock) -> None:
+    """After any pause the playback continues at its position."""
     player = playback(clock)
     player.play()
     clock.turn(3.2)
@@ -67,7 +67,7 @@ def test_a_pause_is_a_pause(clock: Clock) -> None:
     assert sent(player) == [4]
 
 
-def test_a_seek_shows_the_state_there(clock: Clock) -> None:
+def test_seek_makes_the_last_messages_due_again(clock: Clock) -> None:
     """The last message of each channel up to that time, also while paused, in order."""
     player = playback(clock)
     player.seek(6 * S + 1)
@@ -85,8 +85,8 @@ def test_a_seek_shows_the_state_there(clock: Clock) -> None:
     assert player.position_ns == 10 * S
 
 
-def test_another_rate_goes_on_from_here(clock: Clock) -> None:
-    """No jump; and what is no rate changes nothing."""
+def test_change_of_rate_keeps_the_position(clock: Clock) -> None:
+    """A new rate makes no jump; an invalid one is ignored."""
     player = playback(clock)
     player.play()
     clock.turn(2)
@@ -99,7 +99,7 @@ def test_another_rate_goes_on_from_here(clock: Clock) -> None:
     assert player.rate == 4
 
 
-def test_at_the_end_it_ends_and_may_begin_again(clock: Clock) -> None:
+def test_play_after_the_end_begins_again(clock: Clock) -> None:
     """Every message was sent; play begins at the start."""
     player = playback(clock)
     player.play()
@@ -114,8 +114,8 @@ def test_at_the_end_it_ends_and_may_begin_again(clock: Clock) -> None:
     assert sent(player) == [1]
 
 
-def test_a_loop_comes_back(clock: Clock) -> None:
-    """To where it was told to start."""
+def test_loop_returns_to_its_start_time(clock: Clock) -> None:
+    """The loop begins again at `start_ns`."""
     player = playback(clock, loop=True, start_ns=8 * S)
     player.play()
     assert sent(player) == [7.5, 8]

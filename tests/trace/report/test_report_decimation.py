@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+from cosim.trace.report.chart import LARGEST, packed_times, packed_values
 from cosim.trace.report.decimation import decimated
-from cosim.trace.report.packed import LARGEST, packed_times, packed_values
 
 VALUES = arrays(
     np.float64,

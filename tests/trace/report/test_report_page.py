@@ -51,7 +51,9 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("paper", "cut", 
 
 
 @pytest.mark.parametrize("name", ["vehicle", "wild", *SLOW])
-def test_every_chart_is_drawn_in_silence(name: str, page: Page, reports: dict[str, Path]) -> None:
+def test_every_chart_is_drawn_without_errors_or_requests(
+    name: str, page: Page, reports: dict[str, Path]
+) -> None:
     """No error on the console, no request to anywhere, nothing left empty, light and dark."""
     page.errors.clear()
     page.asked.clear()
@@ -65,7 +67,7 @@ def test_every_chart_is_drawn_in_silence(name: str, page: Page, reports: dict[st
     assert page.asked == []
 
 
-def test_the_test_would_notice(page: Page, tmp_path: Path) -> None:
+def test_browser_errors_and_requests_are_noticed(page: Page, tmp_path: Path) -> None:
     """A page that throws, and one that asks for something outside, are noted."""
     bad = tmp_path / "bad.html"
     bad.write_text(
@@ -83,7 +85,7 @@ def test_the_test_would_notice(page: Page, tmp_path: Path) -> None:
     page.asked.clear()
 
 
-def test_a_phone_shows_all_of_it(page: Page, reports: dict[str, Path]) -> None:
+def test_page_fits_a_phone_screen(page: Page, reports: dict[str, Path]) -> None:
     """At 360 pixels nothing sticks out sideways."""
     page.open(reports["vehicle"], width=360)
     assert page.ask("document.documentElement.scrollWidth") <= 360
@@ -91,7 +93,7 @@ def test_a_phone_shows_all_of_it(page: Page, reports: dict[str, Path]) -> None:
 
 
 def test_dark_and_light_change_charts_too(page: Page, reports: dict[str, Path]) -> None:
-    """The system's wish is followed, and the button has the last word; the zoom is kept."""
+    """The system's setting applies until the button is used; the zoom is kept."""
     colours = """(() => { const div = document.querySelector('[data-chart]');
         return [getComputedStyle(document.body).backgroundColor, div.layout.font.color,
                 div.data[0].line.color]; })()"""
@@ -147,7 +149,7 @@ def test_everything_works_by_keyboard(page: Page, reports: dict[str, Path]) -> N
         (link) => document.getElementById(link.hash.slice(1)))""")
 
 
-def test_without_webgl_the_path_is_still_there(tmp_path: Path, reports: dict[str, Path]) -> None:
+def test_path_is_drawn_without_webgl(tmp_path: Path, reports: dict[str, Path]) -> None:
     """A browser that cannot draw in space shows the path from one side."""
     with browser(tmp_path / "profile", "--disable-3d-apis") as page:
         page.open(reports["vehicle"])

@@ -76,7 +76,7 @@ def test_the_verdict_is_the_one_of_the_run(naive: str) -> None:
 
 
 def test_the_first_time_at_a_limit_is_found(naive: str) -> None:
-    """The story says when; the command in the trace says the same."""
+    """The timeline has the time at which the recorded command reaches its limit."""
     command = Trace(trace_of("auv-acoustic-naive")).read("/controller/output")
     for axis in "xyz":
         full = np.flatnonzero(np.abs(command[f"force.{axis}"]) >= 2500.0)
@@ -121,7 +121,7 @@ def test_provenance_is_complete(naive: str) -> None:
     assert f"controller K[1,1] {gain[0][0]:.12g}" in page_text
 
 
-def test_nothing_outside_is_named_as_an_address(naive: str) -> None:
+def test_page_has_no_external_address(naive: str) -> None:
     """Links lead to the page itself; the policy allows its own scripts alone."""
     addresses = _Texts(naive).addresses
     assert addresses
@@ -159,7 +159,7 @@ def test_plotly_knows_every_property(kind: str, tmp_path: Path) -> None:
         go.Figure(figure)
 
 
-def test_a_failed_run_has_its_cause_on_top(tmp_path: Path) -> None:
+def test_cause_of_a_failed_run_is_at_the_top(tmp_path: Path) -> None:
     """Reason, assertions and last log lines before all else; markup in texts stays text."""
     html = page(content_of(failing(tmp_path)))
     page_text = words(html)
@@ -182,8 +182,8 @@ def test_a_failed_run_has_its_cause_on_top(tmp_path: Path) -> None:
         assert markup not in html
 
 
-def test_values_beyond_all_numbers_are_reported(tmp_path: Path) -> None:
-    """The first of them, and where the others are drawn."""
+def test_infinite_values_are_reported(tmp_path: Path) -> None:
+    """The first one, and where later ones are drawn."""
     page_text = words(page(content_of(wild(tmp_path / "wild.mcap"))))
     assert "plant.eta.psi is inf" in page_text
     assert "values beyond 1e+150: drawn there: plant.eta.z" in page_text
@@ -286,8 +286,8 @@ def test_a_recording_of_another_tool_has_a_report(tmp_path: Path) -> None:
     assert "/camera" in page_text
 
 
-def test_an_unfinished_run_says_so(tmp_path: Path) -> None:
-    """A .partial file: what is there is drawn, and where it ends is said."""
+def test_unfinished_run_is_reported_as_cut_short(tmp_path: Path) -> None:
+    """A .partial file: the recorded part is drawn, and its end is reported."""
     data = trace_of("auv-acoustic").read_bytes()
     cut = tmp_path / "run.mcap.partial"
     cut.write_bytes(data[: len(data) // 2])
@@ -313,15 +313,15 @@ def test_an_unfinished_run_says_so(tmp_path: Path) -> None:
 def test_why_an_assumption_is_not_met(
     assumption: str, metrics: dict[str, Any], words_wanted: str
 ) -> None:
-    """Each reason there can be has its words."""
+    """Each reason has its text."""
     info = {"result": {"metrics": {**metrics, "assumptions": {assumption: False}}}}
     (check,) = assumptions_of(info)
     assert check.tone == "bad"
     assert words_wanted in check.why
 
 
-def test_figures_may_be_of_any_kind() -> None:
-    """What others wrote in place of figures is no figure."""
+def test_figures_of_any_type_are_accepted() -> None:
+    """Values of other types in place of figures are ignored."""
     for result in (None, {}, {"metrics": "text"}, {"metrics": {"assumptions": [1]}}):
         assert assumptions_of({"result": result}) == []
         assert isinstance(metrics_of(result), dict)
@@ -334,7 +334,7 @@ def light(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("light")
-def test_any_damage_gives_a_report_or_a_refusal(tmp_path: Path) -> None:
+def test_damaged_trace_gives_a_report_or_an_error(tmp_path: Path) -> None:
     """Cut anywhere, a byte changed anywhere: what can be read is shown."""
     whole = small(tmp_path / "small.mcap").read_bytes()
     path, displayed = tmp_path / "damaged.mcap", 0
@@ -352,7 +352,7 @@ def test_any_damage_gives_a_report_or_a_refusal(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("light")
 @pytest.mark.parametrize("value", ["x", 1, [1], {"a": [{}]}, None, True, 1e308, ""])
-def test_a_result_may_hold_anything(value: Any, tmp_path: Path) -> None:
+def test_result_of_any_content_gives_a_page(value: Any, tmp_path: Path) -> None:
     """Whatever stands where figures, assertions, links or a claim should: a page comes out."""
     keys = ("gain", "gamma", "assumptions", "assertions", "envelope_use", "worst_case")
     text = json.dumps(value)
@@ -371,8 +371,8 @@ def test_a_result_may_hold_anything(value: Any, tmp_path: Path) -> None:
     assert "</html>" in page(content_of(path))
 
 
-def test_where_a_report_goes() -> None:
-    """Beside the trace, and never over it."""
+def test_default_place_of_a_report() -> None:
+    """The report is beside the trace and never replaces it."""
     assert default_output(Path("a/run.mcap")) == Path("a/run.html")
     assert default_output(Path("run.mcap.partial")) == Path("run.partial.html")
     assert default_output(Path("run")) == Path("run.html")
@@ -394,7 +394,7 @@ def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_
     assert not (tmp_path / "wild.html").exists()
 
 
-def test_the_verb(tmp_path: Path) -> None:
+def test_report_command(tmp_path: Path) -> None:
     """`cosim trace report`: JSON, words, its own place, and refusals."""
     failing(tmp_path)
     reported = cosim("trace", "report", "failing.mcap", "--json", cwd=tmp_path)
