@@ -77,7 +77,7 @@ def test_profile_from_seconds() -> None:
     [
         ([], [], "previous", "at least one"),
         ([0.0], [1], "previous", "integer"),
-        ([[0]], [[1]], "previous", "in one row"),
+        ([[0]], [[1]], "previous", "in one dimension"),
         ([0, 1], [1], "previous", "one delay for each"),
         ([0, 0], [1, 1], "previous", r"times_ns\[1\]"),
         ([0, 5, 4], [1, 1, 1], "previous", "more than 5 ns"),
@@ -148,15 +148,15 @@ def test_profile_from_other_columns(tmp_path: Path) -> None:
         (b"time,delay\n0,1\n1,fast\n", ["line 3", "column delay", "'fast'"]),
         (b"time,delay\n0,1\n\n# x\n1,0x5\n", ["line 5", "column delay"]),
         (b"time,delay\n0,1\n0,1\n", ["line 3", "column time", "increase", "more than 0"]),
-        (b"time,delay\n0,1\n1,-0.1\n", ["line 3", "column delay", "never negative", "-0.1 s"]),
+        (b"time,delay\n0,1\n1,-0.1\n", ["line 3", "column delay", "cannot be negative", "-0.1 s"]),
         (b"time,delay\n0,nan\n", ["line 2", "column delay", "out of range"]),
         (b"time,delay\n0,inf\n", ["line 2", "column delay", "out of range"]),
         (b"time,delay\n1e999999999,1\n", ["line 2", "column time", "out of range"]),
         (b"time,delay\n0,1e9999999999999999999\n", ["line 2", "column delay"]),
         (b"time,delay\n1700000000,1\n", ["column time", "start of the run"]),
-        (b"time,delay\n0," + b"1" * 500 + b"\n", ["line 2", "column delay", "no number"]),
-        (b'time,delay\n"0,1\n', ["no CSV"]),
-        (b"time,delay\n\xff\xfe,1\n", ["no text", "UTF-8"]),
+        (b"time,delay\n0," + b"1" * 500 + b"\n", ["line 2", "column delay", "not a number"]),
+        (b'time,delay\n"0,1\n', ["not CSV"]),
+        (b"time,delay\n\xff\xfe,1\n", ["not text", "UTF-8"]),
     ],
 )
 def test_bad_file_is_named_with_line_and_column(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import random
 from collections.abc import Callable
@@ -237,7 +238,7 @@ def resolve_all(
             after = next((c for c in changes if t < c < sent), None)
             assert live.next_change_ns(t) == after
         if r.random() < 0.1:
-            live = live.copy()
+            live = copy.deepcopy(live)
         assert live.resolve(k, case.value(k)) == model.entries[k, 0].arrival
     assert live.message == live.sent_ns.size
     return live
