@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Matrix = NDArray[np.float64]
 
 
-def plant_from(model: Any, ncon: int) -> tuple[Matrix, ...]:
+def plant_from(model: Any, ncon: int) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix]:
     """Split a state-space model as `control.hinfsyn` does: the last `ncon` inputs are controls.
 
     Parameters

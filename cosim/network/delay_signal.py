@@ -68,10 +68,10 @@ class DelaySignal:
             if 0 <= delay <= MAX_NS:
                 return delay
         raise InputError(
-            "the delay that follows from this value is out of range",
+            "the value makes a delay out of range",
             where=where,
             expected="a delay from 0 to 2**53 ns",
-            got=f"{value!r}, which gives {self.offset_ns / 1e9 + self.scale * value:g} s",
+            got=f"{value!r}, which makes {self.offset_ns / 1e9 + self.scale * value:g} s",
             hint="the delay is offset + scale * value; scale is in seconds per unit of the value",
         )
 

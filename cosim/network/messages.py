@@ -43,7 +43,7 @@ class Messages(NamedTuple):
 
     def first(self, count: int) -> Messages:
         """Return the first `count` messages, in arrays of their own."""
-        return Messages(*(column[:count].copy() for column in self))
+        return Messages._make(column[:count].copy() for column in self)
 
 
 def sending_instants(link: PacketLink, end_ns: int) -> NDArray[np.int64]:

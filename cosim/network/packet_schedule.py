@@ -41,6 +41,10 @@ class Arrivals(NamedTuple):
     sequence: NDArray[np.int64]
     status: NDArray[np.int8]
 
+    def select(self, which: slice | NDArray[np.intp]) -> Arrivals:
+        """Return some of the entries."""
+        return Arrivals._make(column[which] for column in self)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PacketSchedule:
@@ -182,9 +186,8 @@ class PacketSchedule:
 
     def arrivals(self) -> Arrivals:
         """Return deliveries and drops in order of time, at one instant in order of sending."""
-        entries = self._entries_by_arrival()
-        columns = (self.arrival_ns, self.sent_ns, self.sequence, self.status)
-        return Arrivals(*(column[entries] for column in columns))
+        entries = Arrivals(self.arrival_ns, self.sent_ns, self.sequence, self.status)
+        return entries.select(self._entries_by_arrival())
 
     def _entries_by_arrival(self) -> NDArray[np.intp]:
         entries = np.flatnonzero(self.status != IN_FLIGHT)

@@ -153,7 +153,7 @@ def test_own_step_must_be_in_the_communication_schedule(fmu: Path) -> None:
     }
     with pytest.raises(InputError, match="does not fall on communication points") as caught:
         simulate(dataclasses.replace(system, components=parts))
-    assert caught.value.got == "0.02 s is none"
+    assert caught.value.got == "none at 0.02 s"
 
 
 def test_midpoint_needs_a_delay_of_half_a_step(fmu: Path) -> None:

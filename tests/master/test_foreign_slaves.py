@@ -13,9 +13,17 @@ from foreign.c_fmu import c_fmu, every, talker
 
 from cosim.core.errors import InputError
 from cosim.fmu import FmuDescription, describe_fmu
-from cosim.master import Component, Connection, Endpoint, Session, System, make_schedule, simulate
+from cosim.master import (
+    Component,
+    Connection,
+    Endpoint,
+    LogLevel,
+    Session,
+    System,
+    make_schedule,
+    simulate,
+)
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.system import LogLevel
 from cosim.network import PacketLink, TransportLink
 
 STEP_S, END_S = 0.25, 2.0
@@ -196,11 +204,11 @@ LINKS = (
         ("Float64.reversed", "Float64.row", None, "differ in shape"),
         ("Boolean.out", "Float64.in", None, "types of the two ends"),
         ("String.out", "String.in", "held", None),
-        ("String.out", "String.in", "zeroed", "carries real numbers only"),
-        ("String.out", "String.in", "line", "carries real numbers only"),
+        ("String.out", "String.in", "zeroed", "transmits real numbers only"),
+        ("String.out", "String.in", "line", "transmits real numbers only"),
         ("Int8.out", "Int8.in", "zeroed", None),
-        ("Int8.out", "Int8.in", "rounded", "carries real numbers only"),
-        ("Boolean.out", "Boolean.in", "line", "carries real numbers only"),
+        ("Int8.out", "Int8.in", "rounded", "transmits real numbers only"),
+        ("Boolean.out", "Boolean.in", "line", "transmits real numbers only"),
         ("Float32.out", "Float32.in", "rounded", None),
     ],
 )

@@ -206,10 +206,10 @@ def test_value_that_makes_no_delay_ends_the_run(fmu: Path, engine: EngineName) -
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"delays": {}}, "nothing decides the delay"),
-        ({"delays": {"there": DelaySource((end("a.y"),))}}, "follows no input at once"),
+        ({"delays": {}}, "the delay of this link has no signal"),
+        ({"delays": {"there": DelaySource((end("a.y"),))}}, "without direct feedthrough"),
         ({"delays": {"there": DelaySource((end("a.x"),), (0.0, 1.0))}}, "2 coordinates"),
-        ({"every": {"a": 0.2}}, "come about in the run"),
+        ({"every": {"a": 0.2}}, "added during the run"),
     ],
 )
 def test_what_does_not_go_with_a_live_link_is_refused(
@@ -342,7 +342,7 @@ def test_fixed_step_slave_does_not_go_with_points_that_come_about(tmp_path: Path
 
 @pytest.mark.parametrize(("link", "policy"), [("there", "hold"), (None, "linear")])
 def test_state_takes_no_link_and_no_policy(fmu: Path, link: str | None, policy: str) -> None:
-    with pytest.raises(InputError, match="it takes no link"):
+    with pytest.raises(InputError, match="cannot pass over a link"):
         scalars(
             fmu,
             PAIR,

@@ -211,10 +211,10 @@ def test_link_that_is_not_in_the_schedule_is_refused(fmus: Path) -> None:
     """A link under another name, or one the timetable was not made for."""
     link = PacketLink("sc", ns(0.1))
     given = section_5(fmus, step=0.1, stop=1.0, links=[link])
-    with pytest.raises(InputError, match="pass the same links to make_timetable"):
+    with pytest.raises(InputError, match="pass the same links to make_schedule"):
         dataclasses.replace(given, links={"other": link}, connections=[])
     without = make_schedule({}, ns(0.1), ns(1.0), "align")
-    with pytest.raises(InputError, match="link 'sc': the link and its place"):
+    with pytest.raises(InputError, match="link 'sc': the link does not match its entry"):
         dataclasses.replace(given, comm_schedule=without)
 
 

@@ -278,7 +278,7 @@ def test_align_refuses() -> None:
     for arguments, word in [
         (([a], 5, "round"), "policy"),
         (([a, b], 5), "different length"),
-        (([], 5), "ends"),
+        (([], 5), "end of the run is unknown"),
         (([a], [0, 5, 5, 20]), "order"),
         (([a], [0.0, 20.0]), "order"),
         (([a], [0, 10]), "do not end"),
