@@ -117,14 +117,6 @@ class PacketSchedule:
         rows[rows >= 0] = sent_rows[rows[rows >= 0]]
         return rows
 
-    def age_ns(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Return the time since the message in use was sent [ns]; -1 where none is in use."""
-        points = np.asarray(points_ns, np.int64)
-        used = self.in_use(points)
-        age = np.full(points.shape, -1, np.int64)
-        age[used >= 0] = points[used >= 0] - self.sent_ns[used[used >= 0]]
-        return age
-
     def state(self, points_ns: ArrayLike) -> LinkState:
         """Return age, sequence number, and how many were dropped and delivered, at each point."""
         return self._timeline().state(points_ns)
