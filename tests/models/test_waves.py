@@ -1,4 +1,4 @@
-"""The sea: an exosystem with the statistics that were asked for."""
+"""The sea: an exosystem with the requested statistics."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def test_line_is_exact_at_every_size(times: list[int], data: st.DataObject) -> N
     assert profile.delay_ns(t) == round(delays[k] + rise)
 
 
-def test_profile_is_a_value() -> None:
+def test_profiles_compare_by_value_and_are_read_only() -> None:
     """Profiles of the same samples are equal, cannot be written to, and survive pickling."""
     times = np.array([0, 10])
     one, other = (DelayProfile(times, np.array([5, d])) for d in (6, 7))
@@ -88,7 +88,7 @@ def test_profile_from_seconds() -> None:
     ],
 )
 def test_profile_refuses(times: Any, delays: Any, way: Any, word: str) -> None:
-    """What is no profile is refused, and the sample named."""
+    """An invalid profile is refused, and the sample named."""
     with pytest.raises(InputError, match=word):
         DelayProfile(np.array(times), np.array(delays), way)
 
@@ -104,7 +104,7 @@ def test_profile_refuses(times: Any, delays: Any, way: Any, word: str) -> None:
     ],
 )
 def test_profile_from_seconds_refuses(times: Any, delays: Any, word: str) -> None:
-    """What is no number of seconds, or far off, is refused, and the sample named."""
+    """A value that is not a number or out of range is refused, and the sample named."""
     with pytest.raises(InputError, match=word):
         DelayProfile.from_seconds(times, delays)
 
@@ -162,7 +162,7 @@ def test_profile_from_other_columns(tmp_path: Path) -> None:
 def test_bad_file_is_named_with_line_and_column(
     tmp_path: Path, content: bytes, words: list[str]
 ) -> None:
-    """Each fault says file, line and column, what was expected and what stood there."""
+    """Each message says file, line and column, what was expected and what was found."""
     path = tmp_path / "delay.csv"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
@@ -172,13 +172,13 @@ def test_bad_file_is_named_with_line_and_column(
 
 
 def test_tiny_numbers_in_a_file_are_zero(tmp_path: Path) -> None:
-    """A delay far below a nanosecond takes no time to read, and is none."""
+    """A delay far below a nanosecond is read quickly, as 0."""
     path = tmp_path / "delay.csv"
     path.write_text("time,delay\n0,1e-999999999\n1,1e-9\n")
     assert DelayProfile.from_csv(path).delays_ns.tolist() == [0, 1]
 
 
-def test_file_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_file_is_refused(tmp_path: Path) -> None:
     """A missing file and a folder are refused by name."""
     for path in (tmp_path / "none.csv", tmp_path):
         with pytest.raises(InputError, match=path.name):
@@ -227,7 +227,7 @@ def test_delay_of_a_signal_is_exact(scale: float, value: float, offset: int) -> 
     ],
 )
 def test_delay_of_a_signal_refuses(value: Any, word: str) -> None:
-    """What makes no delay is refused, and the value shown."""
+    """A value that gives no valid delay is refused, and named."""
     with pytest.raises(InputError, match=word) as caught:
         DelaySignal(1.0).delay_ns(value, where="link 'up', message 3")
     assert "link 'up', message 3" in str(caught.value)
@@ -244,8 +244,8 @@ def test_signal_refuses(arguments: Any, word: str) -> None:
         DelaySignal(*arguments)
 
 
-def test_schedule_cannot_know_a_signal() -> None:
-    """A delay that only the run yields is refused beforehand, with what to do."""
+def test_schedule_refuses_a_delay_that_follows_a_signal() -> None:
+    """A delay that depends on the run is refused before it, with a hint."""
     with pytest.raises(InputError, match="LiveSchedule"):
         schedule(PacketLink("a", 10, delay=DelaySignal(1.0)), 100)
 

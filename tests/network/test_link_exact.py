@@ -149,7 +149,7 @@ def draw_points(r: random.Random, end: int, unit: int) -> list[int]:
 
 
 def check_schedule(s: PacketSchedule, model: link_model.Outcome, instants: list[int]) -> None:
-    """Every field, and every answer at the instants, is the model's."""
+    """Check every field, and the state at the instants, against the model."""
     entries = [model.entries[label] for label in model.labels]
     assert s.sequence.tolist() == [k for k, _ in model.labels]
     assert s.copy.tolist() == [bool(copy) for _, copy in model.labels]
@@ -170,7 +170,7 @@ def check_schedule(s: PacketSchedule, model: link_model.Outcome, instants: list[
 
 
 def check_arrivals(s: PacketSchedule | LiveSchedule, model: link_model.Outcome) -> None:
-    """What arrived or was missed, in the order of the model's own notebook."""
+    """Check arrivals and drops against the model, in order."""
     expected = [
         (model.entries[label].arrival, model.entries[label].sent, label[0], fate)
         for label, fate in model.received
