@@ -1,4 +1,4 @@
-"""What several packages need and none of them owns."""
+"""Errors, progress and optional imports: shared by all packages."""
 
 import lazy_loader as _lazy
 

@@ -1,7 +1,7 @@
-"""The closed set of errors that reach a user.
+"""All errors that reach a user.
 
-Every message says what was wrong, where, what was expected, what was got and what to do
-about it. The command line prints the message and leaves with `exit_code`; no traceback.
+A message says what is wrong and where, what was expected, what was got, and what to do. The
+command line prints it without a traceback and exits with `exit_code`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ class CosimError(Exception):
 
     Parameters
     ----------
-    what : one sentence: what is wrong.
-    where : file and line, variable, component: where it is wrong.
-    expected, got : what would have been right, and what stood there.
+    what : what is wrong, in one sentence.
+    where : the place: file and line, variable, component.
+    expected, got : what would have been right, and what was found.
     hint : what to do about it.
     """
 
@@ -37,16 +37,11 @@ class CosimError(Exception):
         super().__init__(self.text())
 
     def text(self) -> str:
-        """The message as a user reads it: one line of fact, then labelled lines."""
+        """Return the message as printed: place and fact on one line, then labelled lines."""
         head = f"{self.where}: {self.what}" if self.where else self.what
-        lines = [head]
-        if self.expected is not None:
-            lines.append(f"  expected: {self.expected}")
-        if self.got is not None:
-            lines.append(f"  got: {self.got}")
-        if self.hint is not None:
-            lines.append(f"  try: {self.hint}")
-        return "\n".join(lines)
+        labelled = {"expected": self.expected, "got": self.got, "try": self.hint}
+        lines = (f"  {label}: {text}" for label, text in labelled.items() if text is not None)
+        return "\n".join([head, *lines])
 
 
 class InputError(CosimError, ValueError):
@@ -58,7 +53,7 @@ class InputError(CosimError, ValueError):
     def unknown(
         cls, kind: str, name: str, known: Iterable[str], *, where: str | None = None
     ) -> InputError:
-        """The error for a name that does not exist, with the nearest that do."""
+        """Make the error for a name that does not exist, with the nearest that do."""
         names = sorted(known)
         near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
         listed = ", ".join(names) if len(names) <= 12 else f"one of {len(names)} names"
@@ -71,27 +66,27 @@ class InputError(CosimError, ValueError):
 
 
 class CheckFailedError(CosimError):
-    """An assertion or a comparison that was asked for does not hold."""
+    """An assertion or a comparison of the user does not hold."""
 
     exit_code = 1
 
 
 class LossError(CosimError):
-    """Done, but something recorded was lost (an incomplete or damaged trace)."""
+    """The command succeeded, but recorded data is missing (an incomplete or damaged trace)."""
 
     exit_code = 3
 
 
 class ComponentError(CosimError):
-    """A component (an FMU) failed to load, to initialise or to step."""
+    """A component (an FMU) failed to load, initialise or step."""
 
     exit_code = 4
 
 
 class NotAchievableError(CosimError):
-    """What was asked of a design cannot be had: infeasible, or not certified.
+    """A design is infeasible, or could not be certified.
 
-    `certificate` is the exact proof that it cannot, for `check_certificate`, where there is one.
+    `certificate` : the exact proof of infeasibility, for `check_certificate`, if there is one.
     """
 
     exit_code = 5
@@ -104,6 +99,6 @@ class NotAchievableError(CosimError):
 
 
 class StoppedError(CosimError):
-    """The user interrupted what can be gone on with; what was done is kept."""
+    """The user interrupted a task that can be resumed; its results so far are kept."""
 
     exit_code = 130

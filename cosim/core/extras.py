@@ -1,4 +1,4 @@
-"""Packages that only some need: imported when they are, and named with their extra if missing."""
+"""Import of optional packages, with an error that names the missing extra."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from cosim.core.errors import InputError
 
 
 def optional(*modules: str, extra: str, what: str, otherwise: str | None = None) -> Any:
-    """A package of an extra, by the names of its modules, the package itself first.
+    """Import modules of an optional package and return the first, the package itself.
 
     Parameters
     ----------
-    what : a sentence without its end: "data frames need pandas".
-    otherwise : what can be done without it.
+    what : of the message, without a full stop: "data frames need pandas".
+    otherwise : what can be done without the package.
 
     Raises
     ------
-    InputError : it is not installed; says which extra is to be.
+    InputError : it is not installed; the hint names the extra.
     """
     try:
         for name in modules:

@@ -1,12 +1,12 @@
-"""How far something long has come: whom it is reported to."""
+"""Reports of progress of long tasks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done."""
+"""Called with the name of the task and the share of it that is done, 0 to 1."""
 
 
 def silent(_what: str, _share: float) -> None:
-    """No progress asked for."""
+    """Report nothing."""

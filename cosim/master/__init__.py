@@ -1,4 +1,4 @@
-"""The co-simulation master: system, wiring, loop, recorder."""
+"""The co-simulation master: runs a system of connected FMUs."""
 
 import lazy_loader as _lazy
 

@@ -1,27 +1,20 @@
 from .checks import LINK_STATE as LINK_STATE
-from .columns import element_names as element_names
 from .communication_schedule import (
     CommunicationSchedule as CommunicationSchedule,
     Link as Link,
     make_schedule as make_schedule,
 )
-from .component_instance import ComponentInstance as ComponentInstance
+from .component_instance import (
+    ComponentInstance as ComponentInstance,
+    element_names as element_names,
+)
 from .engine import (
     EngineChoice as EngineChoice,
     EngineName as EngineName,
 )
 from .observers import Observer as Observer
 from .pacing import Pace as Pace
-from .recorder import (
-    TraceRecorder as TraceRecorder,
-    identifier as identifier,
-)
-from .routes import Route as Route
-from .run import Run as Run
-from .session import Session as Session
-from .simulation import simulate as simulate
-from .snapshot import Snapshot as Snapshot
-from .system import (
+from .parts import (
     Algorithm as Algorithm,
     Component as Component,
     Connection as Connection,
@@ -29,5 +22,16 @@ from .system import (
     Endpoint as Endpoint,
     LogLevel as LogLevel,
     Policy as Policy,
-    System as System,
 )
+from .recorder import (
+    TraceRecorder as TraceRecorder,
+    identifier as identifier,
+)
+from .routes import Route as Route
+from .run import Run as Run
+from .session import (
+    Session as Session,
+    simulate as simulate,
+)
+from .snapshot import Snapshot as Snapshot
+from .system import System as System

@@ -1,4 +1,4 @@
-"""Whether the parts of a system fit together: links, connections, types, units, steps."""
+"""Checks of a system: links, connections, types, units, steps."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from cosim.network import PacketLink, TransportLink
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
     {"age": "float", "sequence": "int", "dropped": "int", "delivered": "int"}
 )
-"""What a packet link can be asked for by a connection, `Endpoint(link, ...)`, and its kind."""
+"""State of a packet link that a connection can read, `Endpoint(link, ...)`, and its kind."""
 
 _NUMBERS = ("float", "int", "bool")
 
 
 def check_links(system: Parts) -> None:
-    """Links under their own names, in the timetable, with what decides their delays."""
+    """Check that links have their own names, a schedule, and the signals of their delays."""
     for name, link in system.links.items():
         packet = isinstance(link, PacketLink)
         known = name in system.comm_schedule.schedules or name in system.comm_schedule.live
         if link.name != name or (packet and not known):
             raise InputError(
-                "the link and its place in the system do not fit",
+                "the link does not match its entry in the system",
                 where=f"link {name!r}",
-                expected="the link's own name, and a timetable made for it",
+                expected="the link's own name, and a communication schedule made for it",
                 got=f"link {link.name!r}, schedules of {list(system.comm_schedule.schedules)}",
-                hint="pass the same links to make_timetable and to System",
+                hint="pass the same links to make_schedule and to System",
             )
     for name in system.comm_schedule.live:
         _check_delay(system, name)
@@ -48,17 +48,17 @@ def check_links(system: Parts) -> None:
 
 
 def _check_delay(system: Parts, name: str) -> None:
-    """The signals that decide a delay: there, numbers, and known when the message is sent."""
+    """Check that the signals of a delay exist, are numbers, and are known at each sending."""
     source = system.delays.get(name)
     where = f"link {name!r}: delay"
     if source is None or not source.signals:
-        raise InputError("nothing decides the delay of this link", where=where)
+        raise InputError("the delay of this link has no signal", where=where)
     number = 1 if source.origin is None else len(source.origin)
     if len(source.signals) != number:
         raise InputError(
-            "the signals that decide a delay do not fit",
+            "the number of signals of this delay is wrong",
             where=where,
-            expected="one signal, or as many as the place has coordinates",
+            expected="one signal, or one per coordinate of the origin",
             got=f"{len(source.signals)} signals, {number} coordinates",
         )
     for end in source.signals:
@@ -67,14 +67,14 @@ def _check_delay(system: Parts, name: str) -> None:
             raise InputError(
                 "this signal cannot decide a delay",
                 where=f"{where}, {end}",
-                expected="a Real output that follows no input at once",
+                expected="a Real output without direct feedthrough",
                 got=f"{port.causality}, {port.kind}"
-                + (", follows an input at once" if port.feedthrough else ""),
+                + (", direct feedthrough" if port.feedthrough else ""),
             )
 
 
 def check_parts(system: Parts) -> None:
-    """Connections, driven inputs, order and steps."""
+    """Check connections, driven inputs, order and steps."""
     taken: dict[Endpoint, str] = {}
     _check_connections(system, taken)
     _check_driven(system, taken)
@@ -82,7 +82,7 @@ def check_parts(system: Parts) -> None:
     for name, component in system.components.items():
         if system.grows and component.every_ns is not None:
             raise InputError(
-                "a step of one's own does not go with points that come about in the run",
+                "a component cannot have its own step where points are added during the run",
                 where=f"component {name!r}",
                 got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal",
                 hint='events = "grid"',
@@ -94,7 +94,7 @@ def check_parts(system: Parts) -> None:
                 "this FMU takes steps of one size only",
                 where=f"component {name!r} ({component.description.path.name})",
                 hint='set events = "grid" and an end that is a multiple of the step, or give '
-                "the component a step of its own of which the end is a multiple",
+                "the component its own step of which the end is a multiple",
             )
 
 
@@ -103,7 +103,7 @@ def _check_order(system: Parts) -> None:
         return
     if system.algorithm != "gauss-seidel" or sorted(system.order) != sorted(system.components):
         raise InputError(
-            "the order does not fit the system",
+            "the order does not match the system",
             where="order",
             expected=f"under gauss-seidel, each of {', '.join(system.components)} once",
             got=f"{system.algorithm}: {', '.join(system.order)}",
@@ -115,52 +115,50 @@ def _check_connections(system: Parts, taken: dict[Endpoint, str]) -> None:
         where = f"connection {connection.source} -> {connection.target}"
         if system.is_state(connection.source):
             _check_state(system, connection, where)
-            _take(taken, connection.target, f"connection from {connection.source}")
-            continue
-        source, target = system.port(connection.source), system.port(connection.target)
-        if system.grows and connection.policy != "hold":
-            raise InputError(
-                "the next point is not known where points come about in the run",
-                where=where,
-                expected="the policy hold",
-                got=connection.policy,
-                hint='events = "grid"',
-            )
-        if source.causality != "output" or target.causality != "input":
-            raise InputError(
-                "a connection leads from an output to an input",
-                where=where,
-                got=f"{source.causality} -> {target.causality}",
-            )
-        _check_types(source, target, where)
-        if source.unit and target.unit and source.unit != target.unit:
-            raise InputError(
-                "the units of the two ends differ",
-                where=where,
-                got=f"{source.unit} -> {target.unit}",
-            )
-        if connection.link is not None and connection.link not in system.links:
-            raise InputError.unknown("link", connection.link, system.links, where=where)
-        if source.kind != "float" and connection.policy != "hold":
-            raise InputError(
-                "only real numbers have a value in between",
-                where=where,
-                expected="the policy hold",
-                got=connection.policy,
-            )
-        if connection.link is not None and source.kind != "float":
-            _check_link_kind(system.links[connection.link], source, where)
+        else:
+            _check_connection(system, connection, where)
         _take(taken, connection.target, f"connection from {connection.source}")
+
+
+def _check_connection(system: Parts, connection: Connection, where: str) -> None:
+    source, target = system.port(connection.source), system.port(connection.target)
+    link, policy = connection.link, connection.policy
+    if system.grows and policy != "hold":
+        raise InputError(
+            "the next point is not known where points are added during the run",
+            where=where,
+            expected="the policy hold",
+            got=policy,
+            hint='events = "grid"',
+        )
+    if source.causality != "output" or target.causality != "input":
+        got = f"{source.causality} -> {target.causality}"
+        raise InputError("a connection leads from an output to an input", where=where, got=got)
+    _check_types(source, target, where)
+    if source.unit and target.unit and source.unit != target.unit:
+        got = f"{source.unit} -> {target.unit}"
+        raise InputError("the units of the two ends differ", where=where, got=got)
+    if link is not None and link not in system.links:
+        raise InputError.unknown("link", link, system.links, where=where)
+    if source.kind != "float" and policy != "hold":
+        raise InputError(
+            "only real numbers can be interpolated",
+            where=where,
+            expected="the policy hold",
+            got=policy,
+        )
+    if link is not None and source.kind != "float":
+        _check_link_kind(system.links[link], source, where)
 
 
 _NAMES = {"float": "Real", "int": "Integer", "bool": "Boolean", "string": "String"}
 
 
 def _check_types(source: Port, target: Port, where: str) -> None:
-    """Same kind, same shape, and room for every value."""
+    """Check that both ends have the same kind and shape, and that every value fits."""
     if source.kind is None or source.kind != target.kind:
         raise InputError(
-            "the types of the two ends do not fit",
+            "the types of the two ends differ",
             where=where,
             expected="both Real, both Integer (or Enumeration), both Boolean or both String",
             got=" -> ".join(_NAMES.get(p.kind or "", "Binary or Clock") for p in (source, target)),
@@ -189,7 +187,7 @@ def _has_room(source: Port, target: Port) -> bool:
 
 
 def _check_state(system: Parts, connection: Connection, where: str) -> None:
-    """State of a link: of a packet link, into an input of a type that holds it."""
+    """Check a connection from the state of a packet link to an input."""
     name, what = connection.source
     if not isinstance(system.links[name], PacketLink):
         raise InputError("only a packet link has a state", where=where, got=f"link {name!r}")
@@ -205,19 +203,21 @@ def _check_state(system: Parts, connection: Connection, where: str) -> None:
             got=f"{target.causality}, {_NAMES.get(target.kind or '', 'none')}",
         )
     if connection.link is not None or connection.policy != "hold":
-        raise InputError("the state of a link is there at once: it takes no link", where=where)
+        raise InputError(
+            "the state of a link is known at once: it cannot pass over a link", where=where
+        )
     if what == "age" and target.unit not in (None, "s"):
         raise InputError("an age is in seconds", where=where, got=str(target.unit))
 
 
 def _check_link_kind(link: Link, port: Port, where: str) -> None:
-    """Refuse a link that would make a number in between out of an Integer or Boolean."""
+    """Refuse a link that would interpolate, quantize or substitute what is not a real number."""
     text_replaced = port.kind == "string" and not (
         isinstance(link, PacketLink) and link.on_loss == "hold"
     )
     if isinstance(link, TransportLink) or link.quantization or text_replaced:
         raise InputError(
-            f"link {link.name!r} carries real numbers only",
+            f"link {link.name!r} transmits real numbers only",
             where=where,
             expected="a packet link without quantization" + ", on_loss hold" * text_replaced,
             got=f"{port.name} of kind {port.kind}",
@@ -229,7 +229,7 @@ def _check_driven(system: Parts, taken: dict[Endpoint, str]) -> None:
         port = system.port(end)
         if port.causality != "input" or port.kind not in _NUMBERS or port.shape:
             raise InputError(
-                "only an input that is a number or a truth value can follow a signal",
+                "only an input that is a number or a Boolean can follow a signal",
                 where=str(end),
                 got=f"{port.causality}, {port.kind or 'String'}{' array' if port.shape else ''}",
             )
@@ -241,7 +241,7 @@ def _check_driven(system: Parts, taken: dict[Endpoint, str]) -> None:
 def _check_values(system: Parts, end: Endpoint, values: NDArray[np.float64]) -> None:
     if system.grows:
         raise InputError(
-            "values at points do not go with points that come about in the run",
+            "values at points cannot be given where points are added during the run",
             where=str(end),
             expected="a function of the points",
             hint='events = "grid"',

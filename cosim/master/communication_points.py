@@ -1,8 +1,8 @@
 """The communication points of a run, as far as they are known.
 
-They are known from the start, but for links whose delay is decided by what the run yields: there
-a message that is sent decides when its arrival is a point, or, on a grid, which row is read when.
-The course is then laid out from one such sending to the next.
+They are known from the start, except where the delay of a link follows a signal of the run: then
+the arrival of a message, which is a point, is known only when it is sent. (On a grid, the row
+that is read is.) The points are then added from one such sending to the next.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master.system import DelaySource, System
+from cosim.master.parts import DelaySource
+from cosim.master.system import System
 from cosim.network import NONE_YET, Arrivals, LinkState, LiveSchedule, PacketSchedule
 
 Integers = NDArray[np.int64]
@@ -21,16 +22,16 @@ Rows = NDArray[np.float64]
 
 
 class CommunicationPoints:
-    """The points of a run.
+    """The communication points of a run, and the schedules of its packet links.
 
     Attributes
     ----------
-    points_ns : room for all points, int64 (most,); `count` of them are known.
+    points_ns : room for all points [ns], int64 (most,); `count` of them are known.
     seconds, sizes : the points [s], and the step from each to the next [s], (most,).
-    final : the last point of the run; `most` as long as it is not known.
-    values : by live link, what its delays were made of so far.
-    live : the links whose delays come about in the run.
-    grows : whether points are added while the run goes.
+    final : index of the last point of the run; `most` as long as it is not known.
+    values : by live link, the values of its delay signal so far.
+    live : the links whose delays follow a signal of the run.
+    grows : whether points are added during the run.
     """
 
     def __init__(self, system: System) -> None:
@@ -38,26 +39,20 @@ class CommunicationPoints:
         self._known = comm_schedule.points_ns
         self.grows = bool(comm_schedule.live) and comm_schedule.events == "align"
         self._end_ns = int(self._known[-1])
-        points = None if self.grows else self._known
-        self.live: Mapping[str, LiveSchedule] = {
-            name: LiveSchedule(link, self._end_ns, points)
-            for name, link in comm_schedule.live.items()
-        }
+        self._system = system
+        self.live = self._unresolved()
         self._schedules = comm_schedule.schedules
         self._changes = {name: s.changes() for name, s in comm_schedule.schedules.items()}
         self._arrivals: dict[str, Arrivals] = {}
-        self._system = system
         self.values: dict[str, list[float]] = {name: [] for name in self.live}
         if self.grows:
             # each message, and each copy of one, arrives once at most
             more = sum(2 * live.sent_ns.size for live in self.live.values())
             self.points_ns = np.full(self._known.size + more, self._end_ns, np.int64)
             self.points_ns[0] = 0
-            self.count, self.final = 1, self.points_ns.size
-            self._place = 1
             self.seconds = np.zeros(self.points_ns.size)
             self.sizes = np.zeros(self.points_ns.size)
-            self.extend()
+            self._begin()
         else:
             self.points_ns = self._known
             self.seconds = self.points_ns / 1e9
@@ -65,9 +60,18 @@ class CommunicationPoints:
             self.count = self.points_ns.size
             self.final = self.count - 1
 
+    def _unresolved(self) -> Mapping[str, LiveSchedule]:
+        points = None if self.grows else self._known
+        links = self._system.comm_schedule.live
+        return {name: LiveSchedule(link, self._end_ns, points) for name, link in links.items()}
+
+    def _begin(self) -> None:
+        self.count, self.final, self._place = 1, self.points_ns.size, 1
+        self.extend()
+
     @property
     def horizon(self) -> int:
-        """The first point at which a message is sent whose delay is not known; else `count`."""
+        """The first point at which a message of unknown delay is sent; `count` without one."""
         instant = min((live.horizon_ns for live in self.live.values()), default=None)
         if instant is None or instant > self._end_ns:
             return self.count
@@ -95,11 +99,13 @@ class CommunicationPoints:
             self.final = self.count - 1
 
     def resolve(self, k: int, row: Rows, columns: Mapping[str, tuple[int, ...]]) -> None:
-        """Tell the links what is sent at point k, and go on; `columns` of their sources in `row`.
+        """Resolve the delays of what is sent at point k, and add the points known by then.
+
+        `columns` : of the signals of each live link in `row`.
 
         Raises
         ------
-        InputError : a value that makes no delay; the link and the message are named.
+        InputError : a value that gives no valid delay; the link and the message are named.
         """
         now = int(self.points_ns[k])
         for name, live in self.live.items():
@@ -111,23 +117,18 @@ class CommunicationPoints:
         self.extend()
 
     def go_back(self, values: Mapping[str, Sequence[float]]) -> None:
-        """As it was when these `values` were all there were."""
+        """Return to the state in which `values` were the values so far."""
         if not self.live:
             return
-        points = None if self.grows else self._known
-        self.live = {
-            name: LiveSchedule(link, self._end_ns, points)
-            for name, link in self._system.comm_schedule.live.items()
-        }
+        self.live = self._unresolved()
         self.values = {name: list(values[name]) for name in self.live}
         if self.grows:
-            self.count, self.final, self._place = 1, self.points_ns.size, 1
-            self.extend()
+            self._begin()
         while (k := self.horizon) < self.count and self._again(int(self.points_ns[k])):
             self.extend()
 
     def _again(self, now: int) -> bool:
-        """Resolve what was sent at an instant, if it had been."""
+        """Resolve what was sent at an instant; return whether all of it has values."""
         for name, live in self.live.items():
             while live.message < live.sent_ns.size and live.sent_ns[live.message] == now:
                 if live.message >= len(self.values[name]):
@@ -136,7 +137,7 @@ class CommunicationPoints:
         return True
 
     def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
-        """Row in use over a packet link at the points first to last - 1; -1, -2 as ever."""
+        """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
         points = self.points_ns[first:last]
         if name in self.live:
             used, sent = self.live[name].state(points).sequence, self.live[name].sent_ns
@@ -150,24 +151,24 @@ class CommunicationPoints:
         return used
 
     def rows_at(self, instants_ns: Integers) -> Integers:
-        """The points that lie at some instants."""
+        """Return the indices of the points at these instants [ns]."""
         return np.searchsorted(self.points_ns[: self.count], instants_ns)
 
     def arrivals(self, name: str, first: int) -> Arrivals:
-        """What arrived or was missed over a link, as far as it is known, from one on."""
+        """Return the known arrivals and drops of a link, from the `first`-th on."""
         if name in self.live:
             return self.live[name].arrivals(first)
         if name not in self._arrivals:
             self._arrivals[name] = self._schedules[name].arrivals()
-        return select_arrivals(self._arrivals[name], slice(first, None))
+        return self._arrivals[name].select(slice(first, None))
 
     def state(self, name: str, first: int, last: int) -> LinkState:
-        """State of a packet link at the points first to last - 1."""
+        """Return the state of a packet link at the points first to last - 1."""
         points = self.points_ns[first:last]
         return (self.live.get(name) or self._schedules[name]).state(points)
 
     def schedules(self, until_ns: int) -> dict[str, PacketSchedule]:
-        """The traffic up to where a run got: a shorter run has the same messages."""
+        """Return the schedules of a run that ended at this instant."""
         whole = until_ns == self._end_ns
         done = self._schedules if whole else self._system.comm_schedule.shortened(until_ns)
         # a run that diverges or fails at an instant of sending ends before that message
@@ -175,15 +176,8 @@ class CommunicationPoints:
         return dict(done) | live
 
 
-def select_arrivals(found: Arrivals, which: slice | NDArray[np.intp]) -> Arrivals:
-    """Some of what arrived or was missed."""
-    return Arrivals(
-        found.arrival_ns[which], found.sent_ns[which], found.sequence[which], found.status[which]
-    )
-
-
 def _changes(live: LiveSchedule, after_ns: int, until_ns: int) -> list[int]:
-    """Instants at which what is in use changes, after one and up to another."""
+    """Return the instants in (after, until] at which the message in use changes."""
     found = []
     change = live.next_change_ns(after_ns)
     while change is not None and change <= until_ns:
@@ -193,7 +187,7 @@ def _changes(live: LiveSchedule, after_ns: int, until_ns: int) -> list[int]:
 
 
 def _value(source: DelaySource, row: Rows, columns: tuple[int, ...]) -> float:
-    """What decides a delay: the signal, or the distance of several from a place."""
+    """Return the value that decides a delay: a signal, or the distance from the origin."""
     values = [float(row[column]) for column in columns]
     if source.origin is None:
         return values[0]

@@ -1,4 +1,4 @@
-"""Every communication point of a run that is known before it, and the traffic of its links."""
+"""The communication points of a run that are known before it, and the schedules of its links."""
 
 from __future__ import annotations
 
@@ -29,17 +29,15 @@ _MOST_POINTS = 20_000_000
 
 @dataclass(frozen=True)
 class CommunicationSchedule:
-    """Every communication point of a run, and the schedule of every packet link.
+    """The communication points known before a run, and the schedule of every packet link.
 
     Attributes
     ----------
     points_ns : strictly increasing from 0 to the end [ns], int64 (n,); with live links and
         events = "align", those that are known before the run.
     schedules : by name of the link; all their instants are points, or were moved to one.
-    step_ns : the communication step asked for [ns].
-    live : the links whose delays come about in the run.
-    events : as asked for.
-    links, every_ns : as given.
+    step_ns, events, links, every_ns : as given to `make_schedule`.
+    live : the links whose delays follow a signal of the run.
     """
 
     points_ns: NDArray[np.int64]
@@ -51,7 +49,7 @@ class CommunicationSchedule:
     every_ns: tuple[int, ...] = ()
 
     def shortened(self, end_ns: int) -> Mapping[str, PacketSchedule]:
-        """The traffic up to an earlier end: a shorter run has the same messages."""
+        """Return the schedules of a run that ends earlier: it has the same messages."""
         if end_ns <= 0:
             return {}
         step = min(self.step_ns, end_ns)
@@ -71,12 +69,11 @@ def make_schedule(
     every_ns: Iterable[int] = (),
     instants_ns: Iterable[int] = (),
 ) -> CommunicationSchedule:
-    """Lay out the whole run in time before it starts.
+    """Compute the communication points and the schedules of all links before a run.
 
-    `instants_ns` : more instants in [0, end] that become points under "align".
-
-    `every_ns` : steps of components that have their own [ns]; under "align" their multiples
-    become points, on the grid they are to be multiples of the step.
+    `every_ns` : own steps of components [ns]; under "align" their multiples become points, on
+    the grid they must be multiples of the step. `instants_ns` : more instants in [0, end] that
+    become points under "align".
 
     Raises
     ------

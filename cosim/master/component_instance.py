@@ -1,38 +1,64 @@
-"""A component of a run: its slave, its part of the rows, its routes."""
+"""Component instances: the components of a run, with their columns of the rows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import FmuSlave, Port
-from cosim.master.columns import Column
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_points import ComponentPoints
+from cosim.master.parts import Component, Endpoint, Signal
 from cosim.master.routes import Route
-from cosim.master.system import Component, Endpoint, Signal
 
 Rows = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Variables of one type, side by side in the rows: one FMI call moves them.
+class Column(NamedTuple):
+    """One number of a row.
 
     Attributes
     ----------
-    getter_type, c_type : as those of the `Port`s; what is not a double is carried as one,
-        which holds it exactly, a text as its number among the texts of the run.
+    port : the variable.
+    name : of the variable, or of an element of an array: `x[2,1]`, counted from 1.
+    """
+
+    port: Port
+    name: str
+
+
+def columns_of(ports: Iterable[Port]) -> tuple[Column, ...]:
+    """Return one column per scalar, arrays in row-major order."""
+    return tuple(Column(port, name) for port in ports for name in element_names(port))
+
+
+def element_names(port: Port) -> Sequence[str]:
+    """Return the name of a scalar, or the names of the elements of an array."""
+    if not port.shape:
+        return (port.name,)
+    places = product(*(range(1, size + 1) for size in port.shape))
+    return tuple(f"{port.name}[{','.join(map(str, place))}]" for place in places)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Variables of one type in neighbouring columns of the rows, exchanged by one FMI call.
+
+    Attributes
+    ----------
+    getter_type, c_type : as those of the `Port`s; in the rows every value is a double, a string
+        the number of its text in `Texts`.
     references : value references, uint32 (m,).
     size : number of values.
     column : their first column in the rows.
-    route : number of the station's route that brings them; None for outputs, and for inputs
-        that follow a given signal.
+    route : index of the route of the instance that they come by; None for outputs, and for
+        inputs that follow a given signal.
     """
 
     getter_type: str
@@ -45,19 +71,17 @@ class Group:
 
 @dataclass(eq=False)
 class ComponentInstance:
-    """A component of a run: its slave, its part of the rows, its routes.
+    """A component during a run: its FMU instance and its columns of the rows.
 
     Attributes
     ----------
-    outputs : (points, outputs), a view of the rows; valid at its own points up to the last
-        one reached.
-    output_columns, input_columns : what the columns of its outputs and connected inputs hold.
+    outputs : (points, outputs), a view of the rows; valid at its own points so far.
+    output_columns, input_columns : the columns of its outputs and of its connected inputs.
     comm_points : the points of the run.
-    outputs_without_feedthrough : outputs that do not wait for the inputs of the same point.
-    connected_inputs : connected inputs.
-    outputs_with_feedthrough : outputs that follow the inputs of the same point.
+    outputs_without_feedthrough : outputs that are read before the inputs of the same point.
+    outputs_with_feedthrough : outputs that depend on the inputs of the same point.
     driven : inputs that follow a signal, or the state of a link.
-    direct_routes : numbers of the routes whose values are set straight from the sender's row.
+    direct_routes : indices of the routes whose values are set directly from the sender's row.
     """
 
     name: str
@@ -89,13 +113,8 @@ class ComponentInstance:
     @property
     def output_column(self) -> int:
         """The first column of its outputs in the rows."""
-        return min(
-            (
-                group.column
-                for group in (*self.outputs_without_feedthrough, *self.outputs_with_feedthrough)
-            ),
-            default=0,
-        )
+        groups = (*self.outputs_without_feedthrough, *self.outputs_with_feedthrough)
+        return min((group.column for group in groups), default=0)
 
     @property
     def input_column(self) -> int:
@@ -103,11 +122,11 @@ class ComponentInstance:
         return self.connected_inputs[0].column if self.connected_inputs else 0
 
     def place(self, variable: str, kind: str = "signal") -> tuple[int, Column]:
-        """The column of the rows that holds an output or connected input.
+        """Return the column of the rows that contains an output or connected input.
 
         Raises
         ------
-        InputError : it is none of them; called `kind` in the message.
+        InputError : there is no such variable; called `kind` in the message.
         """
         for columns, first in (
             (self.output_columns, self.output_column),
@@ -120,28 +139,28 @@ class ComponentInstance:
         raise InputError.unknown(kind, variable, known, where=f"component {self.name!r}")
 
     def inputs(self, count: int) -> Rows:
-        """Connected inputs at the first points, (reached, inputs), valid at its own points.
+        """Return the connected inputs at the first points, (count, inputs), valid at own points.
 
-        What is set straight from a sender's row is written down here, when it is asked for.
+        Inputs that are set directly from a sender's row are copied to the rows here.
         """
         for i in self.direct_routes:
-            self._write_down(self.routes[i], self._settled, count)
+            self._copy_inputs(self.routes[i], self._settled, count)
         self._settled = max(self._settled, count)
         first = self.input_column
         return self.rows[:count, first : first + len(self.input_columns)]
 
     def forget(self, count: int) -> None:
-        """Rows from `count` on are to come about anew."""
+        """Mark the rows from `count` on as not computed yet."""
         self._settled = min(self._settled, count)
 
     def copy_from(self, number: int, count: int) -> None:
-        """From `count` on, bring what a straight route brings into the rows first."""
+        """From `count` on, copy the values of a direct route to the rows at each point."""
         if number in self.direct_routes:
             self.inputs(count)
             self.direct_routes.discard(number)
 
     def values(self, rows: Any, columns: Sequence[Column]) -> list[list[Any]]:
-        """Rows of doubles -> rows of values of the columns' own types."""
+        """Convert rows of doubles to rows of values of the columns' own types."""
         types = [_TYPES[column.port.kind or "float"] for column in columns]
         text = self.texts
         return [
@@ -149,7 +168,7 @@ class ComponentInstance:
             for row in rows.tolist()
         ]
 
-    def _write_down(self, route: Route, first: int, last: int) -> None:
+    def _copy_inputs(self, route: Route, first: int, last: int) -> None:
         source = slice(int(route.columns[0]), int(route.columns[-1]) + 1)
         target = slice(int(route.targets[0]), int(route.targets[-1]) + 1)
         used = route.row[first:last]
@@ -161,14 +180,14 @@ _TYPES: Mapping[str, type] = {"float": float, "int": int, "bool": bool, "string"
 
 
 class Texts:
-    """The texts of a run, each once; rows hold their numbers. Number 0 is the empty text."""
+    """The strings of a run; rows contain their numbers. Number 0 is the empty string."""
 
     def __init__(self) -> None:
         self._texts = [""]
         self._numbers = {"": 0}
 
     def number(self, text: str) -> int:
-        """The number of a text, new if it has none."""
+        """Return the number of a text; a new text gets the next number."""
         found = self._numbers.get(text)
         if found is None:
             found = self._numbers[text] = len(self._texts)
@@ -179,17 +198,17 @@ class Texts:
         return self._texts[number]
 
     def all(self) -> tuple[str, ...]:
-        """Every text, by its number."""
+        """Return every text, by its number."""
         return tuple(self._texts)
 
     def restore(self, texts: Sequence[str]) -> None:
-        """Take over the texts of a snapshot, numbers and all."""
+        """Add the texts of a snapshot under their numbers."""
         for number, text in enumerate(texts):
             if self.number(text) != number:
                 raise ValueError(f"expected number {number} for {text!r}")
 
     def doubles(self, value: Any, port: Port) -> Any:
-        """A value of a variable, None for none, as it stands in a row."""
+        """Convert the value of a variable, None for none, to the doubles of a row."""
         if port.kind == "string":
             return [self.number(text) for text in np.ravel(value if value is not None else "")]
         return np.ravel(0.0 if value is None else value).astype(np.float64)

@@ -1,4 +1,4 @@
-"""When a component communicates: at every point, or at those of its own step."""
+"""The points at which a component communicates: all, or the multiples of its own step."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class ComponentPoints:
-    """The points of one component among those of a run.
+    """The own points of one component, as indices of the points of the run.
 
     Attributes
     ----------
-    own : its points, as indices, int64 (m,); the first and the last of the run are among them.
+    own : its points, int64 (m,); the first and the last of the run are among them.
     last : its latest point at or before each point of the run, int64 (n,).
-    following : its next point, at its own points; -1 elsewhere, int64 (n,). At the end of the
-        run that is the end itself.
+    following : its next point, at its own points (at the end of the run that point itself); -1
+        elsewhere, int64 (n,).
     """
 
     own: Integers
@@ -35,11 +35,11 @@ class ComponentPoints:
 
 
 def component_points(every_ns: int | None, points_ns: Integers) -> ComponentPoints:
-    """The beat of a component with a step of its own [ns], or, for None, at every point.
+    """Return the own points of a component with this step [ns]; None: every point.
 
     Raises
     ------
-    InputError : its instants are no communication points.
+    InputError : a multiple of the step is not a communication point.
     """
     n = points_ns.size
     if every_ns is None:
@@ -52,8 +52,8 @@ def component_points(every_ns: int | None, points_ns: Integers) -> ComponentPoin
             raise InputError(
                 "a component's step does not fall on communication points",
                 where="run",
-                expected="every multiple of the component's step to be one",
-                got=f"{missing / 1e9:g} s is none",
+                expected="a communication point at every multiple of the component's step",
+                got=f"none at {missing / 1e9:g} s",
                 hint="a multiple of the communication step, or events = align",
             )
     last = np.zeros(n, np.int64)
@@ -65,5 +65,5 @@ def component_points(every_ns: int | None, points_ns: Integers) -> ComponentPoin
 
 
 def own_instants(every_ns: int, end_ns: int) -> Integers:
-    """Multiples of a component's step, and the end [ns]."""
+    """Return the multiples of a component's step before the end, and the end [ns]."""
     return np.append(np.arange(0, end_ns, every_ns, dtype=np.int64), np.int64(end_ns))

@@ -1,4 +1,4 @@
-"""One FMI call that moves a group of variables of any type between a slave and a row.
+"""FMI calls that exchange a group of variables of any type between a slave and a row.
 
 Calls go through cffi with plain addresses, which costs a third less than ctypes.
 """
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 
 WARNING: Final = 1
-"""Greatest status with which a run goes on: OK is 0, Warning 1."""
+"""Greatest status with which a run continues: OK is 0, Warning 1."""
 TOO_LARGE: Final = 100
-"""Not a status of FMI: an integer that a double does not hold exactly."""
+"""Not a status of FMI: an integer that a double cannot represent exactly."""
 
 _FFI: Final = FFI()
 _FORMS: Final = {
@@ -33,19 +33,19 @@ _MOST = 2**53
 
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:
-    """fmi2Get..., fmi3Set..., ... at an address."""
+    """Return the function fmi2Get..., fmi3Set..., ... at an address."""
     function: Any = _FFI.cast(_FORMS[version], address)
     return function  # type: ignore[no-any-return]
 
 
 def step_function(version: str, address: int) -> Callable[..., int]:
-    """fmi2DoStep or fmi3DoStep at an address."""
+    """Return the function fmi2DoStep or fmi3DoStep at an address."""
     function: Any = _FFI.cast(_STEPS[version], address)
     return function  # type: ignore[no-any-return]
 
 
 def pointer(address: int) -> Any:
-    """An address as cffi passes it on fastest."""
+    """Return an address in the form that cffi passes fastest."""
     return _FFI.cast("void *", address)
 
 
@@ -54,7 +54,7 @@ class Exchange:
 
     Attributes
     ----------
-    scratch : what passes through it on the way, of the group's own C type; (values,).
+    scratch : the values in the group's own C type, (values,).
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Exchange:
         self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
         self._wide = group.c_type in ("i8", "u8")
         self._more = () if slave.description.version == "2.0" else (group.size,)
-        # not bound: an object that names itself is left to the garbage collector
+        # not bound: a reference to itself would leave the object to the garbage collector
         self._move = {
             ("get", False): Exchange._get,
             ("set", False): Exchange._set,
@@ -82,7 +82,7 @@ class Exchange:
         }[way, text]
 
     def __call__(self, row: Rows) -> int:
-        """Move the values; returns the status."""
+        """Exchange the values and return the status."""
         return self._move(self, row)
 
     def _call(self) -> int:

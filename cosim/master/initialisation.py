@@ -1,8 +1,8 @@
-"""Initialisation of all slaves together: values go round until none changes.
+"""Initialisation of all slaves together: values are exchanged until none changes.
 
-Between entering and leaving initialization mode each output may depend on inputs, and each
-input on the outputs of others. A pass reads all outputs and sets all inputs that something
-reaches at the first point; it ends when a pass changes nothing.
+In initialization mode each output may depend on inputs, and each input on the outputs of others.
+A pass sets all inputs that have a value at the first point, and reads all outputs; passes are
+repeated until one changes nothing.
 """
 
 from __future__ import annotations
@@ -12,21 +12,22 @@ import numpy as np
 from cosim.core import ComponentError
 from cosim.master.component_instance import ComponentInstance, Rows
 from cosim.master.exchange import WARNING, Exchange
-from cosim.master.system import Endpoint, System
+from cosim.master.parts import Endpoint
+from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
 MOST_PASSES = 100
 _TOLERANCE = 1e-12
-"""Change relative to the value, or to 1, below which a value has settled."""
+"""Largest change of a settled value, relative to the greater of its magnitude and 1."""
 
 
 def initialise(system: System, wiring: Wiring) -> int:
-    """Take every slave through initialization; returns the number of passes.
+    """Initialise all slaves and return the number of passes.
 
     Raises
     ------
     InputError : a parameter that does not exist or cannot be set.
-    ComponentError : a slave that refuses, or values that do not settle, named.
+    ComponentError : a slave that fails, or values that do not settle, named.
     """
     end = int(system.comm_schedule.points_ns[-1]) / 1e9
     for name in system.components:
@@ -70,7 +71,7 @@ def _settle(wiring: Wiring) -> int:
 
 
 class _InitialisedComponent:
-    """A component during initialisation: its inputs that something reaches, its outputs."""
+    """A component during initialisation: its inputs that have a value, and its outputs."""
 
     def __init__(self, instance: ComponentInstance) -> None:
         self._instance = instance
@@ -87,7 +88,7 @@ class _InitialisedComponent:
         ]
 
     def moved(self, row: Rows) -> dict[Endpoint, float]:
-        """Bring in what the senders have; inputs that changed, and by how much."""
+        """Copy the senders' values to the inputs; return how much each input changed."""
         first = self._instance.input_column
         columns = self._instance.input_columns
         mine = slice(first, first + len(columns))
@@ -104,15 +105,14 @@ class _InitialisedComponent:
 
     def give(self, row: Rows) -> None:
         """Set the inputs."""
-        for exchange in self.connected_inputs:
-            self._do(exchange, row, "set")
+        self._do(self.connected_inputs, row, "set")
 
     def ask(self, row: Rows) -> None:
         """Read the outputs."""
-        for exchange in self._gets:
-            self._do(exchange, row, "get")
+        self._do(self._gets, row, "get")
 
-    def _do(self, exchange: Exchange, row: Rows, what: str) -> None:
-        status = exchange(row)
-        if status > WARNING:
-            raise self._instance.slave.refused(f"{what} in initialisation", status)
+    def _do(self, exchanges: list[Exchange], row: Rows, what: str) -> None:
+        for exchange in exchanges:
+            status = exchange(row)
+            if status > WARNING:
+                raise self._instance.slave.refused(f"{what} in initialisation", status)

@@ -1,18 +1,17 @@
 """The co-simulation loop (fixed or event-aligned points; Jacobi or Gauss-Seidel).
 
     for every communication point t_k:
-        every component sends:    its outputs go into row k
-        every component receives: its inputs are read off the rows that the links name
-        every component steps from t_k to its next point, inputs held
+        every component sends:    its outputs are written to row k
+        every component receives: its inputs are read from the rows that the routes name
+        every component steps from t_k to its next point, with constant inputs
 
-(Jacobi; under Gauss-Seidel the components take turns, and each receives what those before it have
-reached at t_{k+1}.) An engine (`cosim.master.engine`) carries that out, a stretch of points at a
-time; between two stretches the observers look at the rows that are there, and a run that has left
-its range ends. How long a stretch is depends on the machine; nothing that is recorded depends on
-it.
+(Jacobi; under Gauss-Seidel the components do this one after the other, and each receives the
+outputs at t_{k+1} of those before it.) An engine (`cosim.master.engine`) executes a segment of
+points at a time; after each the observers receive the new rows, and a run out of range ends. The
+length of a segment depends on the machine; nothing that is recorded depends on it.
 
-The coupling delays what a component computes from its inputs until the next point; that
-delay is the loop's own and is reported apart from the links'.
+Under Jacobi, outputs computed from new inputs are exchanged at the next point only; this coupling
+delay is reported apart from the delays of the links.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ from cosim.master.engine import (
 )
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
-from cosim.master.run import Run, RunStatus
-from cosim.master.run_status import run_status_of
+from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
@@ -45,25 +43,25 @@ _LONGEST = 1 << 16
 
 
 class _SegmentLength:
-    """How many points a stretch has: what takes about `_SEGMENT_S`."""
+    """Chooses how many points a segment has, so that it takes about `_SEGMENT_S`."""
 
     def __init__(self) -> None:
         self.points = 1
 
     def took(self, points: int, seconds: float) -> None:
-        """Take note of how long the last stretch took."""
+        """Adapt the length to the time that the last segment took."""
         share = min(8.0, _SEGMENT_S / max(seconds, 1e-9))
         self.points = max(1, min(_LONGEST, int(points * share)))
 
 
 class Loop:
-    """A run on its way; its slaves are initialised.
+    """The execution of a run whose slaves are initialised.
 
     Attributes
     ----------
-    complete : number of complete rows; every slave stands at the point after them.
-    status, reason : as in `Run`; None as long as it goes on.
-    adjustments : what outputs and inputs are adjusted by, by column of the rows.
+    complete : number of complete rows; the slaves are at the point after them.
+    status, reason : as in `Run`; None while the run can continue.
+    adjustments : overrides and biases, by column of the rows.
     may_go_back : saved states of slaves may be restored.
     """
 
@@ -88,7 +86,7 @@ class Loop:
 
     @property
     def time_ns(self) -> int:
-        """Where the slaves stand [ns]."""
+        """The time of the slaves [ns]."""
         return int(self._comm_points.points_ns[min(self.complete, self._comm_points.count - 1)])
 
     def run(
@@ -99,9 +97,9 @@ class Loop:
         stop: Callable[[], bool] | None = None,
         pace: Pace | None = None,
     ) -> bool:
-        """Go on to an instant, or by so many points, or to the end; whether `stop` ended it.
+        """Continue to an instant, by `most` points, or to the end; return whether `stop` ended it.
 
-        `stop` is looked at after every row; `pace` holds the run back to the clock on the wall.
+        `stop` is evaluated after every row; `pace` slows the run down to wall-clock time.
         """
         points, begun = self._comm_points.points_ns, self.complete
         while self.status is None:
@@ -123,13 +121,13 @@ class Loop:
         return False
 
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
-        """To where so many rows were complete; slaves and wiring are there already."""
+        """Continue from `complete` rows, to which slaves and wiring have been restored."""
         self.complete, self.adjustments = complete, dict(adjustments)
         self.status = self.reason = self._early_stop = None
         self.rebuild()
 
     def rebuild(self) -> None:
-        """Take up what is adjusted, and whether states may be restored."""
+        """Build the engine anew for changed `adjustments` or `may_go_back`."""
         for instance in self._wiring.instances:
             for number, route in enumerate(instance.routes):
                 if any(int(column) in self.adjustments for column in route.targets):
@@ -141,7 +139,7 @@ class Loop:
         self._dispatch.where = self._where
 
     def result(self) -> Run:
-        """What has happened so far; "stopped" for a run that has not ended by itself."""
+        """Return the run so far; its status is "stopped" if it has not ended by itself."""
         points = self._comm_points.points_ns[: self.complete]
         return Run(
             self.status or "stopped",
@@ -170,7 +168,7 @@ class Loop:
                 fill_unreceived_inputs(self._program, self._wiring.instances, early_stop)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
-        # what is said in a step from a point out of range is void, like the step
+        # log lines of a step from a point out of range are dropped, like the step
         self._dispatch.deliver(
             self.complete, include_after_last=early_stop is None or early_stop.what != "range"
         )
@@ -179,7 +177,7 @@ class Loop:
             self._conclude()
 
     def _cross(self, k: int) -> EarlyStop | None:
-        """A point at which a message is sent whose delay what is sent there decides."""
+        """Execute point k, at which the delay of a message is decided by what is sent there."""
         early_stop = self._engine.send(k)
         if early_stop is not None:
             return early_stop

@@ -1,4 +1,4 @@
-"""Rows and log lines on their way to whoever looks on, in the order in which they came about."""
+"""Observers: receive complete rows and log lines in order during a run."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ from cosim.master.component_instance import ComponentInstance
 
 
 class Observer(Protocol):
-    """Looks on while a run goes."""
+    """Receives complete rows and log lines in order while a run goes."""
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Before the first point, all slaves initialised."""
+        """Called before the first point, when all slaves are initialised."""
 
     def rows_complete(self, first: int, last: int) -> None:
-        """Rows first to last - 1 of every station are complete; called in order, no gaps."""
+        """Rows first to last - 1 of every instance are complete; called in order, no gaps."""
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """A component, or the loop, has said something."""
+        """A component, or the loop, has logged a message."""
 
     def rewind(self, complete: int) -> None:
-        """Rows from `complete` on come about anew; an `InputError` if that cannot be."""
+        """Rows from `complete` on will be computed anew; an `InputError` if that is impossible."""
         del complete
         raise InputError(
-            "what has been recorded cannot be taken back",
+            "recorded rows cannot be taken back",
             where=type(self).__name__,
             hint="go back in a session without it, or start a new session from the snapshot",
         )
 
 
 class ObserverDispatch:
-    """What is said during a stretch, handed on at its place between the rows."""
+    """Collects the log lines of a segment and delivers them to observers between its rows."""
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers = observers
         self._lines: list[tuple[int, int, str, str, str]] = []
         self._delivered = 0
         self.where: Callable[[], tuple[int, int]] = lambda: (0, 0)
-        """Number of complete rows, and the time [ns], at any moment."""
+        """Returns the number of complete rows, and the time [ns], at any moment."""
 
     def note(self, name: str, level: str, message: str) -> None:
-        """A component, or the loop, says something now."""
+        """Log a message of a component, or of the loop, now."""
         rows, time_ns = self.where()
         self._lines.append((rows, time_ns, level, name, message))
 
     def deliver(self, complete: int, *, include_after_last: bool = True) -> None:
-        """Rows up to `complete`, and what was said before them, and after the last one."""
+        """Deliver the rows before `complete`, and the log lines before, between and after them."""
         lines, self._lines = self._lines, []
         for rows, time_ns, level, name, message in lines:
             if rows > complete or (rows == complete and not include_after_last):
@@ -58,7 +58,7 @@ class ObserverDispatch:
         self._span(complete)
 
     def rewind(self, complete: int) -> None:
-        """Rows from `complete` on come about anew."""
+        """Prepare the observers for rows from `complete` on to be computed anew."""
         if self._delivered > complete:
             for observer in self._observers:
                 observer.rewind(complete)
@@ -66,9 +66,9 @@ class ObserverDispatch:
         self._delivered = complete
 
     def close(self) -> None:
-        """What was said last, when no more rows are to come; nobody looks on after that."""
+        """Deliver the last log lines and release the observers."""
         self.deliver(self._delivered)
-        # slaves know the journal, and a trace knows the slaves: a ring would keep all the rows
+        # slaves refer to the dispatch, and a trace to the slaves: a cycle would keep all rows
         self._observers = ()
 
     def _span(self, until: int) -> None:

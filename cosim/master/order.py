@@ -1,4 +1,4 @@
-"""In which order components receive, and step."""
+"""The order in which components receive, and under Gauss-Seidel step."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cosim.network import TransportLink
 
 
 def receiving_order(system: System) -> tuple[str, ...]:
-    """Receivers after the senders whose outputs follow their inputs at the same point.
+    """Return the components, each after the senders with direct feedthrough to it.
 
-    Under Gauss-Seidel, also after all others that they are wired to, where that goes without a
-    contradiction: in a loop somebody begins, the one that is named first.
+    Under Gauss-Seidel, as far as possible also after all its other senders: in a loop the
+    component that is named first begins.
 
     Raises
     ------
@@ -47,13 +47,13 @@ def _check_loops(waits: Mapping[str, set[str]]) -> None:
             "the connections form an algebraic loop",
             where=" -> ".join(error.args[1]),
             expected="at least one component of the loop without direct feedthrough",
-            # a transport link passes the initial value on at the start, which is a loop still
+            # a transport link does not help: at the start it passes the initial value on at once
             hint="put a packet link with a delay into the loop",
         ) from error
 
 
 def _sorted(waits: Mapping[str, set[str]], likes: Mapping[str, set[str]]) -> tuple[str, ...]:
-    """Those first that wait for nobody, and like to wait for nobody; otherwise as given."""
+    """Sort by `waits`, which must hold, and by `likes` where possible; otherwise as given."""
     order: list[str] = []
     left = list(waits)
     while left:
@@ -77,12 +77,10 @@ def _check_given(order: Sequence[str], waits: Mapping[str, set[str]]) -> None:
 
 
 def _at_once(system: System, link: str | None) -> bool:
-    """Whether a value sent at some point is read at that same point."""
-    if link is None:
+    """Whether a value sent at some point may be read at that same point."""
+    if link is None or link in system.comm_schedule.live:
         return True
     if isinstance(system.links[link], TransportLink):
         return True  # at the start, whatever the delay
-    if link in system.comm_schedule.live:
-        return True  # nobody can know
     schedule = system.comm_schedule.schedules[link]
     return bool((schedule.delivered_ns == schedule.sent_ns).any())

@@ -1,4 +1,4 @@
-"""Holding a run back to the clock on the wall."""
+"""Slow a run down to wall-clock time."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 
 _NAP_S = 0.05
-"""Longest sleep at a time: an interrupt is obeyed that soon."""
+"""Longest sleep at a time, so that an interrupt takes effect soon."""
 
 
 @dataclass
 class Pace:
-    """Real time times a factor, and how well it was kept.
+    """The pace of a run in real time, and how late its points were.
 
     Parameters
     ----------
-    factor : simulated seconds per second on the wall, > 0.
+    factor : simulated seconds per second of wall-clock time, positive.
     clock, sleep : for tests.
 
     Attributes
     ----------
-    points : communication points held back to the clock.
-    late : of these, those that came about later than the next one was due.
-    largest_s, mean_s : how late points were [s on the wall].
+    points : number of communication points that were paced.
+    late : how many of these were reached later than the next one was due.
+    largest_s, mean_s : lateness of the points [s of wall-clock time].
     """
 
     factor: float = 1.0
@@ -49,11 +49,11 @@ class Pace:
 
     @property
     def mean_s(self) -> float:
-        """Mean lateness [s on the wall]."""
+        """Mean lateness [s of wall-clock time]."""
         return self.total_s / self.points if self.points else 0.0
 
     def wait(self, points_ns: NDArray[np.int64], first: int) -> int:
-        """Sleep until point `first` is due; how many points are due then, at least one."""
+        """Sleep until point `first` is due; return how many points are due then, at least one."""
         if self._began is None:
             self._began, self._from_ns = self.clock(), int(points_ns[first])
         while (rest := self._due(int(points_ns[first])) - self.clock()) > 0.0:
@@ -63,7 +63,7 @@ class Pace:
         return max(1, due)
 
     def done(self, points_ns: NDArray[np.int64], first: int, last: int) -> None:
-        """Points first to last - 1 have come about."""
+        """Record the lateness of the points first to last - 1, which were reached now."""
         now = self.clock()
         due = np.array([self._due(int(t)) for t in points_ns[first : last + 1]])
         late = np.maximum(now - due[: last - first], 0.0)

@@ -1,4 +1,4 @@
-"""The parts of a system: components, what connects them, and when they meet; unchecked."""
+"""The parts of a system, unchecked: components, connections, links and schedule."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cosim.master.component_points import ComponentPoints, component_points
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 Algorithm = Literal["jacobi", "gauss-seidel"]
 Policy = Literal["hold", "midpoint", "linear"]
-"""What an input is held at over a step: see `cosim.master.routes`."""
+"""Value of an input during a step: see `cosim.master.routes`."""
 
 
 class Endpoint(NamedTuple):
@@ -32,7 +32,7 @@ class Endpoint(NamedTuple):
 
 
 class Connection(NamedTuple):
-    """An output wired to an input, directly or over a link."""
+    """An output connected to an input, directly or over a link."""
 
     source: Endpoint
     target: Endpoint
@@ -42,11 +42,11 @@ class Connection(NamedTuple):
 
 @dataclass(frozen=True)
 class Component:
-    """An FMU with the parameters it starts from.
+    """An FMU with its start parameters.
 
     `every_ns` : its own communication step [ns]; None: it communicates at every point.
-    `log_level` : what it says below that level ("debug" ... "fatal") is left out;
-    `log_categories` : of the FMU's categories, those that it is to speak of; None: all.
+    `log_level` : messages below this level ("debug" ... "fatal") are left out;
+    `log_categories` : those of the FMU's categories that are logged; None: all.
     Arrays have the lengths that structural parameters among `parameters` give them.
     """
 
@@ -62,11 +62,11 @@ class Component:
 
 
 class DelaySource(NamedTuple):
-    """What decides the delay of a link with a `DelaySignal`.
+    """The signals that decide the delay of a link with a `DelaySignal`.
 
-    signals : outputs of components; those that follow an input at once cannot be among them.
-    origin : None: the value is that of the one signal. A place: it is the distance of the
-        signals from there.
+    signals : outputs of components without direct feedthrough.
+    origin : None: the value is that of the one signal. Else it is the distance of the signals
+        from this place.
     """
 
     signals: tuple[Endpoint, ...]
@@ -79,7 +79,7 @@ Signal = NDArray[np.float64] | Callable[[NDArray[np.float64]], NDArray[np.float6
 
 @dataclass(frozen=True)
 class Parts:
-    """The fields of a `System`, described there, and what follows from them."""
+    """The fields of a `System`, described there, and properties derived from them."""
 
     components: Mapping[str, Component]
     connections: Sequence[Connection]
@@ -93,7 +93,7 @@ class Parts:
 
     @property
     def grows(self) -> bool:
-        """Whether points are added while the run goes."""
+        """Whether points are added during the run."""
         return bool(self.comm_schedule.live) and self.comm_schedule.events == "align"
 
     def is_state(self, end: Endpoint) -> bool:
@@ -102,14 +102,14 @@ class Parts:
 
     @cached_property
     def own_points(self) -> Mapping[str, ComponentPoints]:
-        """When each component communicates."""
+        """The own points of each component."""
         points = self.comm_schedule.points_ns
         steps = {component.every_ns for component in self.components.values()}
         made = {every: component_points(every, points) for every in steps}
         return {name: made[component.every_ns] for name, component in self.components.items()}
 
     def port(self, end: Endpoint) -> Port:
-        """The variable behind an endpoint."""
+        """Return the variable of an endpoint; `InputError` if there is none."""
         where = f"component {end.component!r}"
         component = self.components.get(end.component)
         if component is None:

@@ -1,4 +1,4 @@
-"""The trace of a run: every row as it is exchanged, every message as it is delivered."""
+"""Record a run as a trace: rows, messages, drops, poses and log lines."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.fmu import Port
-from cosim.master.columns import Column
-from cosim.master.communication_points import CommunicationPoints, select_arrivals
-from cosim.master.component_instance import ComponentInstance
+from cosim.master.communication_points import CommunicationPoints
+from cosim.master.component_instance import Column, ComponentInstance
 from cosim.master.observers import Observer
 from cosim.master.system import System
 from cosim.network import DELIVERED, REASONS, Arrivals, PacketLink
 from cosim.trace import Poses, Rows, Signal, TraceWriter, input_topic, link_topic, output_topic
 
 _SENT, _POSED, _DELIVERED, _RECEIVED = 0, 1, 2, 1 << 30
-"""Order of what has one and the same time: outputs, poses, deliveries link by link, inputs."""
+"""Order of records of the same time: outputs, poses, deliveries link by link, inputs."""
 _AT_ONCE = 4096
-"""Rows laid out at once: enough to be fast, few enough to stay in the cache."""
+"""Rows written at once: enough to be fast, few enough to stay in the cache."""
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
-_AS_DOUBLES = ("float", "int", "bool")
-"""Kinds that the trace takes as doubles."""
 
 
 class TraceRecorder(Observer):
@@ -32,7 +29,7 @@ class TraceRecorder(Observer):
 
     Attributes
     ----------
-    log_after_end : what was said when the trace had ended: `level`, `name`, `message`.
+    log_after_end : log lines after the end of the trace: `level`, `name`, `message`.
     """
 
     def __init__(self, writer: TraceWriter, system: System) -> None:
@@ -81,7 +78,7 @@ class TraceRecorder(Observer):
         )
 
     def rows_complete(self, first: int, last: int) -> None:
-        """Write the rows, each after what reached its receiver since the one before."""
+        """Write the rows, each after the messages delivered since the row before."""
         for begin in range(first, last, _AT_ONCE):
             self._write(begin, min(begin + _AT_ONCE, last))
 
@@ -104,7 +101,7 @@ class TraceRecorder(Observer):
     def _own(
         self, instance: ComponentInstance, first: int, last: int
     ) -> tuple[slice | NDArray[np.int64], NDArray[np.int64]]:
-        """Rows of a stretch that are a station's own, and their times."""
+        """Return which rows from first to last - 1 are an instance's own, and their times."""
         if instance.own_points.always:
             return slice(first, last), self._points[first:last]
         begin, end = np.searchsorted(instance.own_points.own, [first, last])
@@ -123,7 +120,7 @@ _Cast = Callable[[Any], Any]
 
 
 def signal_of(port: Port, name: str | None = None) -> Signal:
-    """The trace's view of an FMI variable, under its own name or another."""
+    """Describe an FMI variable as a signal of the trace, under its own name or another."""
     return Signal(
         name=name or port.name,
         value_reference=port.reference,
@@ -135,20 +132,20 @@ def signal_of(port: Port, name: str | None = None) -> Signal:
 
 
 def _cast(instance: ComponentInstance, columns: Sequence[Column]) -> _Cast:
-    """Rows of doubles -> rows of values of the columns' own types."""
-    if all(column.port.kind in _AS_DOUBLES for column in columns):
+    """Return a function from rows of doubles to rows of values of the columns' own types."""
+    if all(column.port.kind in ("float", "int", "bool") for column in columns):
         return lambda rows: rows
     return lambda rows: instance.values(rows, columns)
 
 
 def identifier(name: str) -> str:
-    """A name that protobuf and a topic can bear: ASCII letters, digits and _, a letter first."""
+    """Make a name valid in protobuf and topics: ASCII letters, digits and _, a letter first."""
     text = re.sub(r"\W", "_", name, flags=re.ASCII)
     return text if text[:1].isalpha() else f"c{text}"
 
 
 class _Traffic:
-    """The messages of one packet link on their way into the trace."""
+    """Records the messages of one packet link."""
 
     def __init__(
         self,
@@ -180,7 +177,7 @@ class _Traffic:
         self._written_count = 0
 
     def until(self, until_ns: int, rank: int) -> list[Rows | Poses]:
-        """What arrived, or was due and lost, up to an instant and not before."""
+        """Return arrivals and drops up to an instant that were not returned before."""
         first = self._written_count
         found = self._comm_points.arrivals(self._link.name, first)
         count = int(np.searchsorted(found.arrival_ns, until_ns, side="right"))
@@ -191,7 +188,7 @@ class _Traffic:
             (self._topic, np.flatnonzero(delivered), self._values),
             (self._dropped, np.flatnonzero(~delivered), _reasons),
         ):
-            mine = select_arrivals(found, which)
+            mine = found.select(which)
             ranks = np.column_stack([np.full(which.size, rank), first + which])
             parts.append(
                 Rows(topic_id, mine.arrival_ns, values(mine), mine.sent_ns, mine.sequence, ranks)

@@ -1,11 +1,11 @@
-"""The way of values from a sender to a receiver: which row is read at each point.
+"""Routes from senders to receivers: which row is read at each point.
 
-An input is held over its receiver's step. What it is held at, the policy says:
+An input is constant during a step of its receiver. The policy says at which value:
 
-* hold: what the signal, delayed by its link, was at the beginning of the step (order 1);
-* midpoint: what the delayed signal is in the middle of the step; a transport link whose delay
-  is at least half a step has it already (order 2, for a transport delay);
-* linear: the same, extrapolated from the past where it lies ahead (order 2).
+* hold: the signal, delayed by its link, at the beginning of the step (order 1);
+* midpoint: the delayed signal in the middle of the step, which must be known: over a transport
+  link with a delay of at least half a step (order 2);
+* linear: the same, extrapolated from past values where it is not known (order 2).
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_points import ComponentPoints
-from cosim.master.system import Policy, System
+from cosim.master.parts import Policy
+from cosim.master.system import System
 from cosim.network import PacketLink, TransportLink
 
 Integers = NDArray[np.int64]
 
 
 class RouteKey(NamedTuple):
-    """What connections have in common that share a route."""
+    """What connections of one route have in common."""
 
     source: str
     link: str | None
@@ -43,8 +44,8 @@ class RowsInUse(NamedTuple):
     Attributes
     ----------
     row : -1 none yet, -2 the link's substitute, int64 (n,).
-    after : the row that the rest of the value comes from, int64 (n,); None without weights.
-    weight : (1 - weight) row + weight after, (n,); None: row alone.
+    after : the second row of an interpolated value, int64 (n,); None without weights.
+    weight : the value is (1 - weight) row + weight after, (n,); None: row alone.
     """
 
     row: Integers
@@ -54,12 +55,12 @@ class RowsInUse(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Inputs of one component that read outputs of one other over the same way.
+    """Inputs of one component that read outputs of one other over the same link and policy.
 
     Attributes
     ----------
     route_key : sender, link and policy.
-    columns, targets : columns of the rows that are read, and that they go to.
+    columns, targets : columns of the rows that are read and written.
     row, after, weight : as in `RowsInUse`.
     link : the packet link, or None.
     """
@@ -79,9 +80,9 @@ class Route:
 
     @property
     def verbatim(self) -> bool:
-        """Whether what arrives is what stands side by side in some row, bit for bit.
+        """Whether the values are neighbours in a row of the sender and reach the inputs unaltered.
 
-        Such inputs can be set straight from the sender's row.
+        Such inputs can be set directly from the sender's row.
         """
         altered = self.weight is not None or (
             self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
@@ -90,13 +91,13 @@ class Route:
 
 
 RouteFiller = Callable[[int, int], None]
-"""Lays out the rows that a route reads at the points first to last - 1."""
+"""Sets the rows that a route reads at the points first to last - 1."""
 
 
 def growing_rows_in_use(
     system: System, comm_points: CommunicationPoints, route_key: RouteKey, *, stepped_before: bool
 ) -> tuple[RowsInUse, RouteFiller | None]:
-    """As `rows_in_use`, of which a part is known at a time, where points are added in the run."""
+    """Return as `rows_in_use` for points that are added during the run, and what sets the rows."""
     most = comm_points.points_ns.size
     here = np.arange(most)
     channel = None if route_key.link is None else system.links[route_key.link]
@@ -119,14 +120,8 @@ def growing_rows_in_use(
     after, weight = row.copy(), np.zeros(most)
 
     def interpolate(first: int, last: int) -> None:
-        points = comm_points.points_ns[:last]
-        wanted = channel.read_ns(points[first:])
-        index = np.searchsorted(points, wanted, side="right") - 1
-        following = np.minimum(index + 1, last - 1)
-        gap = np.maximum(points[following] - points[index], 1)
-        past = wanted - points[index]
-        row[first:last], after[first:last] = index, following
-        weight[first:last] = np.where(past > 0, past / gap, 0.0)
+        index, weight[first:last] = channel.rows(comm_points.points_ns[:last], first)
+        row[first:last], after[first:last] = index, np.minimum(index + 1, last - 1)
 
     return RowsInUse(row, after, weight), interpolate
 
@@ -139,10 +134,10 @@ def rows_in_use(
     *,
     stepped_before: bool,
 ) -> RowsInUse:
-    """The rows that a receiver reads, at its own points; held in between.
+    """Return the rows that a receiver reads at its own points, kept in between.
 
-    `stepped_before` : the sender has already taken its step from the same point, and a wire
-    brings what came out of it (Gauss-Seidel).
+    `stepped_before` : the sender steps before the receiver (Gauss-Seidel), so that a connection
+    without a link reads its outputs after the step.
 
     Raises
     ------
@@ -154,16 +149,15 @@ def rows_in_use(
     if isinstance(channel, PacketLink):
         if route_key.policy != "hold":
             raise InputError(
-                "a packet link delivers messages, which are held",
+                "over a packet link an input is held until the next message",
                 where=f"connection {route_key}",
                 expected="the policy hold",
                 got=route_key.policy,
             )
         row = system.comm_schedule.schedules[channel.name].rows(points)
-        wire = bool((row == here).all())
-        row = np.where(row >= 0, sender.last[np.maximum(row, 0)], row)
-        channel = None if wire else channel
-        found = RowsInUse(row)
+        found = RowsInUse(np.where(row >= 0, sender.last[np.maximum(row, 0)], row))
+        if (row == here).all():  # no delay at all: as without a link
+            channel = None
     if channel is None and route_key.policy == "hold":
         sender_rows = np.minimum(here + 1, points.size - 1) if stepped_before else here
         found = RowsInUse(sender.last[sender_rows])
@@ -183,7 +177,7 @@ def _sampled(
     sender: ComponentPoints,
     receiver: ComponentPoints,
 ) -> RowsInUse:
-    """Rows and weights of a continuous signal, delayed, at the instant the policy names."""
+    """Return rows and weights of a delayed continuous signal at the instants of the policy."""
     points = system.comm_schedule.points_ns
     ahead = np.zeros(points.size, np.int64)
     if route_key.policy != "hold":
@@ -197,7 +191,7 @@ def _sampled(
     past, gap = wanted - sent[index], np.maximum(sent[following] - sent[index], 1)
     weight = np.where(past > 0, past / gap, 0.0)
     beyond = (np.where(past > 0, following, index) > known) & (wanted > sent[known])
-    # between two points of a slow sender the second is not known yet: the first is held
+    # between two points of a slow sender the second is not known yet: the first is used
     weight = np.where(following > known, 0.0, weight)
     index = np.minimum(index, known)
     if route_key.policy == "linear":
@@ -221,8 +215,8 @@ def _sampled(
 
 
 def _pair(sent: Integers, known: Integers, step_ns: int) -> Integers:
-    """Where a straight line through the latest value begins: most of a step before it.
+    """Return the first point of the line through the latest value: most of a step before it.
 
-    Two points that lie close together, as events do, would make a steep line of rounding.
+    A line through two points that lie close together, as events do, would amplify rounding.
     """
     return np.maximum(np.searchsorted(sent, sent[known] - (3 * step_ns) // 4, side="right") - 1, 0)

@@ -1,4 +1,4 @@
-"""What came of a run."""
+"""The result of a run: its status, its points and its signals."""
 
 from __future__ import annotations
 
@@ -9,28 +9,33 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import ComponentError, InputError
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.engine import EngineChoice
+from cosim.master.engine import EarlyStop, EngineChoice
+from cosim.master.exchange import TOO_LARGE
+from cosim.master.system import System
+from cosim.master.wiring import Wiring
 from cosim.network import PacketSchedule
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
 
+_DISCARD = 2  # FMI 2: with this status of a step, a slave may ask for the end
+
 
 @dataclass(frozen=True)
 class Run:
-    """What happened.
+    """The result of a run.
 
     Attributes
     ----------
-    status : "finished" at the end; "stopped" when somebody, or a component, asked for it;
-        "diverged" when an output left the allowed range or the numbers; "failed" when a
-        component refused for another reason.
+    status : "finished" at the end; "stopped" by the user or a component; "diverged" when an
+        output left the allowed range or is not finite; "failed" when a call of a component
+        failed for another reason.
     reason : in words, None when finished.
     points_ns : the points reached [ns], int64 (k,).
-    instances : the rows, of which the first k are valid.
-    engine : which engine carried the run out, and why that one.
-    schedules : by packet link, its traffic up to the last point.
+    instances : the component instances; the first k rows are valid.
+    engine : the engine that executed the run, and why it was chosen.
+    schedules : of the packet links, up to the last point.
     """
 
     status: RunStatus
@@ -41,11 +46,11 @@ class Run:
     schedules: Mapping[str, PacketSchedule]
 
     def signal(self, component: str, variable: str) -> NDArray[np.float64]:
-        """Values of an output or a connected input at the points reached, shape (k,).
+        """Return the values of an output or connected input at the points reached, shape (k,).
 
         Raises
         ------
-        InputError : no such component, or the variable was not part of the run.
+        InputError : no such component, or a variable that the run did not exchange.
         """
         names = {s.name: s for s in self.instances}
         instance = names.get(component)
@@ -56,3 +61,28 @@ class Run:
         instance.inputs(count)
         values = instance.rows[:count, number]
         return values if instance.own_points.always else values[instance.own_points.last[:count]]
+
+
+def run_status_of(system: System, wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str]:
+    """Return status and reason of a run that stopped early; overflow counts as divergence."""
+    seconds = int(wiring.comm_points.points_ns[early_stop.k]) / 1e9
+    if early_stop.what == "range":
+        out = f"{wiring.output(early_stop.instance)} left the range of +-{system.divergence:g}"
+        return "diverged", f"{out} at t = {seconds:g} s"
+    instance = wiring.instances[early_stop.instance]
+    discarded = early_stop.what == "step" and early_stop.status == _DISCARD
+    if early_stop.what == "end" or (discarded and instance.slave.asked_to_end()):
+        reason = f"component {instance.name!r} asked for the end in the step from t = {seconds:g} s"
+        return "stopped", reason
+    slave = instance.slave
+    if early_stop.status == TOO_LARGE:
+        error = ComponentError(
+            f"an integer read at t = {seconds:g} s is too large to be exchanged",
+            where=f"component {instance.name!r} ({slave.description.path.name})",
+            expected="a magnitude of at most 2**53",
+        )
+        return "failed", error.text()
+    at = "from" if early_stop.what == "step" else "at"
+    refused = slave.refused(f"{early_stop.what} {at} t = {seconds:g} s", early_stop.status)
+    overflow = "no longer finite" in (refused.got or "")
+    return ("diverged" if overflow else "failed"), refused.text()

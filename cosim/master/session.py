@@ -1,4 +1,4 @@
-"""A run under control: step by step, read and set, saved and taken up again.
+"""Interactive runs: step by step, with variables read and set, saved and restored.
 
     with Session(system) as session:
         session.run_until(10.0)
@@ -6,10 +6,10 @@
         before = session.snapshot()
         session.run_until()
         first = session.result()
-        session.restore(before)      # and on, bit for bit as before
+        session.restore(before)      # continues bit for bit as before
 
-At any time the rows up to the last complete one are fixed, and every slave stands at `time_s`,
-the point after it. What is set takes effect there.
+At any time the rows up to the last complete one are fixed, and every slave is at `time_s`, the
+point after it. What is set takes effect there.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from cosim.master.initialisation import initialise
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.pacing import Pace
+from cosim.master.parts import LogLevel
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
-from cosim.master.system import LogLevel, System
+from cosim.master.system import System
 from cosim.master.wiring import wire
 from cosim.network import LinkState
 
@@ -39,17 +40,17 @@ Condition = Callable[["Session"], bool]
 
 
 class Session:
-    """A run of a system from its start on; use as a context manager.
+    """A run of a system that the caller controls; use as a context manager.
 
     Parameters
     ----------
-    system : what runs.
-    observers : look on; the trace is one.
+    system : the system to run.
+    observers : receive rows and log lines, such as a `TraceRecorder`.
     engine : "python", "compiled", or "auto": compiled where it pays (`choose_engine`).
 
     Raises
     ------
-    InputError : a system that cannot be wired, a parameter that does not exist, an engine that
+    InputError : a system with an algebraic loop, a parameter that does not exist, an engine that
         is not installed. (From `__enter__`: the FMUs are loaded there.)
     ComponentError : an FMU that cannot be loaded or initialised.
     """
@@ -96,37 +97,37 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """End the slaves, and hand on what they say last."""
+        """Terminate the slaves and deliver their last log lines."""
         try:
             self._stack.close()
         finally:
             self._dispatch.close()
-            # what it has would keep the session, and the session the rows
+            # the function refers to the session, which would keep the rows in memory
             place = self._dispatch.where()
             self._dispatch.where = lambda: place
 
     @property
     def time_ns(self) -> int:
-        """Where the slaves stand [ns]."""
+        """The time of the slaves [ns]."""
         return 0 if self._loop is None else self._loop.time_ns
 
     @property
     def time_s(self) -> float:
-        """Where the slaves stand [s]."""
+        """The time of the slaves [s]."""
         return self.time_ns / 1e9
 
     @property
     def rows(self) -> int:
-        """How many rows are complete."""
+        """The number of complete rows."""
         return 0 if self._loop is None else self._loop.complete
 
     @property
     def ended(self) -> bool:
-        """Whether the end is reached, or the run cannot go on."""
+        """Whether the run is at its end or cannot continue."""
         return self._opened().status is not None
 
     def step(self, points: int = 1) -> None:
-        """Go on by so many communication points, or to the end."""
+        """Continue by so many communication points, or to the end."""
         self._opened().run(most=points)
 
     def run_until(
@@ -136,33 +137,33 @@ class Session:
         stop: Condition | None = None,
         pace: Pace | None = None,
     ) -> bool:
-        """Go on until the slaves stand at a point at or after `seconds`; None: to the end.
+        """Continue to the first point at or after `seconds` (None: the end).
 
         Parameters
         ----------
-        stop : looked at after every row; true ends the call (the session can go on).
-        pace : holds the run back to the clock on the wall.
+        stop : evaluated after every row; true ends the call (the session can continue).
+        pace : slows the run down to wall-clock time.
 
         Returns
         -------
-        stopped : whether `stop` ended it.
+        stopped : whether `stop` ended the call.
         """
         until = None if seconds is None else round(seconds * 1e9)
         look = None if stop is None else functools.partial(stop, self)
         return self._opened().run(until, stop=look, pace=pace)
 
     def read(self, component: str, variable: str) -> Any:
-        """The value of any variable, as the slave has it now."""
+        """Return the present value of any variable, read from the slave."""
         slave = self._instance(component).slave
         return slave.read([variable])[variable]
 
     def value(self, component: str, variable: str) -> Any:
-        """The value of an output or connected input in the last complete row."""
+        """Return the value of an output or connected input in the last complete row."""
         if self.rows == 0:
             raise InputError(
                 "no row is complete yet",
                 where=f"{component}.{variable}",
-                hint="step() first, or read() what the slave has",
+                hint="step() first, or read() the value from the slave",
             )
         instance = self._instance(component)
         number, column = instance.place(variable)
@@ -171,35 +172,35 @@ class Session:
         return instance.values(instance.rows[k : k + 1, number : number + 1], [column])[0][0]
 
     def set(self, component: str, variable: str, value: Any) -> None:
-        """Set a tunable parameter, or an input that nothing is connected to.
+        """Set a tunable parameter, or an input that is not connected.
 
         Raises
         ------
-        InputError : what cannot be set now, or a connected input.
+        InputError : a variable that cannot be set now, or a connected input.
         """
         instance = self._instance(component)
         if any(column.name == variable for column in instance.input_columns):
             raise InputError(
-                "this input is connected: what is set is overwritten at the next point",
+                "this input is connected: its value would be overwritten at the next point",
                 where=f"{component}.{variable}",
-                hint="override() it, or set what drives it",
+                hint="override() it, or set its source",
             )
         instance.slave.write({variable: value})
 
     def override(self, component: str, variable: str, value: float) -> None:
-        """From now on, `value` in place of an output or connected input."""
+        """Replace an output or connected input by `value`, until it is released."""
         self._adjust(component, variable, Adjustment(0.0, value))
 
     def bias(self, component: str, variable: str, offset: float, factor: float = 1.0) -> None:
-        """From now on, factor * value + offset in place of an output or connected input."""
+        """Replace an output or connected input by factor * value + offset, until released."""
         self._adjust(component, variable, Adjustment(factor, offset))
 
     def release(self, component: str, variable: str) -> None:
-        """From now on, an output or connected input as it comes."""
+        """End the override or bias of an output or connected input."""
         self._adjust(component, variable, None)
 
     def reset(self, component: str) -> None:
-        """Put one component back to how it started, parameters and all; its time goes on.
+        """Reset one component to its start values and parameters, at the present time.
 
         Raises
         ------
@@ -211,27 +212,27 @@ class Session:
         instance.slave.initialise(instance.component.parameters, self.time_s, end)
 
     def note(self, level: str, name: str, message: str) -> None:
-        """Say something to the observers, at the point where the slaves stand."""
+        """Log a message to the observers, at the time of the slaves."""
         before = self._dispatch.where
         self._dispatch.where = lambda: (self.rows, self.time_ns)
         self._dispatch.note(name, level, message)
         self._dispatch.where = before
 
     def deliver(self) -> None:
-        """Let the observers hear what was said since the last row; the end of a run is such."""
+        """Deliver the log lines since the last row to the observers."""
         self._dispatch.deliver(self.rows)
 
     def link_state(self, link: str) -> LinkState:
-        """State of a packet link at the last complete row, arrays of shape (1,)."""
+        """Return the state of a packet link at the last complete row, arrays of shape (1,)."""
         return self._comm_points.state(link, self.rows - 1, self.rows)
 
     @property
     def row_time_ns(self) -> int:
-        """Instant of the last complete row [ns]."""
+        """The time of the last complete row [ns]."""
         return int(self._comm_points.points_ns[max(self.rows - 1, 0)])
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:
-        """The whole run as it stands: every slave's state, the rows, what is overridden.
+        """Save the present state of the run: of every slave, the rows, the overrides.
 
         `portable` : states as bytes, for `Snapshot.save` and for other sessions.
 
@@ -242,7 +243,7 @@ class Session:
         loop = self._opened()
         if loop.status in ("failed", "diverged"):
             raise InputError(
-                "the run cannot go on: nothing is left to save", where="Session", got=loop.reason
+                "the run cannot go on: there is no state to save", where="Session", got=loop.reason
             )
         found = Snapshot.take(
             fingerprint(self.system, self._wiring),
@@ -251,18 +252,18 @@ class Session:
             dict(loop.adjustments),
             portable=portable,
         )
-        if not loop.may_go_back:  # from here on, slaves are told so at each step
+        if not loop.may_go_back:  # FMI: from now on each step must announce this to the slaves
             loop.may_go_back = True
             loop.rebuild()
         return found
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot, of this session or of another one of the same system.
+        """Return to a snapshot, of this session or of another one of the same system.
 
         Raises
         ------
-        InputError : a snapshot of another system; an observer, such as a trace, that has seen
-            rows which would come about anew.
+        InputError : a snapshot of another system; an observer, such as a trace, that has
+            received rows which would be computed anew.
         """
         loop = self._opened()
         snapshot.check(fingerprint(self.system, self._wiring))
@@ -271,7 +272,7 @@ class Session:
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
     def result(self) -> Run:
-        """What has happened so far; "stopped" for a run that has not ended by itself."""
+        """Return the run so far; its status is "stopped" if it has not ended by itself."""
         return self._opened().result()
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
@@ -299,9 +300,27 @@ class Session:
         return self._loop
 
 
+def simulate(
+    system: System, observers: Sequence[Observer] = (), *, engine: EngineName = "auto"
+) -> Run:
+    """Run a system from 0 to its end, or to where it diverges or fails.
+
+    Parameters
+    ----------
+    engine : "python", "compiled", or "auto": compiled where it pays (`choose_engine`).
+
+    Raises
+    ------
+    InputError, ComponentError : as `Session`.
+    """
+    with Session(system, observers, engine=engine) as session:
+        session.run_until()
+        return session.result()
+
+
 def _note(
     dispatch: ObserverDispatch, name: str, least: LogLevel, level: str, message: str, _category: str
 ) -> None:
-    """Take down what a component says, unless it is asked for less."""
+    """Log a message of a component, unless it is below its log level."""
     if _LEVELS.index(level) >= _LEVELS.index(least):
         dispatch.note(name, level, message)

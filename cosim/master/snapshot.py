@@ -1,4 +1,4 @@
-"""A run as it stands, to go on from: states of all slaves, rows, what is overridden."""
+"""Snapshots of a run, to continue from: states of all slaves, rows, overrides."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cosim.network import DelayProfile
 
 
 def fingerprint(system: System, wiring: Wiring) -> str:
-    """What two sessions must have in common to share a snapshot."""
+    """Hash what two sessions must have in common to share a snapshot."""
     digest = hashlib.sha256(system.comm_schedule.points_ns.tobytes())
     digest.update(system.algorithm.encode())
     for name, component in system.components.items():
@@ -34,26 +34,26 @@ def fingerprint(system: System, wiring: Wiring) -> str:
             digest.update(f"{route.route_key}\0{route.columns.tolist()}\0".encode())
     for name, link in system.links.items():
         digest.update(f"{name}\0{link!r}\0".encode())
-        if isinstance(link.delay, DelayProfile):  # of which repr shows a part
+        if isinstance(link.delay, DelayProfile):  # its repr is abridged
             digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
-        if name in system.comm_schedule.live:  # its points and delays come about in the run
+        if name in system.comm_schedule.live:  # its points and delays depend on the run
             digest.update(f"{system.comm_schedule.events}\0{system.delays[name]!r}\0".encode())
     return digest.hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """What `Session.snapshot` gives.
+    """The state of a run, as `Session.snapshot` saves it.
 
     Attributes
     ----------
     system : fingerprint of the system it belongs to.
     complete : number of complete rows.
-    rows : those rows, and the one after them as far as it is there.
-    texts : the texts that rows name by number.
-    states : per component: a state of this session's slave, or, portable, bytes.
-    adjustments : by column.
-    values : by link whose delay follows a signal, the values so far.
+    rows : those rows, and the one after them as far as it is computed.
+    texts : the strings of the run, by the numbers in the rows.
+    states : by component: a state of this session's slave, or, portable, bytes.
+    adjustments : overrides and biases, by column.
+    values : by live link, the values of its delay signal so far.
     """
 
     system: str
@@ -74,7 +74,7 @@ class Snapshot:
         *,
         portable: bool,
     ) -> Snapshot:
-        """Save the state of every slave."""
+        """Save the state of every slave, and the rows."""
         states: dict[str, FmuState | bytes] = {}
         for instance in wiring.instances:
             instance.inputs(complete)
@@ -97,7 +97,7 @@ class Snapshot:
             )
 
     def restore_into(self, wiring: Wiring) -> None:
-        """Restore every slave, and the rows."""
+        """Restore the state of every slave, and the rows."""
         wiring.texts.restore(self.texts)
         for instance in wiring.instances:
             saved = self.states[instance.name]

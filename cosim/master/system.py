@@ -1,55 +1,35 @@
-"""What the master runs: a closed description, checked."""
+"""A system to be run: its parts, checked."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from cosim.master.checks import check_links, check_parts
-from cosim.master.parts import (
-    Algorithm,
-    Component,
-    Connection,
-    DelaySource,
-    Endpoint,
-    LogLevel,
-    Parts,
-    Policy,
-    Signal,
-)
-
-__all__ = [
-    "Algorithm",
-    "Component",
-    "Connection",
-    "DelaySource",
-    "Endpoint",
-    "LogLevel",
-    "Policy",
-    "Signal",
-    "System",
-]
+from cosim.master.parts import Parts
 
 
 @dataclass(frozen=True)
 class System(Parts):
-    """A closed description of one run.
+    """A complete and checked description of one run.
 
     Attributes
     ----------
     components : by name, in the order in which they are stepped.
     connections : one per input at most; a source may be the state of a packet link.
     links : by name.
-    driven : inputs that follow a given signal. Where points come about in the run (a link
-        with a `DelaySignal`, events = "align"), it is to be a function.
-    delays : by link with a `DelaySignal`, what decides its delay.
-    step_ns, end_ns : communication step and end [ns].
-    events : "align": sends and arrivals become communication points; "grid": they are moved
-        to the next point of the grid.
-    divergence : a magnitude of any output from which on the run counts as diverged.
-    algorithm : "jacobi": all step from the same point on what was exchanged there;
-        "gauss-seidel": one after the other, each on what those before it have reached.
-    order : in which components step under Gauss-Seidel, all of them; None: senders before
-        those whose outputs follow them at once, else as in `components`.
+    driven : inputs that follow a given signal; a function where points are added during the
+        run (a link with a `DelaySignal`, events = "align").
+    comm_schedule : communication points and schedules, from `make_schedule`.
+    delays : by link with a `DelaySignal`, the signals that decide its delay.
+    divergence : the run counts as diverged when the magnitude of an output exceeds this.
+    algorithm : "jacobi": all components step on the values of the same point; "gauss-seidel":
+        one after the other, each on the new outputs of those before it.
+    order : of all components under Gauss-Seidel; None: senders before receivers with direct
+        feedthrough, else as in `components`.
+
+    Raises
+    ------
+    InputError : parts that do not fit together.
     """
 
     def __post_init__(self) -> None:

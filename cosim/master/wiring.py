@@ -1,9 +1,8 @@
-"""From connections to rows: what each input reads at each communication point.
+"""The rows of a run, and which of them each input reads at each communication point.
 
-Row k of one array holds every value exchanged at point k: the outputs of all components,
-then their connected inputs. A sender writes its part once; a receiver reads the row that its
-route names. The routes are complete before the run starts, but for links whose delay follows a
-signal, which are resolved as it goes: the trace is the delay line.
+Row k of one array contains every value exchanged at point k: the outputs of all components, then
+their connected inputs. A sender writes its columns; a receiver reads the row that its route names.
+Routes are known before the run, except over links whose delay follows a signal.
 """
 
 from __future__ import annotations
@@ -16,13 +15,20 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.fmu import Port
-from cosim.master.columns import columns_of, element_names
 from cosim.master.communication_points import CommunicationPoints
-from cosim.master.component_instance import ComponentInstance, Group, Rows, Texts
+from cosim.master.component_instance import (
+    ComponentInstance,
+    Group,
+    Rows,
+    Texts,
+    columns_of,
+    element_names,
+)
 from cosim.master.component_points import component_points
 from cosim.master.order import receiving_order
+from cosim.master.parts import Component, Connection, Endpoint, Signal
 from cosim.master.routes import Route, RouteFiller, RouteKey, growing_rows_in_use, rows_in_use
-from cosim.master.system import Component, Connection, Endpoint, Signal, System
+from cosim.master.system import System
 from cosim.network import LinkState, PacketLink
 
 _KINDS = ("float", "int", "bool", "string")
@@ -30,15 +36,15 @@ _KINDS = ("float", "int", "bool", "string")
 
 @dataclass(frozen=True)
 class Wiring:
-    """The rows of a run and who uses them.
+    """The rows of a run and the component instances that use them.
 
     Attributes
     ----------
     rows : (points, values).
     outputs : how many of the values are outputs; they come first.
     instances : in the order in which they receive, and under Gauss-Seidel step.
-    comm_points : the points.
-    fills : what lays out the routes that are not known from the start.
+    comm_points : the communication points of the run.
+    fills : set the rows of the routes that are not known from the start.
     """
 
     rows: Rows
@@ -49,11 +55,11 @@ class Wiring:
     fills: tuple[RouteFiller, ...]
 
     def instance(self, name: str) -> ComponentInstance:
-        """The station of a component."""
+        """Return the instance of a component."""
         return next(s for s in self.instances if s.name == name)
 
     def reset_rows(self, row: int) -> None:
-        """Lay out rows from `row` on: inputs at their start values, or at what drives them."""
+        """Clear the rows from `row` on: inputs have their start values or driven signals."""
         self.rows[row:] = 0.0
         for instance in self.instances:
             first = instance.input_column
@@ -67,7 +73,7 @@ class Wiring:
         self.fill_rows(row, self.comm_points.horizon)
 
     def fill_rows(self, first: int, last: int) -> None:
-        """Routes and driven inputs at the points first to last - 1, known by now."""
+        """Set routes and driven inputs at the points first to last - 1, known by now."""
         for fill in self.fills:
             fill(first, last)
         states: dict[str, LinkState] = {}
@@ -90,17 +96,17 @@ class Wiring:
                     cells[:] = source[first:last]
 
     def columns_of_delays(self, system: System) -> dict[str, tuple[int, ...]]:
-        """By link whose delay follows a signal, the columns of its sources."""
-        found = {}
-        for name in self.comm_points.live:
-            found[name] = tuple(
+        """Return by live link the columns of its delay signals."""
+        return {
+            name: tuple(
                 self.instance(end.component).place(end.variable)[0]
                 for end in system.delays[name].signals
             )
-        return found
+            for name in self.comm_points.live
+        }
 
     def output(self, column: int) -> Endpoint:
-        """The output that stands in a column."""
+        """Return the output in a column."""
         for instance in self.instances:
             first = instance.output_column
             if 0 <= column - first < len(instance.output_columns):
@@ -109,11 +115,11 @@ class Wiring:
 
 
 def wire(system: System) -> Wiring:
-    """The rows and routes of a system.
+    """Lay out the rows and routes of a system.
 
     Raises
     ------
-    InputError : an algebraic loop, named by its components; a policy that a link forbids.
+    InputError : an algebraic loop, named by its components; a policy that a link does not allow.
     """
     order = receiving_order(system)
     sorted_outputs = {name: _outputs(c) for name, c in system.components.items()}
@@ -141,7 +147,7 @@ def wire(system: System) -> Wiring:
         a = column["out", Endpoint(name, outputs[0].name)] if outputs else 0
         b = a + sum(port.size for port in outputs[:prompt])
         c = column["in", Endpoint(name, inputs[0].name)] if inputs else 0
-        instance = ComponentInstance(
+        instances[name] = ComponentInstance(
             name=name,
             component=component,
             own_points=own_points[name],
@@ -160,7 +166,6 @@ def wire(system: System) -> Wiring:
             comm_points=comm_points,
             driven=_driven(system, name),
         )
-        instances[name] = instance
     ordered = tuple(instances[name] for name in order)
     wiring = Wiring(rows, total, ordered, texts, comm_points, tuple(fills))
     wiring.reset_rows(0)
@@ -168,7 +173,7 @@ def wire(system: System) -> Wiring:
 
 
 def _outputs(component: Component) -> tuple[list[Port], int]:
-    """Outputs, those first that do not wait for inputs, types together; how many those are."""
+    """Return the outputs, those without feedthrough first, by type; and how many those are."""
     ports = component.description.ports.values()
     recorded = [p for p in ports if p.causality == "output" and p.kind is not None]
     prompt = [p for p in recorded if not p.feedthrough]
@@ -177,7 +182,7 @@ def _outputs(component: Component) -> tuple[list[Port], int]:
 
 
 def _inputs(system: System, name: str) -> tuple[list[Port], list[int | None]]:
-    """Connected inputs, those of one route and type together; and the route of each."""
+    """Return the connected inputs by route and type, and the route of each."""
     ports: list[Port] = []
     route_keys: list[int | None] = []
     for number, (_, members) in enumerate(_connections_by_route(system, name)):
@@ -189,7 +194,7 @@ def _inputs(system: System, name: str) -> tuple[list[Port], list[int | None]]:
 
 
 def _driven(system: System, name: str) -> dict[str, Signal | Endpoint]:
-    """Inputs of a component that follow a signal, or the state of a link."""
+    """Return the inputs of a component that follow a signal, or the state of a link."""
     found: dict[str, Signal | Endpoint] = {
         end.variable: signal for end, signal in system.driven.items() if end.component == name
     }
@@ -209,7 +214,7 @@ def _finite(values: Rows, component: str, variable: str) -> Rows:
 
 
 def _connections_by_route(system: System, name: str) -> list[tuple[RouteKey, list[Connection]]]:
-    """Connections into a component, by sender, link and policy."""
+    """Return the connections into a component, by sender, link and policy."""
     route_keys: dict[RouteKey, list[Connection]] = {}
     for c in system.connections:
         if c.target.component == name and not system.is_state(c.source):
@@ -224,7 +229,7 @@ def _by_type(ports: Sequence[Port]) -> list[Port]:
 def _groups(
     ports: Sequence[Port], column: int, route_keys: Sequence[int | None] | None = None
 ) -> tuple[Group, ...]:
-    """Neighbours of one type and route, a group each."""
+    """Group neighbouring variables of one type and route."""
     given = route_keys if route_keys is not None else [None] * len(ports)
     groups = []
     pairs = zip(ports, given, strict=True)

@@ -1,4 +1,4 @@
-"""What is simulated: pure mathematics, no FMI, no files."""
+"""The equations that are simulated: mathematics only, no FMI, no files."""
 
 import lazy_loader as _lazy
 

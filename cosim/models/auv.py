@@ -7,18 +7,16 @@ State eta = (x, y, z, psi) [m, m, m, rad] in the earth frame, nu = (u, v, w, r)
     M nu' = h(nu) + tau                                          dynamics, Eq. (3)
 
 with the hydrodynamic derivatives of Table 1, non-dimensional in powers of the length L.
-An onboard rate-damping loop that closes through navigation data `delay.d` seconds old,
-and wave and current accelerations w, complete Eq. (6), which names no A1 and no C for the
-vehicle; these are this project's choice:
+Eq. (6) gives no A1 and no C for the vehicle. This project adds an onboard rate-damping loop on
+navigation data `delay.d` seconds old, and wave and current accelerations w:
 
     nu' = M^-1 (h(nu) + tau) - diag(a) nu(t-d) + w
 
-Written once, over named scalars, with `sin` and `cos` from a passed namespace: floats
-through `vehicle_derivatives` are the simulation, symbols through it become C, arrays through it
-are the vectorised check. Nothing is imported but the standard library, since this file
-also travels inside the FMU.
+Written once for scalars, with `sin` and `cos` from a given namespace: `vehicle_derivatives` with
+floats simulates, with symbols gives the C code, with arrays the vectorised check. Standard
+library only: this file is also part of the FMU.
 
-Corrections of the print (each is needed to reproduce the paper's own f and B):
+Corrections of the printed paper (each is needed to reproduce its f and B):
 X_udot = -7.6e-3 (printed +), N_ur = -1.6e-2 (printed -1.6e-3), "X_vw" is X_vv, "Z_vw" is
 Z_vv, "Y_r r^2" in Eq. (3) is Y_rdot r', the sway row omits Y_wr w r, and the off-diagonal
 of the thrust map is +2.40e-6.
@@ -69,7 +67,7 @@ TABLE_1: Mapping[str, float] = MappingProxyType(
 
 
 def inertia(p: Mapping[str, Any]) -> list[list[Any]]:
-    """Mass matrix M (4x4) of Eq. (3), added mass included [kg, kg m, kg m^2].
+    """Return the mass matrix M (4x4) of Eq. (3) with added mass [kg, kg m, kg m^2].
 
     `p` maps the names of `TABLE_1` to scalars.
     """
@@ -86,7 +84,7 @@ def inertia(p: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def thrust_map(p: Mapping[str, Any]) -> list[list[Any]]:
-    """M^-1 (4x4): body accelerations per force and moment, the matrix of Eq. (4).
+    """Return M^-1 (4x4), body accelerations per force and moment, the matrix of Eq. (4).
 
     Closed form: only sway and yaw are coupled.
     """
@@ -101,7 +99,7 @@ def thrust_map(p: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def vehicle_conditions(p: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """What must be positive for the parameters `p` to mean a vehicle, and how to say so."""
+    """Return the quantities that must be positive for valid parameters `p`, with messages."""
     m = inertia(p)
     diagonal = "mass plus added mass must be positive in surge, sway and heave"
     return [
@@ -116,7 +114,7 @@ def vehicle_conditions(p: Mapping[str, Any]) -> list[tuple[Any, str]]:
 
 
 def hydrodynamic_force(nu: tuple[Any, Any, Any, Any], p: Mapping[str, Any]) -> list[Any]:
-    """h(nu) of Eq. (3): rigid-body and hydrodynamic force and moment [N, N, N, N m]."""
+    """Return h(nu) of Eq. (3): rigid-body and hydrodynamic force and moment [N, N, N, N m]."""
     u, v, w, r = nu
     half_rho, length, mass = p["density"] / 2, p["length"], p["mass"]
     l2 = half_rho * length**2
@@ -139,7 +137,7 @@ def hydrodynamic_force(nu: tuple[Any, Any, Any, Any], p: Mapping[str, Any]) -> l
 
 
 def apply_thrust_map(b: list[list[Any]], force: list[Any]) -> list[Any]:
-    """Accelerations b @ force, using the structure of `thrust_map`."""
+    """Return the accelerations b @ force, using the structure of `thrust_map`."""
     return [
         b[0][0] * force[0],
         b[1][1] * force[1] + b[1][3] * force[3],
@@ -149,7 +147,7 @@ def apply_thrust_map(b: list[list[Any]], force: list[Any]) -> list[Any]:
 
 
 def kinematics(psi: Any, nu: tuple[Any, Any, Any, Any], ns: Any) -> list[Any]:
-    """eta' = J(psi) nu in full, Eq. (2); `ns` provides `sin` and `cos`."""
+    """Return eta' = J(psi) nu, Eq. (2); `ns` provides `sin` and `cos`."""
     u, v, w, r = nu
     c, s = ns.cos(psi), ns.sin(psi)
     return [u * c - v * s, u * s + v * c, w, r]
@@ -164,7 +162,7 @@ def vehicle_derivatives(
     b: list[list[Any]],
     ns: Any,
 ) -> list[Any]:
-    """x' (8) of the vehicle.
+    """Return x' (8) of the vehicle.
 
     Parameters
     ----------
@@ -186,13 +184,12 @@ def vehicle_derivatives(
 
 
 def velocity_coefficients(p: Mapping[str, Any]) -> list[dict[str, Fraction]]:
-    """The quadratic part of f(x), Eq. (4): per row of nu', coefficient by product of nu.
+    """Return the quadratic part of f(x), Eq. (4): per row of nu', coefficient by product of nu.
 
-    Row 0 is {"vv": 0.124, "ww": 0.397, "rr": 0.262, "vr": 1.153} in the paper's print. They
-    are read off `hydrodynamic_force`, a quadratic form in nu, by polarisation: the
-    coefficient of ab is q(a + b) - q(a) - q(b). The arithmetic is exact in the numbers
-    given (their doubles, or Fractions of the decimals), so that nothing but true
-    coefficients remains.
+    Row 0 is {"vv": 0.124, "ww": 0.397, "rr": 0.262, "vr": 1.153} in the paper. Computed from
+    `hydrodynamic_force`, a quadratic form in nu, by polarisation: the coefficient of ab is
+    q(a + b) - q(a) - q(b). The arithmetic is exact in the given numbers (doubles, or Fractions
+    of the decimals), so that absent coefficients are exactly zero.
     """
     exact = {name: Fraction(value) for name, value in p.items()}
     b = thrust_map(exact)

@@ -1,4 +1,4 @@
-"""Method of steps for x'(t) = f(t, x(t), x(t-d_1), ..., x(t-d_m)) with held inputs.
+"""Method of steps for x'(t) = f(t, x(t), x(t-d_1), ..., x(t-d_m)) with zero-order hold inputs.
 
 Classical Runge-Kutta of order four; the delayed values come from a cubic Hermite
 interpolant per step. Both lose their order where a derivative of x jumps, so a step never
@@ -9,14 +9,14 @@ crosses such a point:
   derivative inside a step costs a local error of order h^j: m = 1 and m = 2 must be met,
   m = 3 is beyond the method's order.
 
-With several delays the images are all sums of at most two of them. Steps end on t_k and on
-its images; each interpolant keeps its own one-sided slopes, since one shared slope at t_k
-would smear the jump. A step is never longer than the shortest delay, whose values it would
-need before they exist.
+With several delays the images of t_k are t_k plus all sums of at most two delays. Steps end on
+t_k and on its images; each interpolant has its own one-sided slopes, since a shared slope at t_k
+would smooth the jump. No step is longer than the shortest delay, or it would need values that
+do not exist yet.
 
 Halving `step` doubles the number of sub-steps in every aligned segment alike (a power of
 two per segment), so that the global error falls by 16 for any delay and any communication
-step. Standard library only: this file also travels inside the FMU.
+step. Standard library only: this file is also part of the FMU.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ Vector = list[float]
 RightHandSide = Callable[[float, Vector, list[Vector]], Vector]
 Piece = tuple[float, float, Vector, Vector, Vector, Vector]  # t0, t1, x0, x1, slope0, slope1
 
-_STEP_LIMIT = 200_000  # sub-steps in one communication step before the set-up is refused
-_KEEP = 64  # pieces that may be out of use before the history is cut
+_STEP_LIMIT = 200_000  # greatest number of sub-steps in one communication step
+_KEEP = 64  # unused pieces that may remain before they are deleted
 
 
 class DelayLine:
-    """State and history of one delay equation between communication points.
+    """Integrates one delay equation from communication point to communication point.
 
     Parameters
     ----------
@@ -70,20 +70,20 @@ class DelayLine:
         self._images = sorted(set(positive) | {a + b for a in positive for b in positive})
         self._ends: list[float] = []  # t1 of every piece, for bisection
         self._pieces: list[Piece] = []
-        self._breaks: list[float] = []  # images still ahead
+        self._breaks: list[float] = []  # images after the present time
 
     def at(self, t: float) -> Vector:
-        """x(t) from the history: the constant before the start, an interpolant after it.
+        """Return x(t) from the history: the constant before the start, an interpolant after it.
 
         Raises
         ------
-        LookupError : `t` lies so far back that no delay reaches it, and it was cut.
+        LookupError : `t` is older than the longest delay, and its piece was deleted.
         """
         if t <= self._start or not self._pieces:
             return self._before
         index = bisect_right(self._ends, t)
         if index == len(self._pieces):
-            index -= 1  # t is the present, or rounding has put it just past
+            index -= 1  # t is the present, or just after it by rounding
         t0, t1, x0, x1, m0, m1 = self._pieces[index]
         if t < t0:
             raise LookupError(f"the history begins at {t0!r} s by now, asked for {t!r} s")
@@ -97,7 +97,7 @@ class DelayLine:
         return [a * p + b * q + c * u + e * v for p, q, u, v in zip(x0, x1, m0, m1, strict=True)]
 
     def advance(self, end: float, f: RightHandSide, *, jump: bool) -> None:
-        """Integrate to `end` with the inputs inside `f` held.
+        """Integrate to `end` with the inputs inside `f` constant.
 
         Parameters
         ----------
@@ -107,9 +107,9 @@ class DelayLine:
 
         Raises
         ------
-        ArithmeticError : the state left the range of finite numbers.
-        ValueError : `end` is not after `time`, or the delay is so short against the
-            communication step that the sub-steps cannot be paid.
+        ArithmeticError : the state is no longer finite.
+        ValueError : `end` is not after `time`, or the delay is so much shorter than the
+            communication step that there would be too many sub-steps.
         """
         begin = self.time
         if not end > begin:
@@ -138,8 +138,8 @@ class DelayLine:
         self._forget()
 
     def _segment_ends(self, begin: float, end: float) -> list[float]:
-        """Ends of the aligned segments in (begin, end], none longer than the shortest delay."""
-        # images that rounding alone keeps apart from each other or from the ends are one
+        """Return the ends of segments in (begin, end], none longer than the shortest delay."""
+        # images that differ from each other or from the ends by rounding only are one
         near = 16.0 * math.ulp(max(1.0, abs(end)))
         ends: list[float] = []
         previous = begin
@@ -165,12 +165,12 @@ class DelayLine:
         return [self.at(t - d) if d > 0.0 else x for d in self._delays]
 
     def _runge_kutta(self, t0: float, t1: float, k1: Vector, f: RightHandSide) -> Vector:
-        """One step from t0 to t1 whose first slope is known; returns the slope at its end."""
+        """Take one step from t0 to t1 whose first slope is known; return the slope at its end."""
         h = t1 - t0
         tm = t0 + 0.5 * h
         x0 = self.x
         n = range(len(x0))
-        # with d > 0 the lagged values are history alone: the two inner stages share them
+        # with d > 0 the lagged values come from history: the two inner stages share them
         fixed = [self.at(tm - d) if d > 0.0 else None for d in self._delays]
 
         def lagged(x: Vector) -> list[Vector]:
@@ -194,15 +194,15 @@ class DelayLine:
         return m1
 
     def _forget(self) -> None:
-        """Cut pieces that no delay reaches any more, now and then."""
-        # one piece more than needed: a lookup may fall just before the oldest time by rounding
+        """Delete pieces older than the longest delay, now and then."""
+        # one more is kept: a lookup may fall just before the oldest time by rounding
         old = bisect_right(self._ends, self.time - self._longest) - 1
         if old > _KEEP:
             del self._ends[:old]
             del self._pieces[:old]
 
     def snapshot(self) -> dict[str, Any]:
-        """Everything that determines the future, as plain JSON values."""
+        """Return the complete state as plain JSON values."""
         return {
             "time": self.time,
             "x": list(self.x),

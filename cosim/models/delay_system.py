@@ -14,22 +14,20 @@ delay of its own, marked `feedback`. F may be rectangular, as the paper defines 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.models.state_space import plant_from
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 Matrix = NDArray[np.float64]
 
 
 def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> Matrix:
-    """Read-only float copy of `value`, checked against the shape (None: any)."""
+    """Return a read-only float copy of `value`, checked against the shape (None: any)."""
     expected = f"shape ({'any' if rows is None else rows}, {'any' if columns is None else columns})"
     try:
         matrix = np.array(value, dtype=np.float64)
@@ -46,7 +44,7 @@ def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) 
 
 
 def _size(name: str, sizes: dict[str, int]) -> int:
-    """Dimension that all given matrices share; 0 if none is given."""
+    """Return the dimension that all given matrices share; 0 if none is given."""
     found = set(sizes.values())
     if len(found) > 1:
         got = ", ".join(f"{matrix} has {size}" for matrix, size in sizes.items())
@@ -56,13 +54,13 @@ def _size(name: str, sizes: dict[str, int]) -> int:
 
 @dataclass(frozen=True, init=False, eq=False)
 class Delay:
-    """One delayed term (A_i + dA_i) x(t-d_i), and what acts through the same delay.
+    """One delayed term (A_i + dA_i) x(t-d_i) of a `DelaySystem`.
 
     Parameters
     ----------
     d : the delay [s], finite and not negative.
     A : (n, n) the matrix of x(t-d).
-    H : (r, n) the uncertainty's right factor for this delay; None where nothing is uncertain.
+    H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
     feedback : the control acts through this delay, u = K x(t-d).
     any_age : design for every time-varying delay tau(t) <= d, however fast it varies
         (Q = 0 in the functional), instead of the constant delay d.
@@ -98,11 +96,10 @@ class Delay:
 class DelaySystem:
     """Eq. (7) with several delays; matrices are read-only float arrays.
 
-    What is absent is zero, or does not exist: an absent matrix whose dimension is known from
-    another one is filled with zeros, otherwise that dimension is 0. Without a disturbance
-    (no C, no D1) or without a performance output (no D, no D1, no D2) only stability can be
-    asked; without E and H nothing is uncertain. Without B there is no control: such a system can
-    be analysed, not designed for, and has no D2 either.
+    An absent matrix is zero if its dimension is known from another one, otherwise that
+    dimension is 0. Without a disturbance (no C, no D1) or without a performance output (no D, no
+    D1, no D2) there is no gain, only stability; without E and H there is no uncertainty. Without
+    B there is no control: such a system can be analysed, not designed for, and has no D2.
 
     Parameters
     ----------
@@ -111,14 +108,13 @@ class DelaySystem:
     C : (n, q) disturbance matrix.
     D, D1, D2 : (p, n), (p, q), (p, m) of the performance output z.
     E : (n, s) left factor of the uncertainty; F(t) is (s, r).
-    H : (r, n) right factor for x(t); each delay carries its own.
-    delays : the delayed terms; at most one carries the feedback.
+    H : (r, n) right factor for x(t); each delay has its own.
+    delays : the delayed terms; at most one is the feedback.
     name : for messages and files.
 
     Raises
     ------
-    ValueError
-        Naming the matrix, what was expected and what was got.
+    ValueError : names the matrix, what was expected and what was got.
     """
 
     A: Matrix
@@ -148,18 +144,11 @@ class DelaySystem:
         n = _matrix("A", A, None, None).shape[0]
         if n == 0:
             raise ValueError("A: expected at least one state, got shape (0, 0)")
+        values = {"A": A, "B": B, "C": C, "D": D, "D1": D1, "D2": D2, "E": E, "H": H}
+        heights, widths = {"A": n, "B": n, "C": n, "E": n}, {"A": n, "D": n, "H": n}
         given = {
-            key: _matrix(key, value, rows, columns)
-            for key, value, rows, columns in (
-                ("A", A, n, n),
-                ("B", B, n, None),
-                ("C", C, n, None),
-                ("D", D, None, n),
-                ("D1", D1, None, None),
-                ("D2", D2, None, None),
-                ("E", E, n, None),
-                ("H", H, None, n),
-            )
+            key: _matrix(key, value, heights.get(key), widths.get(key))
+            for key, value in values.items()
             if value is not None
         }
 
@@ -185,17 +174,8 @@ class DelaySystem:
         feedbacks = [i for i, delay in enumerate(delays, 1) if delay.feedback]
         if len(feedbacks) > 1:
             raise ValueError(f"feedback: expected at most one delay, got delays {feedbacks}")
-        shapes = {
-            "A": (n, n),
-            "B": (n, m),
-            "C": (n, q),
-            "D": (p, n),
-            "D1": (p, q),
-            "D2": (p, m),
-            "E": (n, s),
-            "H": (r, n),
-        }
-        for key, shape in shapes.items():
+        shapes = ((n, n), (n, m), (n, q), (p, n), (p, q), (p, m), (n, s), (r, n))
+        for key, shape in zip(values, shapes, strict=True):
             matrix = given[key] if key in given else _matrix(key, np.zeros(shape), *shape)
             object.__setattr__(self, key, matrix)
         complete = tuple(
@@ -216,29 +196,29 @@ class DelaySystem:
         H: ArrayLike | None = None,
         name: str = "",
     ) -> DelaySystem:
-        """A system from a state-space model, such as `control.ss` makes.
+        """Make a system of a state-space model, such as one of `control.ss`.
 
         Parameters
         ----------
-        plant : continuous time; its inputs are w and then, the last `ncon`, u, as in
+        plant : in continuous time; its inputs are w and then, the last `ncon`, u, as in
             `control.hinfsyn`; its outputs are z. Every state is fed back.
         ncon : number of controls.
         delays, E, H, name : as of `DelaySystem`; a delay with `feedback` makes u = K x(t-d).
 
         Raises
         ------
-        ValueError : no such model, or parts that do not fit together.
+        ValueError : not such a model, or matrices that do not fit together.
         """
         return cls(*plant_from(plant, ncon), E, H, delays, name)
 
     @property
     def immediate_feedback(self) -> bool:
-        """Whether u = K x(t): no delay carries the feedback."""
+        """Whether u = K x(t): no delay is the feedback."""
         return not any(delay.feedback for delay in self.delays)
 
     @property
     def has_performance(self) -> bool:
-        """Whether an H-infinity gain from w to z exists to be asked for."""
+        """Whether there is an H-infinity gain from w to z."""
         return bool(self.C.size and self.D.size)
 
     @property

@@ -1,9 +1,9 @@
 """Static state feedback with an output map and limits, Eq. (8): u = K (x - x_ref).
 
-What leaves the controller is `output_map` applied to u, each entry held within its limit.
-For the vehicle the map is the mass matrix M (u is an acceleration, Eq. (4), and force is
-M u); for a system in the letters of Eq. (7) it is the identity and there are no limits.
-Standard library only: this file also travels inside the FMU.
+The output of the controller is `output_map` applied to u, each entry clamped to its limit.
+For the vehicle the map is the mass matrix M (u is an acceleration, Eq. (4), and the force is
+M u); for a system of the form of Eq. (7) it is the identity and there are no limits.
+Standard library only: this file is also part of the FMU.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ def feedback_command(
     reference: Sequence[Any],
     output_map: Sequence[Sequence[Any]] | None,
 ) -> list[Any]:
-    """Unlimited output: output_map @ K @ (x - reference), lengths (m,), from x (n,)."""
+    """Return the unlimited output (m,): output_map @ K @ (x - reference), with x (n,)."""
     error = [a - b for a, b in zip(x, reference, strict=True)]
     u = product(K, error)
     return u if output_map is None else product(output_map, u)
 
 
 def clamped_command(values: Sequence[Any], limits: Sequence[Any], ns: Any = builtins) -> list[Any]:
-    """Each value held within +- its limit; `ns` provides `min` and `max` of two."""
+    """Clamp each value to +- its limit; `ns` provides `min` and `max` of two."""
     return [ns.max(-bound, ns.min(bound, v)) for v, bound in zip(values, limits, strict=True)]

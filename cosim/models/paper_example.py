@@ -1,13 +1,13 @@
 """The example of the paper's section 5, as plain tuples: Eq. (7) with one delay.
 
-The print writes scalars where matrices stand, and leaves readings open; this is the one
-built here (no other reading reproduces the paper's Table 2 either):
+The paper prints scalars in place of matrices. They are read as follows (no other reading
+reproduces the paper's Table 2 either):
 
 - D = -1 is -I2 and E = -0.1 is -0.1 I2,
 - C is 2x1, so w is scalar: the first component of the exosystem's state, w' = G w,
 - F(t) = 0.5 sin t is that scalar times I2.
 
-No import but the standard library at module level: this file also travels inside an FMU.
+Standard library only at module level: this file is also part of an FMU.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ F_OMEGA = 1.0
 INITIAL_STATE = (10.0, 10.0)
 
 GAMMA = 5.0
-"""The gain the paper chooses; every gain must exceed |D1| = 5, so it cannot be had."""
+"""The gain the paper chooses; every gain must exceed |D1| = 5, so it is not achievable."""
 
 K1 = 0.6
 K2 = 0.2
@@ -59,8 +59,8 @@ TABLE_2 = (
 
 
 def system(delay: float = d) -> DelaySystem:
-    """Section 5 as a `DelaySystem` (n = 2, m = 1, q = 1, p = 2) with the given delay [s]."""
-    # numpy is no part of an FMU; only whoever designs needs this function.
+    """Return section 5 as a `DelaySystem` (n = 2, m = 1, q = 1, p = 2) with this delay [s]."""
+    # numpy is not part of an FMU; only designs need this function
     from cosim.models.delay_system import Delay, DelaySystem  # noqa: PLC0415
 
     return DelaySystem(A, B, C, D, D1, D2, E, H, (Delay(delay, A1, H1),), name="paper")

@@ -1,11 +1,11 @@
-"""State-space models of other libraries, read by what they have: A, B, C, D and `dt`.
+"""State-space models of other libraries: anything with A, B, C, D and `dt`.
 
-python-control's `control.ss` and SciPy's `signal.StateSpace` are such; neither is imported.
+python-control's `control.ss` and SciPy's `signal.StateSpace` make such; neither is imported.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +13,17 @@ from numpy.typing import NDArray
 Matrix = NDArray[np.float64]
 
 
-class Plant(NamedTuple):
-    """A plant in the letters of Eq. (7): x' = A x + C w + B u, z = D x + D1 w + D2 u."""
-
-    A: Matrix
-    B: Matrix
-    C: Matrix
-    D: Matrix
-    D1: Matrix
-    D2: Matrix
-
-
-def plant_from(model: Any, ncon: int) -> Plant:
+def plant_from(model: Any, ncon: int) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Matrix]:
     """Split a state-space model as `control.hinfsyn` does: the last `ncon` inputs are controls.
 
     Parameters
     ----------
     model : has A (n, n), B (n, q + m), C (p, n), D (p, q + m), and `dt` 0 or None.
     ncon : m.
+
+    Returns
+    -------
+    A, B, C, D, D1, D2 of Eq. (7): x' = A x + C w + B u, z = D x + D1 w + D2 u.
 
     Raises
     ------
@@ -43,7 +36,7 @@ def plant_from(model: Any, ncon: int) -> Plant:
             "(control.ss makes one of a transfer function)"
         )
     dt = getattr(model, "dt", None)
-    if dt is True or dt:  # control: True is a step that is not said
+    if dt is True or dt:  # in python-control, True is an unspecified step
         step = "an unspecified step" if dt is True else f"dt = {dt:g} s"
         raise ValueError(f"plant: expected continuous time, got a discrete model with {step}")
     try:
@@ -54,4 +47,4 @@ def plant_from(model: Any, ncon: int) -> Plant:
         inputs = B.shape[-1] if B.ndim else 0
         raise ValueError(f"ncon: expected 0 to {inputs}, the number of inputs, got {ncon!r}")
     q = B.shape[1] - ncon
-    return Plant(A, B[:, q:], B[:, :q], C, D[:, :q], D[:, q:])
+    return A, B[:, q:], B[:, :q], C, D[:, :q], D[:, q:]

@@ -2,8 +2,8 @@
 
 A sum of N harmonics with frequencies w_k, amplitudes a_k and phases p_k is the output of
 G = blkdiag([0 w_k; -w_k 0]) from the initial state (a_k sin p_k, a_k cos p_k): block k moves
-as (a_k sin(w_k t + p_k), a_k cos(w_k t + p_k)). It is evaluated in that closed form, so it
-does not drift and does not depend on any step size.
+as (a_k sin(w_k t + p_k), a_k cos(w_k t + p_k)). It is evaluated in this closed form, without
+drift and for any step size.
 
 Amplitudes and frequencies follow a sea spectrum (T. I. Fossen, Handbook of Marine Craft
 Hydrodynamics and Motion Control, Wiley 2011, ch. 8). With x = w / w_p, w_p = 2 pi / Tp:
@@ -17,16 +17,15 @@ At depth z in deep water a harmonic of elevation amplitude a accelerates the wat
 w^2 a exp(-w^2 z / g0), horizontally along the direction of travel and, a quarter period
 apart, vertically (linear theory: particles go round in circles).
 
-Modelling choice: a neutrally buoyant body that is small against the wave length is pushed by
-(m + added mass) times the acceleration of the water around it, hence moves with it: the
-water's acceleration enters nu' as it is. Limits: the water's speed is left out of the
-hydrodynamic force h(nu), as are the change of heading and position of the vehicle (direction
-is relative to its bow, the field is seen from one point) and waves of a few body lengths or
-less. Yaw comes from the uneven sway acceleration along the hull, here a plain gain on it.
+Modelling choice: the force on a neutrally buoyant body that is small against the wave length is
+(m + added mass) times the acceleration of the water, so that the body moves with the water: the
+acceleration of the water is added to nu'. Limits: the speed of the water is left out of the
+hydrodynamic force h(nu), as are changes of heading and position of the vehicle (direction is
+relative to its bow, the field is that at one point) and waves of a few body lengths or less.
+Yaw comes from the uneven sway acceleration along the hull, here a gain on it.
 
-Written once, over scalars, with the functions taken from a passed namespace (floats,
-arrays, symbols). Nothing is imported but the standard library, since this file also travels
-inside the FMU.
+Written once for scalars, with functions from a given namespace (floats, arrays, symbols).
+Standard library only: this file is also part of the FMU.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class Component(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """What reaches u, v, w [1] and r [rad/m] of an acceleration of the water."""
+    """Gains from the acceleration of the water to those of u, v, w [1] and r [rad/m]."""
 
     u: Any
     v: Any
@@ -75,7 +74,7 @@ class Gains(NamedTuple):
 
 
 def splitmix64(state: int) -> tuple[int, int]:
-    """Advance the generator: the next state and a 64-bit output.
+    """Advance the random generator; return the next state and a 64-bit output.
 
     G. L. Steele, D. Lea, C. H. Flood, "Fast splittable pseudorandom number generators",
     OOPSLA 2014, with the constants of S. Vigna's reference code. Integers only: the same
@@ -89,7 +88,7 @@ def splitmix64(state: int) -> tuple[int, int]:
 
 
 def uniforms(seed: int, count: int) -> list[float]:
-    """`count` numbers in [0, 1), the upper 53 bits of each output of `splitmix64`.
+    """Draw `count` numbers in [0, 1), the upper 53 bits of each output of `splitmix64`.
 
     Raises
     ------
@@ -107,13 +106,12 @@ def uniforms(seed: int, count: int) -> list[float]:
 def discretise(
     Hs: Any, Tp: Any, peak_factor: Any, drawn: Sequence[Any], ns: Any = math
 ) -> list[Component]:
-    """Elevation of the sea as N harmonics; the sum of a_k^2 / 2 is Hs^2/16.
+    """Return the elevation of the sea as N harmonics; the sum of a_k^2 / 2 is Hs^2/16.
 
     The share of the Pierson-Moskowitz energy below x is q(x) = exp(-5/4 x^-4), so bins of
-    equal energy have edges in closed form. One frequency is drawn in each bin, so that
-    the sea does not repeat; it carries the bin's energy times g^Y. The peak is an edge of
-    the bins: on which side of it a frequency lies (s = 0.07 or 0.09) is known from its
-    number alone, and the formula holds for symbols too.
+    equal energy have edges in closed form. One frequency is drawn in each bin, so that the sea
+    does not repeat; it gets the energy of the bin times g^Y. The peak is an edge of the bins:
+    the index of a frequency tells its side (s = 0.07 or 0.09), also for symbols.
 
     Parameters
     ----------
@@ -139,14 +137,14 @@ def discretise(
 
 
 def bins_below_peak(count: int) -> int:
-    """How many of `count` bins of equal energy lie below the peak."""
+    """Return how many of `count` bins of equal energy lie below the peak."""
     return round(count * (_Q_PEAK - _Q_LOW) / (_Q_HIGH - _Q_LOW))
 
 
 def lower_bin(
     k: Any, below: Any, drawn: Any, Tp: Any, peak_factor: Any, ns: Any
 ) -> tuple[Any, Any]:
-    """Frequency [rad/s] and energy of bin `k` of the `below` bins below the peak."""
+    """Return frequency [rad/s] and energy of bin `k` of the `below` bins below the peak."""
     width = (_Q_PEAK - _Q_LOW) / below
     return _in_bin(_Q_LOW, width, k + drawn, _S_BELOW, Tp, peak_factor, ns)
 
@@ -154,7 +152,7 @@ def lower_bin(
 def upper_bin(
     k: Any, below: Any, count: Any, drawn: Any, Tp: Any, peak_factor: Any, ns: Any
 ) -> tuple[Any, Any]:
-    """Frequency [rad/s] and energy of bin `k`, of `count`, `below` of which lie below the peak."""
+    """Return frequency [rad/s] and energy of bin `k` above the peak, `below` of `count` below."""
     width = (_Q_HIGH - _Q_PEAK) / (count - below)
     return _in_bin(_Q_PEAK, width, k - below + drawn, _S_ABOVE, Tp, peak_factor, ns)
 
@@ -168,7 +166,7 @@ def _in_bin(
 
 
 def harmonic(omega: Any, own: Any, energy: Any, Hs: Any, drawn: Any, ns: Any) -> Component:
-    """The harmonic of a bin with the energy `own` of all `energy`, its phase drawn in [0, 1)."""
+    """Return the harmonic of a bin with `own` of all `energy`, its phase drawn in [0, 1)."""
     return Component(omega, Hs / 4 * ns.sqrt(2 * own / energy), 2 * math.pi * drawn)
 
 
@@ -181,7 +179,7 @@ def sea(
     count: int = 20,
     seed: int = 1,
 ) -> list[Component]:
-    """Elevation of an irregular sea; same arguments, same sea, bit for bit.
+    """Return the elevation of an irregular sea; equal arguments give it bit for bit.
 
     Parameters
     ----------
@@ -212,19 +210,19 @@ def sea(
 
 
 def at_depth(elevation: Sequence[Component], depth: Any, ns: Any = math) -> list[Component]:
-    """Acceleration of the water [m/s^2] `depth` [m] below the mean surface, deep water."""
+    """Return the acceleration of the water [m/s^2] `depth` [m] below the mean surface."""
     return [acceleration_at_depth(c, depth, ns) for c in elevation]
 
 
 def acceleration_at_depth(c: Component, depth: Any, ns: Any) -> Component:
-    """`at_depth` of one harmonic."""
+    """Return `at_depth` of one harmonic, for deep water."""
     return Component(
         c.omega, c.omega**2 * c.amplitude * ns.exp(-(c.omega**2) * depth / GRAVITY), c.phase
     )
 
 
 def gains(direction: Any, yaw_gain: Any, ns: Any = math) -> Gains:
-    """Gains of waves that travel towards `direction` [rad] from the bow, starboard positive.
+    """Return the gains of waves towards `direction` [rad] from the bow, starboard positive.
 
     `yaw_gain` [rad/s^2 per m/s^2] times the sway acceleration is the yaw acceleration.
     """
@@ -235,12 +233,12 @@ def gains(direction: Any, yaw_gain: Any, ns: Any = math) -> Gains:
 def accelerations(
     t: Any, components: Sequence[Component], gain: Gains, ns: Any = math
 ) -> list[Any]:
-    """Disturbance of u, v, w [m/s^2] and r [rad/s^2] at time `t` [s].
+    """Return the disturbance of u, v, w [m/s^2] and r [rad/s^2] at time `t` [s].
 
-    With S = sum of a_k sin(w_k t + p_k) along the direction of travel, the water's downward
-    acceleration is minus the sum of a_k cos(w_k t + p_k) (z points down). `components` come
-    from `at_depth`, or are given outright: a single (1, 1, 0) with gain 1 on u is exactly
-    sin t, the disturbance of section 5. `ns` provides `sin` and `cos`.
+    The acceleration of the water is the sum of a_k sin(w_k t + p_k) along the direction of travel,
+    and minus the sum of a_k cos(w_k t + p_k) downwards (z points down). `components` come from
+    `at_depth`, or are given: (1, 1, 0) alone with gain 1 on u is exactly sin t, the disturbance
+    of section 5. `ns` provides `sin` and `cos`.
     """
     along: Any = 0.0
     down: Any = 0.0
@@ -250,33 +248,11 @@ def accelerations(
 
 
 def with_harmonic(along: Any, down: Any, t: Any, c: Component, ns: Any) -> tuple[Any, Any]:
-    """Acceleration along the direction of travel and downwards [m/s^2], one harmonic added."""
+    """Add one harmonic to the accelerations along the direction of travel and downwards."""
     angle = c.omega * t + c.phase
     return along + c.amplitude * ns.sin(angle), down - c.amplitude * ns.cos(angle)
 
 
 def shares(along: Any, down: Any, gain: Gains) -> list[Any]:
-    """What of it reaches u, v, w [m/s^2] and r [rad/s^2]."""
+    """Return the disturbance of u, v, w [m/s^2] and r [rad/s^2] with these gains."""
     return [gain.u * along, gain.v * along, gain.w * down, gain.r * along]
-
-
-def exosystem(components: Sequence[Component]) -> tuple[list[list[float]], list[float]]:
-    """G (2N x 2N) and w(0) (2N) of the exosystem w' = G w that these components are."""
-    size = 2 * len(components)
-    G = [[0.0] * size for _ in range(size)]
-    start: list[float] = []
-    for k, c in enumerate(components):
-        G[2 * k][2 * k + 1], G[2 * k + 1][2 * k] = c.omega, -c.omega
-        start += [c.amplitude * math.sin(c.phase), c.amplitude * math.cos(c.phase)]
-    return G, start
-
-
-def exosystem_output(count: int, gain: Gains) -> list[list[float]]:
-    """C (4 x 2N): `accelerations` are C w(t) with w of the exosystem."""
-    along, down = [1.0, 0.0] * count, [0.0, -1.0] * count
-    return [
-        [gain.u * s for s in along],
-        [gain.v * s for s in along],
-        [gain.w * s for s in down],
-        [gain.r * s for s in along],
-    ]

@@ -1,4 +1,4 @@
-"""Channels: delay, jitter, loss, copies, order, hold."""
+"""The links of a run: which messages arrive when, and what their receivers use."""
 
 import lazy_loader as _lazy
 

@@ -1,24 +1,21 @@
-"""Communication points and schedules brought together.
+"""Align the schedules of links with the communication points.
 
-Either what happens on the links makes points, or it is moved to the points there are.
+Either every send and arrival becomes a communication point, or it is moved to an existing one.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.network.checks import check_duration
+from cosim.network.checks import check_choice, check_duration
 from cosim.network.messages import resend_at
 from cosim.network.packet_schedule import PacketSchedule
 from cosim.network.scheduling import resolve_messages, rounded_up
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
 
 AlignmentPolicy = Literal["align", "grid"]
 
@@ -35,7 +32,7 @@ def align(
     points_ns: int | ArrayLike,
     policy: AlignmentPolicy = "align",
 ) -> Alignment:
-    """Bring communication points and schedules together.
+    """Return communication points and schedules in which every send and delivery is a point.
 
     Parameters
     ----------
@@ -52,10 +49,7 @@ def align(
     ------
     InputError : unknown policy, schedules of different runs, points out of order.
     """
-    if policy not in ("align", "grid"):
-        raise InputError(
-            "unknown policy", where="align", expected="align or grid", got=repr(policy)
-        )
+    check_choice("align", "policy", policy, get_args(AlignmentPolicy))
     ends = {s.end_ns for s in schedules}
     if len(ends) > 1:
         raise InputError(
@@ -74,12 +68,12 @@ def align(
 
 
 def communication_points(points_ns: int | ArrayLike, end_ns: int | None) -> NDArray[np.int64]:
-    """The points of `align`, int64 (n,), checked; a uniform grid where a step is given."""
+    """Check the points of `align`, or lay out a grid for a step; int64 (n,)."""
     if isinstance(points_ns, (int, np.integer)):
         check_duration("align: step", points_ns, minimum=1)
         if end_ns is None:
             raise InputError(
-                "a step alone does not say where the run ends",
+                "with a step alone the end of the run is unknown",
                 where="align",
                 expected="at least one schedule, or the points themselves",
                 got="no schedule",

@@ -1,4 +1,4 @@
-"""What durations, probabilities and names have to be; the messages say where they are not."""
+"""Checks of what links are declared with; each message names the parameter."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def check_duration(where: str, value: Any, *, minimum: int = 0) -> None:
 
 def check_probability(where: str, value: Any) -> None:
     """Raise `InputError` unless `value` is a number in [0, 1]."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    if not is_number(value):
         raise InputError(
             "a probability is a number",
             where=where,
@@ -50,8 +50,47 @@ def check_probability(where: str, value: Any) -> None:
         )
 
 
+def check_choice(where: str, what: str, value: Any, choices: tuple[str, ...]) -> None:
+    """Raise `InputError`, "unknown `what`", unless `value` is one of the choices."""
+    if value not in choices:
+        raise InputError(
+            f"unknown {what}",
+            where=where,
+            expected="one of " + ", ".join(choices),
+            got=repr(value),
+        )
+
+
+def check_count(link: str, key: str, value: Any, expected: str, most: int = MAX_NS) -> None:
+    """Raise `InputError` unless `value` is an integer from 0 to `most`; `expected` says it."""
+    if not is_integer(value) or not 0 <= value <= most:
+        raise InputError(
+            f"{key} out of range", where=f"{link}: {key}", expected=expected, got=repr(value)
+        )
+
+
+def check_delay(link: str, delay: Any, delay_ns: int, kinds: tuple[type, ...], hint: str) -> None:
+    """Raise `InputError` unless `delay` is None, or of one of `kinds` and `delay_ns` is 0."""
+    if delay is not None and not isinstance(delay, kinds):
+        raise InputError(
+            "delay of the wrong type",
+            where=f"{link}: delay",
+            expected=", ".join(f"a {kind.__name__}" for kind in kinds) + " or None",
+            got=repr(delay),
+            hint=hint,
+        )
+    if delay is not None and delay_ns != 0:
+        raise InputError(
+            "a link has one delay",
+            where=f"{link}: delay_ns, delay",
+            expected="delay_ns = 0 where the delay varies",
+            got=f"{delay_ns} ns and a {type(delay).__name__}",
+            hint="add the constant part to the delay that varies",
+        )
+
+
 def check_name(where: str, name: Any) -> None:
-    """Raise `InputError` unless `name` is a string with something in it."""
+    """Raise `InputError` unless `name` is a string that is not empty."""
     if not isinstance(name, str) or not name:
         raise InputError(
             "a link needs a name", where=where, expected="a non-empty string", got=repr(name)
@@ -59,15 +98,19 @@ def check_name(where: str, name: Any) -> None:
 
 
 def is_integer(value: Any) -> bool:
-    """Whether `value` is an integer, Python's or NumPy's, and no bool."""
+    """Whether `value` is an integer of Python or NumPy, and not a bool."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
+def is_number(value: Any) -> bool:
+    """Whether `value` is a real number of Python or NumPy, and not a bool."""
+    numbers = (int, float, np.integer, np.floating)
+    return isinstance(value, numbers) and not isinstance(value, bool)
+
+
 def is_finite(value: Any) -> bool:
-    """Whether `value` is a finite real number, Python's or NumPy's, and no bool."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        return False
+    """Whether `value` is a finite real number of Python or NumPy, and not a bool."""
     try:
-        return math.isfinite(value)
+        return is_number(value) and math.isfinite(value)
     except OverflowError:  # an integer beyond every double
         return False

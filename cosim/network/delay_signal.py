@@ -1,4 +1,4 @@
-"""A delay that a signal of the run decides: known only when the message is sent."""
+"""A delay that follows a signal of the run, so that it is known only when a message is sent."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from cosim.network.checks import MAX_NS, check_duration, is_finite
 class DelaySignal:
     """The delay of each message is offset + scale value, with the value at the instant of sending.
 
-    The value is any number that the run yields: an output, or what is made of several, such as
-    the distance of a vehicle from its base: with scale = 1 / 1500 s/m and the range in metres
-    the delay is that of sound.
+    The value is an output, or computed from several outputs, such as the distance of a vehicle
+    from its base: with scale = 1 / 1500 s/m and the range in metres the delay is that of sound.
 
     Parameters
     ----------
     scale : seconds of delay per unit of the value; negative where the delay falls with it.
-    offset_ns : delay where the value is 0 [ns], 0 or more.
+    offset_ns : delay where the value is 0 [ns], not negative.
 
     Raises
     ------
@@ -41,26 +40,28 @@ class DelaySignal:
         check_duration("delay.offset_ns", self.offset_ns)
 
     def delay_ns(self, value: Any, *, where: str = "delay") -> int:
-        """Delay of a message sent while the signal has this value [ns].
+        """Return the delay [ns] of a message sent while the signal has this value.
 
-        offset + scale value 10**9, in exact arithmetic, rounded once to the nearest (ties to
-        even): no machine and no order of operations makes it another.
+        offset + scale value 10**9 in exact arithmetic, rounded once to the nearest (ties to
+        even), so that it is the same on every machine.
 
         Raises
         ------
         InputError : a value that is no finite number, or a delay outside [0, 2**53]; `where`
-            leads the message.
+            is named in the message.
         """
         if not is_finite(value):
             raise InputError(
-                "the value that decides the delay is no finite number",
+                "the value that decides the delay is not a finite number",
                 where=where,
                 expected="a finite number",
                 got=f"{value!r} ({type(value).__name__})",
             )
         if float(self.scale) == 0.0 or value == 0:
             return int(self.offset_ns)
-        if abs(float(self.scale) * float(value)) < 2.0 * MAX_NS:  # else far out, and long to write
+        if (
+            abs(float(self.scale) * float(value)) < 2.0 * MAX_NS
+        ):  # else out of range, and long to compute
             a, b = float(self.scale).as_integer_ratio()
             c, d = float(value).as_integer_ratio()
             delay = _nearest(int(self.offset_ns) * b * d + a * c * 10**9, b * d)

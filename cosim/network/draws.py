@@ -1,13 +1,12 @@
 """Random numbers that are the same on every machine and with every NumPy.
 
 Philox 4x64-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11) with the
-key taken from SHA-256 of seed, link name, purpose and round: nothing but the raw 64-bit
-outputs of the generator is used, whose stream is fixed by its publication. Everything after
-it is IEEE addition, multiplication, division and square root, which round alike everywhere;
-`log` is written out here since that of the C library, or of NumPy, is not the same from one
-machine to the next.
+key taken from SHA-256 of seed, link name, purpose and round. Only the raw 64-bit outputs of the
+generator are used, which its publication fixes. All arithmetic on them is IEEE addition,
+multiplication, division and square root, which round alike everywhere; `log` is written out
+here since that of the C library, or of NumPy, differs between machines.
 
-Value k of a stream belongs to message k. A longer run thus begins with the shorter one.
+Value k of a stream belongs to message k, so that a longer run begins like a shorter one.
 """
 
 from __future__ import annotations
@@ -15,24 +14,21 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.network.impairment import GilbertElliott, Jitter
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-_Stream = Callable[[int], "NDArray[np.float64]"]
-"""The first so many doubles of a stream."""
+_Stream = Callable[[int], NDArray[np.float64]]
+"""Returns the first so many doubles of a stream."""
 
 _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 split so that e * _LN2_HIGH is exact
 _LN2_LOW = 1.90821492927058770002e-10
 
 
 def uniform(seed: int, name: str, purpose: str, count: int, turn: int = 0) -> NDArray[np.float64]:
-    """`count` doubles on [0, 1), multiples of 2**-53, of the stream so named."""
+    """Return the first `count` doubles of a stream: on [0, 1), multiples of 2**-53."""
     label = f"auv-cosim\0{seed}\0{name}\0{purpose}\0{turn}"
     digest = hashlib.sha256(label.encode()).digest()
     raw = np.random.Philox(key=int.from_bytes(digest[:16], "little")).random_raw(count)
@@ -41,7 +37,7 @@ def uniform(seed: int, name: str, purpose: str, count: int, turn: int = 0) -> ND
 
 
 def log(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Natural logarithm of x > 0, to a few ulp, in basic arithmetic only.
+    """Return the natural logarithm of x > 0, to a few ulp, by basic arithmetic only.
 
     x = 2**e m with m in [sqrt(1/2), sqrt(2)); log m = 2 atanh(s), s = (m - 1) / (m + 1),
     |s| < 0.1716, whose series is cut where s**24 < 1e-18.
@@ -62,7 +58,7 @@ def log(x: NDArray[np.float64]) -> NDArray[np.float64]:
 def jitter_ns(
     jitter: Jitter, seed: int, name: str, count: int, purpose: str = "jitter"
 ) -> NDArray[np.int64]:
-    """Extra delay of messages 0 to count - 1 [ns]; that of their copies: "copy jitter"."""
+    """Draw the extra delay [ns] of messages 0 to count - 1; of copies with "copy jitter"."""
     if jitter.kind == "none":
         return np.zeros(count, np.int64)
     if jitter.kind == "uniform":
@@ -72,7 +68,7 @@ def jitter_ns(
     largest = np.inf if jitter.max_ns is None else float(jitter.max_ns)
     extra = np.full(count, -1.0)
     turn = 0
-    # Truncation by refusal: each round has its own stream, and message k its place in it, so
+    # Truncation by rejection: each round has its own stream, and message k its place in it, so
     # that the draws of one message do not depend on how many the others needed.
     while (open_ := extra < 0.0).any():
         stream = functools.partial(uniform, seed, name, purpose, turn=turn)
@@ -100,7 +96,7 @@ def _normal(jitter: Jitter, stream: _Stream, count: int) -> NDArray[np.float64]:
 
 
 def lost(loss: float | GilbertElliott, seed: int, name: str, count: int) -> NDArray[np.bool_]:
-    """Which of messages 0 to count - 1 are lost."""
+    """Draw which of messages 0 to count - 1 are lost."""
     u = uniform(seed, name, "loss", count)
     if not isinstance(loss, GilbertElliott):
         return u < loss
@@ -111,9 +107,8 @@ def lost(loss: float | GilbertElliott, seed: int, name: str, count: int) -> NDAr
 def _bad_states(chain: GilbertElliott, change: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which messages are sent in the bad state; `change` is the draw before each of them.
 
-    A draw sends each state somewhere: both to one (which forgets the past), each to itself, or
-    each to the other. The state is thus that of the last forgetting, turned over as often as
-    the states have changed places since.
+    A draw maps both states to one (which forgets the past), each to itself, or each to the
+    other. The state is thus that of the last forgetting, inverted once per swap since then.
     """
     enters, leaves = change < chain.p_enter, change < chain.p_exit
     swaps, forgets = enters & leaves, enters != leaves
@@ -126,5 +121,5 @@ def _bad_states(chain: GilbertElliott, change: NDArray[np.float64]) -> NDArray[n
 
 
 def duplicated(probability: float, seed: int, name: str, count: int) -> NDArray[np.bool_]:
-    """Which of messages 0 to count - 1 the network copies, if they are not lost."""
+    """Draw which of messages 0 to count - 1 the network copies, if they are not lost."""
     return uniform(seed, name, "duplicate", count) < probability

@@ -1,6 +1,6 @@
-"""What a channel does to messages at random: jitter, and loss in bursts.
+"""Random impairments of a link, declared: jitter, and loss in bursts or in windows.
 
-Declarations alone; `cosim.network.draws` draws from them.
+`cosim.network.draws` draws from them.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from cosim.core import InputError
-from cosim.network.checks import check_duration, check_probability
+from cosim.network.checks import check_choice, check_duration, check_probability
 
 
 @dataclass(frozen=True, slots=True)
 class LossWindow:
-    """Another loss for what is sent in [from_ns, until_ns): 1 is an outage."""
+    """Another probability of loss for messages sent in [from_ns, until_ns): 1 is an outage."""
 
     from_ns: int
     until_ns: int
@@ -33,18 +33,18 @@ JitterKind = Literal["none", "uniform", "exponential", "normal"]
 class Jitter:
     """Extra delay of each message, on top of the link's delay; independent, never negative.
 
-    It is never negative so that `delay_ns` stays a bound: no message arrives before
-    sent + delay. Fractions of a nanosecond are rounded (uniform: cut off).
+    So no message arrives before sent + delay. Fractions of a nanosecond are rounded (uniform:
+    cut off).
 
     Parameters
     ----------
     kind : "none"; "uniform" on [0, width_ns); "exponential" with mean `mean_ns`; "normal"
-        with mean `mean_ns` and standard deviation `sigma_ns`. The last two are conditioned on
-        lying in [0, max_ns] (drawn again until they do), so `mean_ns` and `sigma_ns` are those
+        with mean `mean_ns` and standard deviation `sigma_ns`. The last two are truncated to
+        [0, max_ns] (drawn again until they lie there); `mean_ns` and `sigma_ns` are those
         before truncation. A normal of mean 0 is thus a half-normal.
-    width_ns, mean_ns, sigma_ns : as `kind` asks [ns]; 0 where it does not.
+    width_ns, mean_ns, sigma_ns : those that `kind` needs [ns]; the others are 0.
     max_ns : largest extra delay [ns], None for no bound; at least mean_ns + sigma_ns, or
-        nearly every draw would be refused.
+        nearly every draw would be rejected.
     """
 
     kind: JitterKind = "none"
@@ -54,13 +54,7 @@ class Jitter:
     max_ns: int | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(JitterKind):
-            raise InputError(
-                "unknown jitter",
-                where="jitter.kind",
-                expected="one of " + ", ".join(get_args(JitterKind)),
-                got=repr(self.kind),
-            )
+        check_choice("jitter.kind", "jitter", self.kind, get_args(JitterKind))
         needed = {"uniform": "width_ns", "exponential": "mean_ns", "normal": "sigma_ns"}
         used = {needed.get(self.kind)} | ({"mean_ns"} if self.kind == "normal" else set())
         for key in ("width_ns", "mean_ns", "sigma_ns"):

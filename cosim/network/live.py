@@ -1,30 +1,28 @@
-"""A packet link whose schedule grows while the run goes, for delays that only the run yields.
+"""A packet link whose schedule is computed during the run, for delays that follow a signal.
 
-The loop knows every instant of sending beforehand. At each of them it tells the link, message
-by message, the value that decides the delay; everything the receiver sees before the next
-sending is then final, since nothing sent later can arrive earlier. At the end the same
-messages make an ordinary `PacketSchedule`.
+Every instant of sending is known beforehand. At each of them the loop passes the value that
+decides the delay; everything the receiver sees before the next sending is then final, since no
+later message can arrive earlier. At the end the messages make an ordinary `PacketSchedule`.
 
     link = PacketLink("ranging", sample_time_ns=10**9, delay=DelaySignal(1 / 1500))
     live = LiveSchedule(link, end_ns)
-    points: the grid and live.sent_ns; then, as the run goes, live.next_change_ns()
+    points: the grid and live.sent_ns; during the run also live.next_change_ns()
     at each point t:
         while live.message < live.sent_ns.size and live.sent_ns[live.message] == t:
             live.resolve(live.message, range_in_metres)
         live.until(t)            # the message whose value the receiver has
     result = live.finish()
 
-A message costs O(log n), n being those on their way; nothing past is computed again.
+A message costs O(log n), with n messages in flight.
 """
 
 from __future__ import annotations
 
-import copy
 from bisect import bisect_right
 from heapq import heappop, heappush
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
 from cosim.network.alignment import communication_points
@@ -36,20 +34,17 @@ from cosim.network.receiver import Receiver
 from cosim.network.scheduling import longest_wait_ns, resolve_messages, rounded_up
 from cosim.network.state import NONE_YET, LinkState, Timeline
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 _NEVER = 2**63 - 1
 
 
 class LiveSchedule:
-    """The traffic of a link over [0, end_ns], as far as its delays are known.
+    """The schedule of a link over [0, end_ns], as far as its delays are known.
 
     Parameters
     ----------
-    link : any packet link; one without a `DelaySignal` resolves without values.
+    link : any packet link; one without a `DelaySignal` is resolved without values.
     end_ns : end of the run [ns].
-    points_ns : None: instants are as they are ("align" of `align`). Communication points, or
+    points_ns : None: instants stay as they are ("align" of `align`). Communication points, or
         the step of a uniform grid [ns]: sendings and arrivals are rounded up to them ("grid").
 
     Raises
@@ -70,8 +65,8 @@ class LiveSchedule:
         self._messages = draw_messages(link, sent, known)
         self._next = 0  # message
         self._entry = 0
-        self._free = 0  # when the sender has sent all it took
-        self._behind = 0  # under fifo, when the last one to wait for arrives
+        self._free = 0  # when the sender has sent all messages it accepted
+        self._behind = 0  # under fifo, the latest arrival so far
         self._due: list[tuple[int, int, int, int]] = []  # arrival, entry, message, fate so far
         self._receiver = Receiver(link)
         self._frame_ns, self._longest_wait_ns = link.frame_ns, longest_wait_ns(link)
@@ -84,7 +79,7 @@ class LiveSchedule:
 
     @property
     def sent_ns(self) -> NDArray[np.int64]:
-        """Instant of sending of each message [ns], int64 (n,), all of them known beforehand."""
+        """Instant of sending of each message [ns], int64 (n,)."""
         return self._messages.sent_ns
 
     @property
@@ -94,16 +89,16 @@ class LiveSchedule:
 
     @property
     def horizon_ns(self) -> int:
-        """Everything before this instant is final [ns]; 2**63 - 1 when no message is left."""
+        """The instant before which everything is final [ns]; 2**63 - 1 when no message is left."""
         return self._horizon_ns
 
     def resolve(self, message: int, value: float | None = None) -> int:
-        """Tell the value at the instant of sending; the next message becomes the one to resolve.
+        """Resolve the next message with the value of its delay signal at the instant of sending.
 
         Parameters
         ----------
         message : its number; messages come in order.
-        value : what the link's `DelaySignal` makes a delay of; None for any other link.
+        value : of the signal that the link's `DelaySignal` follows; None for any other link.
 
         Returns
         -------
@@ -111,13 +106,13 @@ class LiveSchedule:
 
         Raises
         ------
-        InputError : a message out of turn, a value that makes no delay.
+        InputError : a message out of order, a value that gives no valid delay.
         """
         k, messages = self._next, self._messages
         where = f"link {self._link.name!r}, message {message}"
         if message != k or k >= messages.sent_ns.size:
             raise InputError(
-                "messages are resolved in order of sending",
+                "messages must be resolved in order of sending",
                 where=where,
                 expected=f"message {k}" if k < messages.sent_ns.size else "no more messages",
                 got=f"message {message}",
@@ -146,7 +141,7 @@ class LiveSchedule:
         return arrival
 
     def until(self, time_ns: int) -> int:
-        """Number of the message whose value the receiver has at an instant before the horizon.
+        """Return the number of the message in use at an instant before the horizon.
 
         `NONE_YET` (-1) before the first delivery, `SUBSTITUTE` (-2) as in `PacketSchedule`.
 
@@ -159,36 +154,23 @@ class LiveSchedule:
         return self._receiver.sequence[place - 1] if place else NONE_YET
 
     def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """As `PacketSchedule.in_use`, at points before the horizon.
-
-        Raises
-        ------
-        InputError : a point that is not final yet.
-        """
+        """Return as `PacketSchedule.in_use` does; `InputError` for a point not final yet."""
         return self._timeline(points_ns).in_use(points_ns)
 
     def state(self, points_ns: ArrayLike) -> LinkState:
-        """As `PacketSchedule.state`, at points before the horizon.
-
-        Raises
-        ------
-        InputError : a point that is not final yet.
-        """
+        """Return as `PacketSchedule.state` does; `InputError` for a point not final yet."""
         return self._timeline(points_ns).state(points_ns)
 
     def next_change_ns(self, after_ns: int) -> int | None:
-        """First instant after this one at which what is in use changes [ns].
+        """Return the first instant after this one at which the message in use changes [ns].
 
-        None when there is none before the horizon: the next sending comes first.
+        None when there is none before the horizon.
         """
         place = bisect_right(self._receiver.change_ns, after_ns)
         return self._receiver.change_ns[place] if place < len(self._receiver.change_ns) else None
 
     def arrivals(self, first: int = 0) -> Arrivals:
-        """As `PacketSchedule.arrivals`, those before the horizon, from the `first`-th on.
-
-        A trace written on the way asks with the number of those it has.
-        """
+        """Return as `PacketSchedule.arrivals` those before the horizon, from the `first`-th on."""
         message = np.array(self._receiver.message[first:], np.int64)
         return Arrivals(
             arrival_ns=np.array(self._receiver.time_ns[first:], np.int64),
@@ -198,9 +180,9 @@ class LiveSchedule:
         )
 
     def finish(self, end_ns: int | None = None, *, broken_off: bool = False) -> PacketSchedule:
-        """The schedule of a run that ends here, or ended at `end_ns` [ns], after which all is idle.
+        """Return the schedule of the run, or of one that ended at `end_ns` [ns].
 
-        `broken_off` : what was to be sent at the end itself, and never resolved, is left out.
+        `broken_off` : messages due at the end itself that were never resolved are left out.
 
         Raises
         ------
@@ -211,7 +193,7 @@ class LiveSchedule:
         where = f"link {self._link.name!r}: end_ns"
         if not 0 <= end <= self._end_ns:
             raise InputError(
-                "the run ends where it was to end, or before",
+                "the end lies outside the run",
                 where=where,
                 expected=f"0 to {self._end_ns} ns",
                 got=f"{end} ns",
@@ -232,22 +214,13 @@ class LiveSchedule:
         points = None if self._points is None else self._points[self._points <= end]
         return resolve_messages(self._link, end, self._messages.first(count), points)
 
-    def copy(self) -> LiveSchedule:
-        """Another one in the same state, which goes on on its own (for a snapshot)."""
-        twin = copy.copy(self)
-        own = self._messages.delay_ns.copy()  # the one array that a run writes
-        twin._messages = self._messages._replace(delay_ns=own)  # noqa: SLF001
-        twin._due = self._due.copy()  # noqa: SLF001
-        twin._receiver = copy.deepcopy(self._receiver)  # noqa: SLF001
-        return twin
-
     def _is_full(self, sent_ns: int) -> bool:
         """Whether the queue refuses a message sent now."""
         limit = self._longest_wait_ns
         return limit is not None and self._free - sent_ns > limit
 
     def _send(self, arrival_ns: int, status: int) -> int:
-        """Put an entry on its way; when it arrives."""
+        """Send an entry; return when it arrives."""
         arrival = arrival_ns
         if self._points is not None:
             place = int(self._points.searchsorted(arrival))
@@ -264,7 +237,7 @@ class LiveSchedule:
         return time_ns
 
     def _settle(self) -> None:
-        """Let everything arrive that no message still to be sent can change."""
+        """Pass to the receiver all entries that arrive before the next sending."""
         sent = self._messages.sent_ns
         self._horizon_ns = int(sent[self._next]) if self._next < sent.size else _NEVER
         while self._due and self._due[0][0] < self._horizon_ns:
@@ -274,7 +247,7 @@ class LiveSchedule:
     def _check_final(self, time_ns: int) -> None:
         if time_ns >= self._horizon_ns:
             raise InputError(
-                "what is asked of the link is not known yet",
+                "the state of the link is not known yet",
                 where=f"link {self._link.name!r}",
                 expected=f"an instant before {self._horizon_ns} ns, "
                 f"when message {self._next} is sent",

@@ -1,13 +1,14 @@
-"""What is decided about each message before anything is sent: instant, delay, and every draw.
+"""The messages of a link before they are sent: instants, delays, and all random draws.
 
-What becomes of the messages follows from this alone; message k has index k in every array.
+Their schedule follows from these alone; message k has index k in every array.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.network import draws
@@ -16,11 +17,8 @@ from cosim.network.delay_signal import DelaySignal
 from cosim.network.packet import PacketLink
 from cosim.network.profile import DelayProfile
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 MAX_MESSAGES = 50_000_000
-"""More messages than this on one link is taken for a mistake in the units."""
+"""More messages than this on one link are taken for a mistake in the units."""
 
 
 class Messages(NamedTuple):
@@ -44,19 +42,12 @@ class Messages(NamedTuple):
     copy_jitter_ns: NDArray[np.int64]
 
     def first(self, count: int) -> Messages:
-        """The first `count` messages, in arrays of their own."""
-        return Messages(
-            sent_ns=self.sent_ns[:count].copy(),
-            delay_ns=self.delay_ns[:count].copy(),
-            jitter_ns=self.jitter_ns[:count].copy(),
-            lost=self.lost[:count].copy(),
-            copied=self.copied[:count].copy(),
-            copy_jitter_ns=self.copy_jitter_ns[:count].copy(),
-        )
+        """Return the first `count` messages, in arrays of their own."""
+        return Messages._make(column[:count].copy() for column in self)
 
 
 def sending_instants(link: PacketLink, end_ns: int) -> NDArray[np.int64]:
-    """Instants of sending in [0, end_ns] [ns], int64 (n,).
+    """Return the instants of sending in [0, end_ns] [ns], int64 (n,).
 
     Raises
     ------
@@ -86,21 +77,14 @@ def sending_instants(link: PacketLink, end_ns: int) -> NDArray[np.int64]:
 def draw_messages(
     link: PacketLink, sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]
 ) -> Messages:
-    """The messages sent at these instants with these delays, all draws made."""
+    """Make all random draws for the messages sent at these instants with these delays."""
     seed, name, count = link.seed, link.name, sent_ns.size
-    copies = link.duplicate > 0
-    return Messages(
-        sent_ns=sent_ns,
-        delay_ns=delay_ns,
-        jitter_ns=draws.jitter_ns(link.jitter, seed, name, count),
-        lost=_lost(link, sent_ns),
-        copied=draws.duplicated(link.duplicate, seed, name, count)
-        if copies
-        else np.zeros(count, np.bool_),
-        copy_jitter_ns=draws.jitter_ns(link.jitter, seed, name, count, "copy jitter")
-        if copies
-        else np.zeros(count, np.int64),
-    )
+    jitter_ns, lost = draws.jitter_ns(link.jitter, seed, name, count), _lost(link, sent_ns)
+    copied, copy_jitter_ns = np.zeros(count, np.bool_), np.zeros(count, np.int64)
+    if link.duplicate > 0:
+        copied = draws.duplicated(link.duplicate, seed, name, count)
+        copy_jitter_ns = draws.jitter_ns(link.jitter, seed, name, count, "copy jitter")
+    return Messages(sent_ns, delay_ns, jitter_ns, lost, copied, copy_jitter_ns)
 
 
 def _lost(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -114,11 +98,11 @@ def _lost(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Delay of messages sent at these instants, without jitter [ns], int64 (n,).
+    """Return the delays of messages sent at these instants, without jitter [ns], int64 (n,).
 
     Raises
     ------
-    InputError : the delay is a signal, which nothing but the run yields.
+    InputError : the delay follows a signal.
     """
     if isinstance(link.delay, DelaySignal):
         raise InputError(
@@ -126,7 +110,7 @@ def delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
             where=f"link {link.name!r}: delay",
             expected="a constant delay or a DelayProfile",
             got=repr(link.delay),
-            hint="use LiveSchedule, and tell it the value of each message as it is sent",
+            hint="use LiveSchedule, and pass it the value of each message as it is sent",
         )
     if isinstance(link.delay, DelayProfile):
         return link.delay.delay_ns(sent_ns)
@@ -134,7 +118,7 @@ def delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def resend_at(link: PacketLink, messages: Messages, sent_ns: NDArray[np.int64]) -> Messages:
-    """The same messages sent at other instants.
+    """Return the same messages sent at other instants.
 
     A recorded delay is that of the new instant; one that followed a signal stays as it was.
     """

@@ -1,76 +1,72 @@
 """A packet link: sampled messages with delay, jitter, loss, copies, order and quantization.
 
-The declaration alone; `cosim.network.packet_schedule` turns it into a schedule. The terms are those
-of networked control: messages are sent at offset + k sample_time, each is on its way for
-delay + jitter, some are lost, and the receiver holds what it last accepted.
-
-All times are integer nanoseconds.
+The declaration; `cosim.network.scheduling` computes the schedule. Messages are sent at
+offset + k sample_time, each takes delay + jitter, some are lost, and the receiver holds the one
+it last accepted. All times are integer nanoseconds.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.network.checks import (
-    MAX_NS,
+    check_choice,
+    check_count,
+    check_delay,
     check_duration,
     check_name,
     check_probability,
     is_finite,
-    is_integer,
 )
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.impairment import GilbertElliott, Jitter, LossWindow
 from cosim.network.profile import DelayProfile
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 Order = Literal["newest-wins", "fifo", "as-arrived"]
 
 
 @dataclass(frozen=True, slots=True)
 class PacketLink:
-    """A link that carries sampled messages.
+    """A link that transmits sampled messages.
 
     Parameters
     ----------
     name : name of the link; its random streams depend on it.
-    sample_time_ns : time between two messages [ns], > 0.
+    sample_time_ns : time between two messages [ns], positive.
     offset_ns : instant of the first message [ns].
     delay_ns : least time from sending to arrival [ns].
     delay : in place of `delay_ns`, a delay that varies: a `DelayProfile` (recorded) or a
-        `DelaySignal` (known only while the run goes: `LiveSchedule`); of each message that at
-        the instant of sending.
+        `DelaySignal` (known only during the run: `LiveSchedule`); the value at the instant of
+        sending counts.
     jitter : extra delay of each message.
     loss : probability that a message is lost (independent), or bursts.
     duplicate : probability that a message which is not lost arrives twice. The network copies it
-        on its way, after the sender's queue: it is sent once, takes its turn at a limited
-        `data_rate` once, and its copy, with the same sequence number, draws a jitter of its own.
+        after the sender's queue, so that it takes sending time at a limited `data_rate` once;
+        the copy has the same sequence number and its own jitter.
     order : "newest-wins": a message that arrives after a newer one is discarded ("overtaken"),
-        and so is one that arrives a second time ("duplicate"); "fifo": a message is delivered
-        not before its predecessors, its copy after it and before its successors; "as-arrived":
-        every message is used when it arrives, however old. The last two use copies again.
-    on_loss : what the receiver uses after a loss. "hold": the message it has. "zero" or a
-        number: that value, from the instant the lost message was due (sent + delay + its
-        jitter; under fifo not before its predecessors) until the next message is accepted,
-        but only if no newer message had been delivered by then.
+        and so is one that arrives a second time ("duplicate"); "fifo": a message is not
+        delivered before its predecessors, its copy after it and before its successors;
+        "as-arrived": every message is used when it arrives, however old. The last two also
+        use copies.
+    on_loss : what the receiver uses after a loss. "hold": the last message. "zero" or a number:
+        that value, from the instant the lost message was due (sent + delay + its jitter; under
+        fifo not before its predecessors) until the next message is accepted, unless a newer
+        message was delivered by then.
     data_rate, frame_size : bit/s (integer) and bits of a message, headers included; 0: a message
-        takes no time to send. Else each takes frame_size / data_rate, and one that is due while
-        another is still being sent waits for it (losses happen later, so they take their turn).
+        takes no time to send. Else each takes frame_size / data_rate, lost ones included, and
+        waits while another is being sent.
     queue_limit : how many messages may wait while another is being sent; one more is refused
-        ("queue full", drop-tail) at the instant of sending. It was never on the link: the
-        receiver does not miss it, `on_loss` does not act. None: as many as there are. Only
-        with a `data_rate`.
-    windows : times with another loss; the last one that holds counts. Jitter, and the losses
-        outside, are as without them.
+        ("queue full", drop-tail) at the instant of sending, without effect on the receiver
+        (`on_loss` does not act). None: no limit. Only with a `data_rate`.
+    windows : times with another loss; where windows overlap the last one counts. Jitter, and
+        the losses outside, are as without them.
     quantization : step of the quantizer applied to the values sent; 0: none.
-    seed : seed of the run (0 to 2**63 - 1). Two links of one run share it and still draw
-        independently, since their names differ.
+    seed : seed of the run (0 to 2**63 - 1); links with different names draw independently.
 
     Raises
     ------
@@ -107,17 +103,12 @@ class PacketLink:
                 expected="a Jitter",
                 got=repr(self.jitter),
             )
-        self._check_delay(where)
+        hint = "a delay that does not vary is delay_ns"
+        check_delay(where, self.delay, self.delay_ns, (DelayProfile, DelaySignal), hint)
         check_probability(f"{where}: duplicate", self.duplicate)
         if not isinstance(self.loss, GilbertElliott):
             check_probability(f"{where}: loss", self.loss)
-        if self.order not in get_args(Order):
-            raise InputError(
-                "unknown order",
-                where=f"{where}: order",
-                expected="one of " + ", ".join(get_args(Order)),
-                got=repr(self.order),
-            )
+        check_choice(f"{where}: order", "order", self.order, get_args(Order))
         if self.on_loss not in ("hold", "zero") and not is_finite(self.on_loss):
             raise InputError(
                 "unknown action on loss",
@@ -136,14 +127,7 @@ class PacketLink:
                 got=repr(self.quantization),
             )
         for key in ("data_rate", "frame_size"):
-            value = getattr(self, key)
-            if not is_integer(value) or not 0 <= value <= MAX_NS:
-                raise InputError(
-                    f"{key} out of range",
-                    where=f"{where}: {key}",
-                    expected="an integer from 0 (none) to 2**53",
-                    got=repr(value),
-                )
+            check_count(where, key, getattr(self, key), "an integer from 0 (none) to 2**53")
         if (self.data_rate == 0) != (self.frame_size == 0):
             raise InputError(
                 "a data rate and a frame size go together",
@@ -153,42 +137,13 @@ class PacketLink:
             )
         check_duration(f"{where}: frame_size / data_rate", self.frame_ns)
         self._check_queue(where)
-        if not is_integer(self.seed) or not 0 <= self.seed < 2**63:
-            raise InputError(
-                "seed out of range",
-                where=f"{where}: seed",
-                expected="an integer from 0 to 2**63 - 1",
-                got=repr(self.seed),
-            )
-
-    def _check_delay(self, where: str) -> None:
-        if self.delay is not None and not isinstance(self.delay, (DelayProfile, DelaySignal)):
-            raise InputError(
-                "delay of the wrong type",
-                where=f"{where}: delay",
-                expected="a DelayProfile, a DelaySignal or None",
-                got=repr(self.delay),
-                hint="a delay that does not vary is delay_ns",
-            )
-        if self.delay is not None and self.delay_ns != 0:
-            raise InputError(
-                "a link has one delay",
-                where=f"{where}: delay_ns, delay",
-                expected="delay_ns = 0 where the delay varies",
-                got=f"{self.delay_ns} ns and a {type(self.delay).__name__}",
-                hint="add the constant part to the profile, or to offset_ns of the signal",
-            )
+        check_count(where, "seed", self.seed, "an integer from 0 to 2**63 - 1", 2**63 - 1)
 
     def _check_queue(self, where: str) -> None:
         if self.queue_limit is None:
             return
-        if not is_integer(self.queue_limit) or not 0 <= self.queue_limit <= MAX_NS:
-            raise InputError(
-                "queue_limit out of range",
-                where=f"{where}: queue_limit",
-                expected="an integer number of messages, 0 or more, or None (no limit)",
-                got=repr(self.queue_limit),
-            )
+        expected = "an integer number of messages, 0 or more, or None (no limit)"
+        check_count(where, "queue_limit", self.queue_limit, expected)
         if self.data_rate == 0:
             raise InputError(
                 "without a data rate there is no queue",
@@ -199,20 +154,20 @@ class PacketLink:
 
     @property
     def frame_ns(self) -> int:
-        """Time to send one message, frame_size / data_rate rounded up [ns]; 0 without a rate."""
+        """Return the time to send one message [ns]: frame_size / data_rate, rounded up; or 0."""
         if self.data_rate == 0:
             return 0
         return -(-int(self.frame_size) * 10**9 // int(self.data_rate))
 
     @property
     def substitute(self) -> float | None:
-        """The value used after a loss; None when the last message is held."""
+        """Return the value used after a loss; None when the last message is held."""
         if self.on_loss == "hold":
             return None
         return 0.0 if self.on_loss == "zero" else float(self.on_loss)
 
     def quantize(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """`values` rounded to the nearest multiple of the step (ties to even); a new array."""
+        """Round `values` to the nearest multiples of the step (ties to even); a new array."""
         if self.quantization == 0.0:
             return np.array(values, dtype=np.float64)
         return np.rint(np.asarray(values, np.float64) / self.quantization) * self.quantization

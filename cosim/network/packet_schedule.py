@@ -1,40 +1,35 @@
-"""The traffic of a packet link over a whole run, nearly always known before the run starts.
+"""The schedule of a packet link over a run: when each message is sent and what becomes of it.
 
-Where delay, jitter and loss do not depend on the values sent, neither does the schedule: which
-message is sent, which arrives, and when. The loop keeps every value sent in row k of an array
-and the receiver reads the row that the schedule names: the trace is the delay line.
-
-All times are integer nanoseconds; a run is [0, end_ns], both ends included.
+The loop keeps the values sent at point k in row k, and the receiver reads the row that the
+schedule names. All times are integer nanoseconds; a run is [0, end_ns], both ends included.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
 from cosim.network.messages import Messages
 from cosim.network.packet import PacketLink
 from cosim.network.state import NONE_YET, SUBSTITUTE, LinkState, Timeline
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE = 0, 1, 2, 3, 4, 5
 """What became of a message by the end of the run (`PacketSchedule.status`)."""
 
 REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate")
-"""`status` in words."""
+"""Names of the values of `status`."""
 
 
 class Arrivals(NamedTuple):
-    """What the receiver got or missed, in the order in which it did; arrays of shape (m,).
+    """Messages that the receiver got or missed, in order of time; arrays of shape (m,).
 
     Attributes
     ----------
-    arrival_ns : instant of arrival, or at which it was due, or refused [ns], int64, never
+    arrival_ns : instant at which each arrived, was due, or was refused [ns], int64, never
         decreasing.
     sent_ns : instant of sending [ns], int64.
     sequence : sequence number, int64.
@@ -46,13 +41,17 @@ class Arrivals(NamedTuple):
     sequence: NDArray[np.int64]
     status: NDArray[np.int8]
 
+    def select(self, which: slice | NDArray[np.intp]) -> Arrivals:
+        """Return some of the entries."""
+        return Arrivals._make(column[which] for column in self)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PacketSchedule:
-    """What happens to each message of a link, and to each copy that the network makes of one.
+    """The messages of a link and their copies: instants, and what becomes of each.
 
-    Each has its place in every array: message k index k where there are no copies, else a copy
-    the index after its original; `sequence` is the number of the message either way.
+    Without copies message k has index k in every array; a copy stands at the index after its
+    original. `sequence` is the number of the message either way.
 
     Parameters
     ----------
@@ -62,15 +61,15 @@ class PacketSchedule:
     transit_ns : delay + jitter [ns], int64 (n,), also of those that are lost.
     arrival_ns : instant at which the message arrives or would have [ns], int64 (n,): sending,
         the sender's queue (`data_rate`), transit, and under fifo waiting for its predecessors;
-        that of sending where the queue refuses it.
-    delivered_ns : instant of delivery [ns], int64 (n,); -1 if it was not delivered in the run.
+        where the queue refuses it, that of sending.
+    delivered_ns : instant of delivery [ns], int64 (n,); -1 if not delivered in the run.
     sequence : sequence number, int64 (n,).
     status : DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL or DUPLICATE, int8 (n,). What
-        arrives, or would, after the end is in flight, whatever would have become of it.
-    lost : which messages the channel loses, bool (n,), in flight at the end or not; drawn also
-        for what the queue refuses.
+        arrives, or would, after the end is in flight.
+    lost : which messages the channel loses, bool (n,); drawn for all, also those in flight at
+        the end or refused by the queue.
     copy : which are copies, bool (n,).
-    messages : what was decided before: sendings, delays and draws.
+    messages : the instants, delays and random draws it was computed from.
     """
 
     link: PacketLink
@@ -86,7 +85,7 @@ class PacketSchedule:
     messages: Messages
 
     def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Index of the message in use at each point; a message delivered at t is in use at t.
+        """Return the index of the message in use at each point, one delivered there included.
 
         `NONE_YET` (-1) before the first delivery; `SUBSTITUTE` (-2) where the link's `on_loss`
         value stands in for a lost message (never when it is "hold").
@@ -94,7 +93,7 @@ class PacketSchedule:
         return self._timeline().in_use(points_ns)
 
     def rows(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Row of the sender's array that is in use at each point, -1 and -2 as in `in_use`.
+        """Return the sender's row in use at each point, -1 and -2 as in `in_use`.
 
         Row k of the sender belongs to points_ns[k].
 
@@ -102,22 +101,9 @@ class PacketSchedule:
         ------
         InputError : a message is sent between two points; `align` first.
         """
-        used = self.in_use(points_ns)
-        sent_rows = self.sent_rows(points_ns)
-        rows = used.copy()
-        rows[used >= 0] = sent_rows[used[used >= 0]]
-        return rows
-
-    def sent_rows(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Row (index of the communication point) at which each message is sent, int64 (n,).
-
-        Raises
-        ------
-        InputError : a message is sent between two points; `align` first.
-        """
         points = np.asarray(points_ns, np.int64)
-        rows = np.searchsorted(points, self.sent_ns)
-        found = np.append(points, -1)[rows] == self.sent_ns
+        sent_rows = np.searchsorted(points, self.sent_ns)
+        found = np.append(points, -1)[sent_rows] == self.sent_ns
         if not found.all():
             k = int(np.argmin(found))
             raise InputError(
@@ -127,14 +113,16 @@ class PacketSchedule:
                 got=f"{self.sent_ns[k]} ns",
                 hint="call align() with the points and use the schedules it returns",
             )
+        rows = self.in_use(points)
+        rows[rows >= 0] = sent_rows[rows[rows >= 0]]
         return rows
 
     def state(self, points_ns: ArrayLike) -> LinkState:
-        """Age, sequence number, and what was dropped and delivered so far, at each point."""
+        """Return age, sequence number, and how many were dropped and delivered, at each point."""
         return self._timeline().state(points_ns)
 
     def statistics(self) -> dict[str, int | float | None]:
-        """Figures of the link over the run, JSON-safe.
+        """Return the statistics of the link over the run, JSON-safe.
 
         sent + duplicated = delivered + dropped + in_flight, and
         dropped = lost + overtaken + queue_full + discarded_copies.
@@ -175,7 +163,7 @@ class PacketSchedule:
         }
 
     def changes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Instants [ns] at which what is in use changes, and to what (as in `in_use`).
+        """Return the instants [ns] at which the message in use changes, and the new `in_use`.
 
         Two arrays of shape (m,), the instants strictly increasing.
         """
@@ -189,24 +177,16 @@ class PacketSchedule:
         return times, np.where(noticed[entries], SUBSTITUTE, entries)
 
     def arrivals(self) -> Arrivals:
-        """Deliveries and drops of the run, in order of time, at one instant as they were sent."""
-        entries = self._entries_by_arrival()
-        return Arrivals(
-            self.arrival_ns[entries],
-            self.sent_ns[entries],
-            self.sequence[entries],
-            self.status[entries],
-        )
+        """Return deliveries and drops in order of time, at one instant in order of sending."""
+        entries = Arrivals(self.arrival_ns, self.sent_ns, self.sequence, self.status)
+        return entries.select(self._entries_by_arrival())
 
     def _entries_by_arrival(self) -> NDArray[np.intp]:
         entries = np.flatnonzero(self.status != IN_FLIGHT)
         return entries[np.argsort(self.arrival_ns[entries], kind="stable")]
 
     def _noticed(self) -> NDArray[np.bool_]:
-        """Losses that bring the substitute into use.
-
-        Those are the ones that no newer delivery has made irrelevant by the time they are due.
-        """
+        """Return the losses that bring the substitute into use: nothing newer came before."""
         if self.link.on_loss == "hold":
             return np.zeros(self.status.size, np.bool_)
         newer = earliest_newer(self.arrival_ns, self.copy, self.status == DELIVERED)
@@ -230,7 +210,7 @@ class PacketSchedule:
 def earliest_newer(
     arrival_ns: NDArray[np.int64], copy: NDArray[np.bool_], counts: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
-    """Earliest arrival of a newer message among those that count [ns]; 2**63 - 1 for none."""
+    """Return the earliest arrival of a newer message that counts [ns]; 2**63 - 1 for none."""
     never = np.iinfo(np.int64).max
     earliest = np.minimum.accumulate(np.where(counts, arrival_ns, never)[::-1])[::-1]
     following = np.arange(1, copy.size + 1)
@@ -241,6 +221,6 @@ def earliest_newer(
 def _last_values(
     values: NDArray[np.int64], there: NDArray[np.bool_], before: int
 ) -> NDArray[np.int64]:
-    """The last value that is there, at each place; `before` ahead of the first."""
+    """Return at each place the last value that is there; `before` ahead of the first."""
     last = np.maximum.accumulate(np.where(there, np.arange(1, values.size + 1), 0))
     return np.concatenate((np.array([before], np.int64), values))[last]

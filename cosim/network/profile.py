@@ -1,27 +1,24 @@
-"""A delay that was recorded: a function of time, given by its samples."""
+"""A recorded delay: a function of time, given by samples."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from os import PathLike
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.network.checks import MAX_NS
+from cosim.network.checks import MAX_NS, check_choice
 from cosim.network.profile_csv import read_columns
-
-if TYPE_CHECKING:
-    from os import PathLike
-
-    from numpy.typing import ArrayLike, NDArray
 
 Interpolation = Literal["previous", "linear"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayProfile:
-    """Delay over time; before the first and after the last sample the end value holds.
+    """Delay over time; before the first and after the last sample it is constant.
 
     Parameters
     ----------
@@ -41,18 +38,13 @@ class DelayProfile:
     interpolation: Interpolation = "previous"
 
     def __post_init__(self) -> None:
-        if self.interpolation not in get_args(Interpolation):
-            raise InputError(
-                "unknown interpolation",
-                where="delay profile: interpolation",
-                expected="one of " + ", ".join(get_args(Interpolation)),
-                got=repr(self.interpolation),
-            )
+        where, kinds = "delay profile: interpolation", get_args(Interpolation)
+        check_choice(where, "interpolation", self.interpolation, kinds)
         for key, least in (("times_ns", -MAX_NS), ("delays_ns", 0)):
             object.__setattr__(self, key, _samples(key, getattr(self, key), least))
         if self.times_ns.size != self.delays_ns.size:
             raise InputError(
-                "a delay profile has one delay for each instant",
+                "a delay profile needs one delay for each instant",
                 where="delay profile",
                 expected=f"{self.times_ns.size} delays",
                 got=f"{self.delays_ns.size}",
@@ -60,7 +52,7 @@ class DelayProfile:
         if (np.diff(self.times_ns) <= 0).any():
             k = int(np.argmax(np.diff(self.times_ns) <= 0)) + 1
             raise InputError(
-                "the instants of a delay profile increase",
+                "the instants of a delay profile do not increase",
                 where=f"delay profile: times_ns[{k}]",
                 expected=f"more than {self.times_ns[k - 1]} ns",
                 got=f"{self.times_ns[k]} ns",
@@ -70,11 +62,11 @@ class DelayProfile:
     def from_seconds(
         cls, times_s: ArrayLike, delays_s: ArrayLike, interpolation: Interpolation = "previous"
     ) -> DelayProfile:
-        """The profile of times and delays in seconds, each rounded to the nearest nanosecond.
+        """Make a profile of times and delays in seconds, rounded to the nearest nanosecond.
 
         Raises
         ------
-        InputError : as `DelayProfile`, or what is no finite number.
+        InputError : as `DelayProfile`, or a value that is not a finite number.
         """
         columns = []
         for key, given in (("times_s", times_s), ("delays_s", delays_s)):
@@ -109,26 +101,24 @@ class DelayProfile:
         delay: str = "delay",
         interpolation: Interpolation = "previous",
     ) -> DelayProfile:
-        """The profile in a CSV file: a header line, then a line for each sample.
+        """Read a profile from a CSV file: a header line, then a line for each sample.
 
         Parameters
         ----------
-        path : file, UTF-8, values parted by commas. Empty lines, and lines that begin with #,
-            are passed over.
+        path : file, UTF-8, separated by commas. Empty lines, and lines that begin with #, are
+            skipped.
         time, delay : names of the two columns that are read, both in seconds; decimal
             fractions are read exactly and rounded to the nearest nanosecond.
-        interpolation : as of the profile.
 
         Raises
         ------
-        InputError : a file that cannot be read, a missing column, a value that is none; the
-            message names file, line and column.
+        InputError : a file that cannot be read, a missing column, a bad value; the message
+            names file, line and column.
         """
-        times, delays = read_columns(path, time, delay)
-        return cls(times, delays, interpolation)
+        return cls(*read_columns(path, time, delay), interpolation)
 
     def delay_ns(self, at_ns: ArrayLike) -> NDArray[np.int64]:
-        """Delay at each instant [ns], of the shape of `at_ns`."""
+        """Return the delay at each instant [ns], in the shape of `at_ns`."""
         wanted = np.asarray(at_ns, np.int64)
         at = np.clip(wanted.ravel(), self.times_ns[0], self.times_ns[-1])
         place = np.searchsorted(self.times_ns, at, side="right") - 1
@@ -153,13 +143,13 @@ class DelayProfile:
 
 
 def _samples(key: str, given: Any, least: int) -> NDArray[np.int64]:
-    """A read-only int64 copy of integers in [least, 2**53]."""
+    """Return a read-only int64 copy of integers, checked to lie in [least, 2**53]."""
     values = np.asarray(given)
     if values.ndim != 1 or values.size == 0 or not np.issubdtype(values.dtype, np.integer):
         raise InputError(
             "a delay profile is made of integer nanoseconds",
             where=f"delay profile: {key}",
-            expected="at least one integer, in one row",
+            expected="at least one integer, in one dimension",
             got=f"array of {values.dtype}, shape {values.shape}",
             hint="DelayProfile.from_seconds takes seconds",
         )
@@ -173,9 +163,9 @@ def _samples(key: str, given: Any, least: int) -> NDArray[np.int64]:
             got=f"{values[k]} ns",
             hint="times count from the start of the run",
         )
-    mine = values.astype(np.int64)
-    mine.setflags(write=False)
-    return mine
+    samples = values.astype(np.int64)
+    samples.setflags(write=False)
+    return samples
 
 
 def _between(
@@ -184,10 +174,10 @@ def _between(
     part: NDArray[np.int64],
     whole: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """start + rise part / whole to the nearest integer, ties to even; 0 <= part <= whole.
+    """Return start + rise part / whole to the nearest integer, ties to even; 0 <= part <= whole.
 
-    With rise = q whole + r the product is q part + r part / whole, and only r part < whole**2
-    can leave 64 bits: where it would, Python's integers take over.
+    With rise = q whole + r the product is q part + r part / whole, where r part < whole**2 may
+    exceed 64 bits: Python's integers are used there.
     """
     q, r = np.divmod(rise, whole)
     wide = bool(whole.size) and int(whole.max()) ** 2 >= 2**62

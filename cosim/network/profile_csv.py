@@ -1,25 +1,21 @@
-"""Two columns of seconds in a CSV file, read to whole nanoseconds."""
+"""Read two columns of seconds from a CSV file as whole nanoseconds."""
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from decimal import ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.network.checks import MAX_NS
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from os import PathLike
-
-    from numpy.typing import NDArray
-
 _LONGEST = 64
-"""Characters of a number; what is longer is no measurement."""
+"""Most characters of a number."""
 _EXACTLY = Context(prec=2 * _LONGEST, rounding=ROUND_HALF_EVEN)
 _LARGEST = Decimal(MAX_NS).scaleb(-9)
 
@@ -27,12 +23,11 @@ _LARGEST = Decimal(MAX_NS).scaleb(-9)
 def read_columns(
     path: str | PathLike[str], time: str, delay: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Times and delays [ns] of the columns so named, int64 (n,) each; times increase.
+    """Read the columns of times and delays [ns], int64 (n,) each; times increase.
 
     Raises
     ------
-    InputError : a file that cannot be read, a missing column, a value that is none; the
-        message names file, line and column.
+    InputError : as `DelayProfile.from_csv`.
     """
     lines = _lines(Path(path))
     number, header = next(lines, (1, []))
@@ -50,14 +45,14 @@ def read_columns(
         ]
         if times and found[0] <= times[-1]:
             raise InputError(
-                "the times of a delay profile increase",
+                "the times of a delay profile do not increase",
                 where=f"{path}, line {number}, column {time}",
                 expected=f"more than {Decimal(times[-1]).scaleb(-9)} s",
                 got=f"{row[at[0]].strip()} s",
             )
         if found[1] < 0:
             raise InputError(
-                "a delay is never negative",
+                "a delay cannot be negative",
                 where=f"{path}, line {number}, column {delay}",
                 expected="0 s or more",
                 got=f"{row[at[1]].strip()} s",
@@ -66,7 +61,7 @@ def read_columns(
         delays.append(found[1])
     if not times:
         raise InputError(
-            "the file holds no sample",
+            "the file contains no sample",
             where=str(path),
             expected=f"below the header, lines of {time} and {delay} in seconds",
             got="none",
@@ -75,7 +70,7 @@ def read_columns(
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Lines that say something, with their numbers."""
+    """Yield the lines that are neither empty nor comments, with their numbers."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
@@ -88,11 +83,11 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         ) from error
     except UnicodeDecodeError as error:
         raise InputError(
-            "the file is no text", where=str(path), expected="UTF-8", got=error.reason
+            "the file is not text", where=str(path), expected="UTF-8", got=error.reason
         ) from error
     except csv.Error as error:
         raise InputError(
-            "the file is no CSV", where=f"{path}, line {reader.line_num}", got=str(error)
+            "the file is not CSV", where=f"{path}, line {reader.line_num}", got=str(error)
         ) from error
 
 
@@ -106,13 +101,13 @@ def _missing(path: str | PathLike[str], line: int, name: str, names: list[str]) 
 
 
 def _nanoseconds(text: str, where: str) -> int:
-    """Nanoseconds of a decimal number of seconds, to the nearest, ties to even."""
+    """Convert a decimal number of seconds to nanoseconds, to the nearest, ties to even."""
     text = text.strip()
     try:
         seconds = Decimal(text if len(text) <= _LONGEST else "")
     except InvalidOperation as error:
         raise InputError(
-            "this is no number",
+            "this is not a number",
             where=where,
             expected="seconds, as a decimal number",
             got=repr(text[:_LONGEST]) if text else "nothing",
@@ -125,7 +120,7 @@ def _nanoseconds(text: str, where: str) -> int:
             got=text,
             hint="times are in seconds and count from the start of the run",
         )
-    # far below a nanosecond there is nothing to round, but much to write out
+    # far below a nanosecond the result is 0, but scaling would need many digits
     if seconds.adjusted() < -_LONGEST:
         return 0
     return int(_EXACTLY.to_integral_exact(_EXACTLY.scaleb(seconds, 9)))

@@ -1,24 +1,21 @@
-"""The receiver of a link, entry by entry, and all it has seen, written down as it comes."""
+"""The receiver of a link, entry by entry, with a record of what it received."""
 
 from __future__ import annotations
 
 from array import array
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cosim.network.packet import PacketLink
 from cosim.network.packet_schedule import DELIVERED, DUPLICATE, LOST, OVERTAKEN
 from cosim.network.state import NONE_YET, SUBSTITUTE, Timeline
 
-if TYPE_CHECKING:
-    from cosim.network.packet import PacketLink
-
 
 class Receiver:
-    """Decides what becomes of each entry that arrives, or is due and missing, or was refused.
+    """Decides what becomes of each entry that arrives, is due but lost, or was refused.
 
-    The columns of a `Timeline` grow by one with each; `status` says what was decided,
-    `message` of which, and `change_ns` when what is in use changed.
+    Each entry is appended to the columns of a `Timeline`, and to `message` (its number) and
+    `status`; `change_ns` are the instants at which the message in use changed.
     """
 
     def __init__(self, link: PacketLink) -> None:
@@ -32,13 +29,13 @@ class Receiver:
         self.dropped, self.delivered, self.change_ns = array("q"), array("q"), array("q")
 
     def receive(self, time_ns: int, entry: int, message: int, status: int, sent_ns: int) -> None:
-        """Take the next entry in order of time, at one instant as sent.
+        """Receive the next entry in order of time, at one instant in order of sending.
 
         Parameters
         ----------
         time_ns : instant of arrival, or at which it was due or refused [ns].
         entry, message : its index and its number.
-        status : DELIVERED as far as the channel goes, or why it never comes.
+        status : DELIVERED if the channel delivers it, or why not.
         sent_ns : instant of sending [ns].
         """
         if status == DELIVERED and self._newest_wins and message <= self._newest:
@@ -61,10 +58,9 @@ class Receiver:
         self.delivered.append(self._delivered)
 
     def timeline(self) -> Timeline:
-        """What was written so far, as arrays that last until more is written."""
-        columns = (self.time_ns, self.used, self.sequence)
-        counts = (self.origin_ns, self.dropped, self.delivered)
-        return Timeline(*(np.frombuffer(a, np.int64) for a in (*columns, *counts)))
+        """Return the record so far, as arrays that are valid until the next `receive`."""
+        columns = (getattr(self, name) for name in Timeline._fields)
+        return Timeline(*(np.frombuffer(column, np.int64) for column in columns))
 
     def _use(self, time_ns: int, entry: int, message: int) -> None:
         self._used, self._sequence = entry, message

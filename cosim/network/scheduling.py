@@ -1,13 +1,12 @@
-"""From messages to their fate: the sender's queue, the way, the order, the receiver.
+"""Compute the schedule of a packet link: sender's queue, transit, order, receiver.
 
-All at once, for delays that are known; `cosim.network.live` does the same message by message.
+All messages at once, for known delays; `cosim.network.live` does the same message by message.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.network.messages import Messages, delays, draw_messages, sending_instants
 from cosim.network.packet import PacketLink
@@ -22,19 +21,15 @@ from cosim.network.packet_schedule import (
     earliest_newer,
 )
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 def schedule(link: PacketLink, end_ns: int) -> PacketSchedule:
-    """Schedule of every message sent in [0, end_ns], in exact integer nanoseconds.
+    """Compute the schedule of every message sent in [0, end_ns], in exact integer nanoseconds.
 
     A longer run begins with the same messages, delays, losses and copies.
 
     Raises
     ------
-    InputError : `end_ns` is no duration, so many messages that the units must be wrong, or a
-        delay that follows a signal (`LiveSchedule`).
+    InputError : as `sending_instants`, or a delay that follows a signal (`LiveSchedule`).
     """
     sent = sending_instants(link, end_ns)
     return resolve_messages(link, int(end_ns), draw_messages(link, sent, delays(link, sent)))
@@ -46,7 +41,7 @@ def resolve_messages(
     messages: Messages,
     points_ns: NDArray[np.int64] | None = None,
 ) -> PacketSchedule:
-    """What becomes of messages already drawn; arrivals are rounded up to the points, if any."""
+    """Compute the schedule of messages already drawn; arrivals are rounded up to the points."""
     out, refused = _transmitted(link, messages.sent_ns)
     message, copy = _with_copies(messages.copied & ~messages.lost & ~refused)
     jitter = messages.jitter_ns[message]
@@ -58,7 +53,7 @@ def resolve_messages(
     refused = refused[message]
     gone = messages.lost[message] | refused
     if link.order == "fifo":
-        # What is lost holds nobody up, but is itself not missed before its predecessors are in.
+        # a lost message delays no other, but is not noticed before its predecessors arrive
         arrival = np.maximum(arrival, np.maximum.accumulate(np.where(gone, 0, arrival)))
     arrival[refused] = messages.sent_ns[message[refused]]
     status = np.full(message.size, DELIVERED, np.int8)
@@ -84,13 +79,13 @@ def resolve_messages(
 
 
 def rounded_up(times: NDArray[np.int64], points: NDArray[np.int64]) -> NDArray[np.int64]:
-    """First point at or after each time; times after the last point stay as they are."""
+    """Return the first point at or after each time; times after the last point stay."""
     place = np.searchsorted(points, times)
     return np.where(place < points.size, np.append(points, 0)[place], times)
 
 
 def _with_copies(copied: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Message number of each entry, and whether it is a copy: each stands after its original."""
+    """Return message number, and whether it is a copy, of each entry; copies follow originals."""
     message = np.repeat(np.arange(copied.size, dtype=np.int64), 1 + copied)
     copy = np.zeros(message.size, np.bool_)
     copy[1:] = message[1:] == message[:-1]
@@ -100,7 +95,7 @@ def _with_copies(copied: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[
 def _transmitted(
     link: PacketLink, sent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Instant at which the sender has put each message on the link; whether it is refused.
+    """Return when the sender has sent each message, and whether the queue refuses it.
 
     One after the other: out[k] = max(sent[k], out[k-1]) + frame, which unrolls into
     frame (k + 1) + max over j <= k of (sent[j] - frame j).
@@ -122,16 +117,16 @@ def _transmitted(
 
 
 def longest_wait_ns(link: PacketLink) -> int | None:
-    """How long a message that the queue accepts may wait at most [ns]; None for any time.
+    """Return the longest time that a message can wait in the queue [ns]; None for no limit.
 
-    Each of those waiting takes a frame, and the one being sent the rest of its own: more than
-    `queue_limit` frames until the sender is free means that as many messages wait already.
+    Each waiting message takes a frame, and the one being sent the rest of its own: if the
+    sender is busy for more than `queue_limit` frames, that many messages wait already.
     """
     return None if link.queue_limit is None else int(link.queue_limit) * link.frame_ns
 
 
 def _again(arrival: NDArray[np.int64], copy: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Entries whose twin has arrived before; of two at one instant the original comes first."""
+    """Return the entries whose twin arrived before; at one instant the original is first."""
     twin = np.flatnonzero(copy)
     again = np.zeros(arrival.size, np.bool_)
     again[twin] = arrival[twin - 1] <= arrival[twin]

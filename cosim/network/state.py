@@ -1,18 +1,15 @@
-"""The state of a link as its receiver sees it, at any instant: for signals, and for the loop.
+"""The state of a link as its receiver sees it, at any instant.
 
-Before the first delivery the receiver has its initial value, which is as old as the run: its
-age is the time since 0. While a substitute stands in for a lost message, the age is that of
-the message in use before it: nothing newer is known.
+Before the first delivery the receiver has its initial value, whose age is the time since 0.
+While a substitute replaces a lost message, the age is that of the message in use before it.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 NONE_YET = -1
 """Nothing has been delivered yet: the receiver has its initial value."""
@@ -26,13 +23,13 @@ class LinkState(NamedTuple):
 
     Attributes
     ----------
-    age_s : time since what the receiver has was sent [s], float64, never negative; see above
-        for what it is before the first delivery and during a substitute.
+    age_s : time since the message in use was sent [s], float64, never negative; see the
+        module for the time before the first delivery and for substitutes.
     sequence : sequence number of the message in use, int64; `NONE_YET` (-1) before the first
         delivery, `SUBSTITUTE` (-2) while the substitute is in use.
-    dropped : how many messages and copies were dropped so far, int64: one that the full queue
-        refused from its sending on, a lost one from the instant it was due, an overtaken one or
-        a duplicate from its arrival.
+    dropped : how many messages and copies were dropped so far, int64: one that the queue
+        refused counts from its sending, a lost one from the instant it was due, an overtaken
+        one or a duplicate from its arrival.
     delivered : how many were delivered so far, int64.
     """
 
@@ -43,9 +40,9 @@ class LinkState(NamedTuple):
 
 
 class Timeline(NamedTuple):
-    """What the receiver knows after each arrival, in order of time; arrays of shape (m,).
+    """What the receiver has after each arrival, in order of time; arrays of shape (m,).
 
-    Of several at one instant, the last says what holds from there on.
+    Of several at one instant the last one counts.
 
     Attributes
     ----------
@@ -64,11 +61,11 @@ class Timeline(NamedTuple):
     delivered: NDArray[np.int64]
 
     def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Index of the entry in use at each point, or `NONE_YET`, `SUBSTITUTE`."""
+        """Return the index of the entry in use at each point, or `NONE_YET`, `SUBSTITUTE`."""
         return _at(self.used, self._after(points_ns), NONE_YET)
 
     def state(self, points_ns: ArrayLike) -> LinkState:
-        """State at each point."""
+        """Return the state at each point."""
         points = np.asarray(points_ns, np.int64)
         after = self._after(points)
         return LinkState(
@@ -79,10 +76,10 @@ class Timeline(NamedTuple):
         )
 
     def _after(self, points_ns: ArrayLike) -> NDArray[np.intp]:
-        """How many arrivals there are up to each point, it included."""
+        """Return how many arrivals there are up to each point, it included."""
         return np.searchsorted(self.time_ns, np.asarray(points_ns, np.int64), side="right")
 
 
 def _at(values: NDArray[np.int64], after: NDArray[np.intp], before: int) -> NDArray[np.int64]:
-    """The value after so many arrivals; `before` where there was none."""
+    """Return the value after so many arrivals; `before` where there was none."""
     return np.concatenate((np.array([before], np.int64), values))[after]

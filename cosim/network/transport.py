@@ -1,24 +1,19 @@
 """A transport link: a continuous signal, delayed by a constant or by a recorded delay.
 
-y(t) = u(t - delay(t)), the delay being that at the instant of receiving; read off the rows of
-the sender by linear interpolation between two communication points; before t = 0 the signal
-has its initial value, row 0.
+y(t) = u(t - delay(t)), with the delay at the instant of receiving, by linear interpolation
+between two rows of the sender; before t = 0 the signal has its initial value, row 0.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
-from cosim.network.checks import check_duration, check_name
+from cosim.network.checks import check_delay, check_duration, check_name
 from cosim.network.profile import DelayProfile
 from cosim.network.state import NONE_YET, LinkState
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +24,7 @@ class TransportLink:
     ----------
     name : name of the link.
     delay_ns : delay [ns], 0 for a wire.
-    delay : in place of `delay_ns`, a recorded delay that varies.
+    delay : a recorded delay that varies, in place of `delay_ns`.
 
     Raises
     ------
@@ -38,38 +33,24 @@ class TransportLink:
 
     name: str
     delay_ns: int = 0
-
     delay: DelayProfile | None = None
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
         where = f"link {self.name!r}"
         check_duration(f"{where}: delay_ns", self.delay_ns)
-        if self.delay is not None and not isinstance(self.delay, DelayProfile):
-            raise InputError(
-                "delay of the wrong type",
-                where=f"{where}: delay",
-                expected="a DelayProfile or None",
-                got=repr(self.delay),
-                hint="only a packet link can have a delay that follows a signal",
-            )
-        if self.delay is not None and self.delay_ns != 0:
-            raise InputError(
-                "a link has one delay",
-                where=f"{where}: delay_ns, delay",
-                expected="delay_ns = 0 where the delay varies",
-                got=f"{self.delay_ns} ns and a DelayProfile",
-            )
+        hint = "only a packet link can have a delay that follows a signal"
+        check_delay(where, self.delay, self.delay_ns, (DelayProfile,), hint)
 
     def read_ns(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Instant of the sender's signal that is read at each point [ns], not before 0."""
+        """Return the instant of the sender's signal that is read at each point [ns], at least 0."""
         points = np.asarray(points_ns, np.int64)
         delay = self.delay_ns if self.delay is None else self.delay.delay_ns(points)
         read: NDArray[np.int64] = np.maximum(points - delay, 0)
         return read
 
     def state(self, points_ns: ArrayLike) -> LinkState:
-        """State at each point: its age is the delay, or the time since the start.
+        """Return the state at each point: its age is the delay, or the time since the start.
 
         There are no messages: `sequence` is `NONE_YET`, and none is dropped or delivered.
         """
@@ -77,8 +58,10 @@ class TransportLink:
         none = np.zeros(points.shape, np.int64)
         return LinkState((points - self.read_ns(points)) / 1e9, none + NONE_YET, none, none.copy())
 
-    def rows(self, points_ns: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Where the delayed signal lies between the sender's rows.
+    def rows(
+        self, points_ns: ArrayLike, first: int = 0
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the rows, and their weights, that give the delayed signal from `first` on.
 
         Parameters
         ----------
@@ -86,13 +69,13 @@ class TransportLink:
 
         Returns
         -------
-        index, weight : shape (n,) each. At point k the receiver reads
-            (1 - weight[k]) row[index[k]] + weight[k] row[index[k] + 1], with 0 <= weight < 1.
-            Where weight is 0, row index + 1 is not needed (and may not exist). Never a row
-            after k; row k itself only where the delay is shorter than the step into k.
+        index, weight : shape (n - first,) each. At point k the receiver reads
+            (1 - weight) row[index] + weight row[index + 1], with 0 <= weight < 1. Where weight
+            is 0, row index + 1 is not needed (and may not exist). Never a row after k; row k
+            itself only where the delay is shorter than the step into k.
         """
         points = np.asarray(points_ns, np.int64)
-        wanted = np.maximum(self.read_ns(points), points[:1])
+        wanted = np.maximum(self.read_ns(points[first:]), points[:1])
         index = np.searchsorted(points, wanted, side="right") - 1
         following = np.minimum(index + 1, points.size - 1)
         gap = points[following] - points[index]

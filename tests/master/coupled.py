@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from cosim.master.system import Events
+    from cosim.master.communication_schedule import Events
 
 K = np.array([[0.6432, -0.5679]])
 A = np.array([[-5.0, 0.0], [6.0, -10.0]])

@@ -61,7 +61,7 @@ def scalar_fmu(folder: Path, *, variable_step: bool = True, states: bool = True)
 
 
 def ns(seconds: float) -> int:
-    """Seconds to nanoseconds."""
+    """Convert seconds to nanoseconds."""
     return round(seconds * 1e9)
 
 

@@ -1,4 +1,4 @@
-"""Gauss-Seidel, steps of one's own, and what is refused of them: against recurrences."""
+"""Gauss-Seidel and own steps against recurrences, and what is refused of them."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def test_gauss_seidel_passes_on_the_outputs_just_computed(
     assert run.status == "finished"
 
 
-def test_gauss_seidel_leaves_what_a_link_brings_alone(fmu: Path) -> None:
-    """Nothing is delivered before its time, whoever has stepped already."""
+def test_gauss_seidel_does_not_change_deliveries_of_a_link(fmu: Path) -> None:
+    """A message is delivered at its own time, even if its sender has already stepped."""
     link = PacketLink("l", ns(0.2), delay_ns=ns(0.1))
     pairs = (("a.x", "b.u", "l"),)
     runs = [
@@ -63,8 +63,8 @@ def test_gauss_seidel_leaves_what_a_link_brings_alone(fmu: Path) -> None:
         assert one.tolist() == other.tolist()
 
 
-def test_order_is_found_from_what_follows_at_once(fmu: Path) -> None:
-    """y of the second follows its input at once: it takes its turn after the first."""
+def test_order_follows_direct_feedthrough(fmu: Path) -> None:
+    """y of the second has direct feedthrough: it steps after the first."""
     parts = {"late": {"c": 0.0, "e": 1.0}, "early": {"x0": 1.0}, "last": {"b": 1.0}}
     pairs = (("early.x", "late.u"), ("late.y", "last.u"))
     system = scalars(fmu, parts, pairs, step=0.1, stop=0.3, algorithm="gauss-seidel")
@@ -94,7 +94,7 @@ def test_algebraic_loop_is_named(fmu: Path, algorithm: str) -> None:
     assert {"a", "b"} <= set(str(caught.value.where).split(" -> "))
 
 
-def test_order_that_does_not_fit_is_refused(fmu: Path) -> None:
+def test_invalid_order_is_refused(fmu: Path) -> None:
     for more in ({"order": ("a", "b")}, {"order": ("a",), "algorithm": "gauss-seidel"}):
         with pytest.raises(InputError, match="order"):
             scalars(fmu, PAIR, LOOP, step=0.1, stop=0.3, **more)
@@ -102,7 +102,7 @@ def test_order_that_does_not_fit_is_refused(fmu: Path) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
-def test_components_with_steps_of_their_own(fmu: Path, engine: EngineName, algorithm: str) -> None:
+def test_components_with_their_own_steps(fmu: Path, engine: EngineName, algorithm: str) -> None:
     system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, every={"b": 0.3}, algorithm=algorithm)
     run = simulate(system, engine=engine)
     a, b, state_of_b = 1.0, -0.5, -0.5
@@ -139,13 +139,15 @@ def test_a_fixed_step_slave_runs_among_events_with_its_own_step(
         ({"every": {"a": 7.0}}, "own step does not fit"),
     ],
 )
-def test_step_of_ones_own_that_does_not_fit(fmu: Path, more: dict[str, Any], message: str) -> None:
+def test_own_step_that_does_not_fit_is_refused(
+    fmu: Path, more: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, **more)
 
 
 def test_own_step_must_be_in_the_communication_schedule(fmu: Path) -> None:
-    """A system whose points were laid out for another step than the component has."""
+    """A schedule made for another step than that of the component is refused."""
     system = scalars(fmu, PAIR, LOOP, step=0.1, stop=1.0, every={"a": 0.05})
     parts = {
         **system.components,
@@ -153,7 +155,7 @@ def test_own_step_must_be_in_the_communication_schedule(fmu: Path) -> None:
     }
     with pytest.raises(InputError, match="does not fall on communication points") as caught:
         simulate(dataclasses.replace(system, components=parts))
-    assert caught.value.got == "0.02 s is none"
+    assert caught.value.got == "none at 0.02 s"
 
 
 def test_midpoint_needs_a_delay_of_half_a_step(fmu: Path) -> None:
@@ -172,10 +174,8 @@ def test_packets_need_the_policy_hold(fmu: Path) -> None:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_extrapolation_is_not_thrown_off_by_events_close_together(
-    fmu: Path, engine: EngineName
-) -> None:
-    """Points a nanosecond apart: no slope is taken from them."""
+def test_extrapolation_ignores_events_close_together(fmu: Path, engine: EngineName) -> None:
+    """No slope is computed from points a nanosecond apart."""
     links = [PacketLink("l", ns(0.1), 1, 0), TransportLink("t", 0)]
     pairs = (("a.x", "b.u", "l"), ("b.x", "a.u", "t", "linear"))
     run = simulate(scalars(fmu, PAIR, pairs, step=0.1, stop=2.0, links=links), engine=engine)

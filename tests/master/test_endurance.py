@@ -1,4 +1,4 @@
-"""Many runs in one process: nothing is left of a run when it is over; a long one is no slower."""
+"""Many runs in one process leak nothing, and a long run needs no more memory than its rows."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("engine", ["python", "compiled"])
-def test_run_goes_when_nobody_holds_it(tiny: Path, tmp_path: Path, engine: Any) -> None:
-    """Rows, slaves, engine and recorder, without waiting for the garbage collector."""
+def test_run_is_freed_without_garbage_collection(tiny: Path, tmp_path: Path, engine: Any) -> None:
+    """Rows, slaves, engine and recorder are freed when the last reference is dropped."""
     system = system_of(tiny, 6, steps=100, links=True)
     gc.collect()
     gc.disable()
@@ -55,10 +55,10 @@ def test_run_goes_when_nobody_holds_it(tiny: Path, tmp_path: Path, engine: Any) 
 
 
 @pytest.mark.slow
-def test_three_hundred_runs_leave_nothing_behind(
+def test_three_hundred_runs_leak_no_resources(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of every kind: no object, open file, thread, mapping or folder more, and no memory."""
+    """No object, open file, thread, mapping, folder or memory is left of any of them."""
     (tmp_path / "temporary").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     for name, run in kinds(tmp_path).items():

@@ -1,4 +1,4 @@
-"""Two engines, one result: bit for bit, message for message, failure for failure."""
+"""Both engines give the same rows, log lines and failures, bit for bit."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ENGINES: tuple[EngineName, EngineName] = ("python", "compiled")
 
 
 class Diary(Observer):
-    """Writes down everything that an observer is told."""
+    """Records everything that an observer receives."""
 
     def __init__(self) -> None:
         self.lines: list[Any] = []
@@ -54,7 +54,7 @@ class Diary(Observer):
 
 
 def both(make: Callable[[], System]) -> Run:
-    """Run on each engine, hold one against the other, give back one."""
+    """Run on each engine, compare the runs, return one."""
     runs, diaries = [], []
     for engine in ENGINES:
         diary = Diary()
@@ -132,7 +132,7 @@ def ring(
     )
 
 
-def test_every_type_arrives(mixed: Path) -> None:
+def test_values_of_every_type_are_exchanged(mixed: Path) -> None:
     run = both(lambda: ring(mixed, links=[PacketLink("l", ns(0.2), delay_ns=ns(0.1))]))
     steps = np.arange(run.points_ns.size)
     assert run.signal("a", "n").tolist() == steps.tolist()
@@ -182,7 +182,7 @@ def test_log_lines_are_delivered_between_the_rows_they_were_logged_between(mixed
     assert diary.lines[place[1] + 1][0] == 4
 
 
-def test_what_a_component_says_can_be_left_out(mixed: Path) -> None:
+def test_log_level_filters_the_log_of_a_component(mixed: Path) -> None:
     terminated = {}
     for level in ("debug", "warning"):
         system = ring(mixed)
@@ -195,12 +195,12 @@ def test_what_a_component_says_can_be_left_out(mixed: Path) -> None:
 
 
 def test_nan_is_out_of_range_on_both_engines(fmus: Path) -> None:
-    """A NaN cannot be told from a number by a comparison that forgets about it."""
+    """A comparison that is not written for NaN would take it for a number in range."""
     run = both(lambda: section_5(fmus, step=1.0, stop=9.0, plant={"A[1,1]": 5000.0}))
     assert run.status == "diverged"
 
 
-def test_choice_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engine_choice_gives_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     assert choose_engine("python", 10) == ("python", "asked for")
     assert choose_engine("auto", 10).name == "python"
     assert "too few" in choose_engine("auto", 10).reason
@@ -212,7 +212,7 @@ def test_choice_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_two_hundred_thousand_steps_agree(mixed: Path) -> None:
-    """More than one stretch on either engine."""
+    """More than one segment on either engine."""
     run = simulate(ring(mixed, stop=20_000.0), engine="compiled")
     assert run.points_ns.size == 200_001
     assert run.signal("a", "n")[-1] == 200_000

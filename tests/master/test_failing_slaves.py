@@ -1,4 +1,4 @@
-"""A slave fails: who, when and in which words; what the trace holds; that the others are ended."""
+"""A slave fails: the message, the trace, and that the other slaves are terminated."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def ring(fmus: dict[str, Path], version: str, algorithm: Any, **fault: float) -> System:
-    """first -> middle -> last -> first; the middle one is told to fail."""
+    """first -> middle -> last -> first; the middle one is set to fail."""
     sound = describe_fmu(fmus["sound"])
     parts = {
         "first": Component(sound, {"u": 1.0}),
@@ -90,7 +90,7 @@ def test_failure_is_named_recorded_and_the_others_are_ended(
     what: str,
     status: int,
 ) -> None:
-    """The component, the call, the time, the status and the FMU's words; then the slaves' ends."""
+    """The message names component, call, time, status and FMU log; the others are terminated."""
     system = ring(faulty, version, algorithm, **fault(what, status))
     run = recorded(system, tmp_path / "a.mcap", engine)
     assert run.status == "failed"
@@ -117,10 +117,10 @@ def test_failure_is_named_recorded_and_the_others_are_ended(
 @pytest.mark.parametrize("what", ["step", "get", "set"])
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("engine", ENGINES)
-def test_trace_holds_everything_up_to_the_failure(
+def test_trace_contains_everything_up_to_the_failure(
     faulty: dict[str, Path], tmp_path: Path, engine: str, algorithm: str, what: str
 ) -> None:
-    """Every complete row, with the values of a run that does not fail; nothing made up after it.
+    """Every complete row, with the values of a run that does not fail, and nothing after it.
 
     Under Gauss-Seidel the last row has all outputs, and where a turn did not come, the inputs
     that were there to be received.
@@ -151,8 +151,10 @@ def test_trace_holds_everything_up_to_the_failure(
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_bias_is_on_an_input_whose_turn_did_not_come(faulty: dict[str, Path], engine: Any) -> None:
-    """The last row shows it would have been received, once biased."""
+def test_bias_acts_on_inputs_not_received_before_the_failure(
+    faulty: dict[str, Path], engine: Any
+) -> None:
+    """The last row has the value that would have been received, biased once."""
     system = ring(faulty, "2.0", "gauss-seidel", **fault("step", ERROR))
     with Session(seeded(system), engine=engine) as session:
         session.bias("last", "u", 10.0)
@@ -163,7 +165,7 @@ def test_bias_is_on_an_input_whose_turn_did_not_come(faulty: dict[str, Path], en
 
 
 def seeded(system: System) -> System:
-    """The ring with something that goes round: the first input is given, not connected."""
+    """The ring with a changing value: the first input is driven, not connected."""
     return System(
         system.components,
         system.connections[:-1],
@@ -182,7 +184,7 @@ def seeded(system: System) -> System:
 def test_failure_in_initialisation_is_named_logged_and_the_others_are_freed(
     faulty: dict[str, Path], tmp_path: Path, version: str, what: str, status: int
 ) -> None:
-    """No row has come about; the trace has the words of the FMU, and of the master."""
+    """There is no row; the trace has the log of the FMU and of the master."""
     system = ring(faulty, version, "jacobi", **fault(what, status, at=0.0))
     with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
         with pytest.raises(ComponentError, match=MESSAGE) as caught:
@@ -212,7 +214,7 @@ def test_after_fatal_no_instance_of_that_fmu_is_called(faulty: dict[str, Path]) 
 
 
 class Ear(Observer):
-    """Hears what is said."""
+    """Records log lines."""
 
     def __init__(self) -> None:
         self.heard: list[tuple[str, str]] = []

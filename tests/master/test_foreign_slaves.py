@@ -1,4 +1,4 @@
-"""Runs of slaves that are not ours: FMI 2.0 and 3.0 together, every type, ends and failures."""
+"""Foreign slaves: FMI 2.0 and 3.0 together, every type, early stops and failures."""
 
 from __future__ import annotations
 
@@ -13,16 +13,24 @@ from foreign.c_fmu import c_fmu, every, talker
 
 from cosim.core.errors import InputError
 from cosim.fmu import FmuDescription, describe_fmu
-from cosim.master import Component, Connection, Endpoint, Session, System, make_schedule, simulate
+from cosim.master import (
+    Component,
+    Connection,
+    Endpoint,
+    LogLevel,
+    Session,
+    System,
+    make_schedule,
+    simulate,
+)
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.system import LogLevel
 from cosim.network import PacketLink, TransportLink
 
 STEP_S, END_S = 0.25, 2.0
 
 
 class Diary:
-    """Collects what is said."""
+    """Records log lines."""
 
     def __init__(self) -> None:
         self.lines: list[tuple[int, str, str, str]] = []
@@ -39,7 +47,7 @@ class Diary:
 
 @pytest.fixture(scope="module")
 def fmi2(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
-    """The FMI 2.0 slave that says a lot."""
+    """The FMI 2.0 slave that logs many messages."""
     return describe_fmu(c_fmu("talker_fmi2.c", talker(), tmp_path_factory.mktemp("talker")))
 
 
@@ -67,7 +75,7 @@ def system_of(
     )
 
 
-def test_values_of_every_type_travel_between_the_versions(
+def test_values_of_every_type_are_exchanged_between_fmi_versions(
     fmi2: FmuDescription, fmi3: FmuDescription
 ) -> None:
     """Reals, truth values and texts into FMI 3.0 and on, arrays and integers within it."""
@@ -148,7 +156,7 @@ def test_slave_of_fmi2_ends_the_run_by_discard(fmi2: FmuDescription) -> None:
 
 
 @pytest.mark.parametrize(("mode", "word"), [(2, "Discard"), (3, "Fatal"), (4, "Discard")])
-def test_failure_names_component_time_and_words(
+def test_failure_names_component_time_and_log_messages(
     fmi2: FmuDescription, fmi3: FmuDescription, mode: int, word: str
 ) -> None:
     """The other slaves are terminated and freed; after Fatal none of the FMU is called."""
@@ -171,8 +179,8 @@ def test_failure_names_component_time_and_words(
     assert ("bad", "terminated") not in log_text
 
 
-def test_lengths_that_no_array_has_are_bad_input(fmi3: FmuDescription) -> None:
-    """Said when the component is made."""
+def test_invalid_array_lengths_are_refused(fmi3: FmuDescription) -> None:
+    """Refused when the component is made."""
     with pytest.raises(ValueError, match="n is no length of an array"):
         Component(fmi3, {"n": -1})
 
@@ -196,18 +204,18 @@ LINKS = (
         ("Float64.reversed", "Float64.row", None, "differ in shape"),
         ("Boolean.out", "Float64.in", None, "types of the two ends"),
         ("String.out", "String.in", "held", None),
-        ("String.out", "String.in", "zeroed", "carries real numbers only"),
-        ("String.out", "String.in", "line", "carries real numbers only"),
+        ("String.out", "String.in", "zeroed", "transmits real numbers only"),
+        ("String.out", "String.in", "line", "transmits real numbers only"),
         ("Int8.out", "Int8.in", "zeroed", None),
-        ("Int8.out", "Int8.in", "rounded", "carries real numbers only"),
-        ("Boolean.out", "Boolean.in", "line", "carries real numbers only"),
+        ("Int8.out", "Int8.in", "rounded", "transmits real numbers only"),
+        ("Boolean.out", "Boolean.in", "line", "transmits real numbers only"),
         ("Float32.out", "Float32.in", "rounded", None),
     ],
 )
-def test_connection_carries_what_its_ends_and_its_link_hold(
+def test_connection_types_must_match_ends_and_link(
     fmi3: FmuDescription, source: str, target: str, link: str | None, message: str | None
 ) -> None:
-    """Range, shape and type; over a link nothing in between is made of what has nothing there."""
+    """Range, shape and type must match; links interpolate real numbers only."""
     links = {one.name: one for one in LINKS}
     comm_schedule = make_schedule(links, round(STEP_S * 1e9), round(END_S * 1e9), "grid")
     connection = Connection(Endpoint("one", source), Endpoint("two", target), link)

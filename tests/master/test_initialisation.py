@@ -1,4 +1,4 @@
-"""Initialisation of all together: values go round until none changes."""
+"""Initialisation of all slaves together: values are exchanged until none changes."""
 
 from __future__ import annotations
 

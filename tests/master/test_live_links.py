@@ -1,4 +1,4 @@
-"""Links whose delay the run itself decides, and the state of links as signals."""
+"""Links whose delay follows a signal of the run, and the state of links as signals."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_recorded_delay_of_a_continuous_signal(fmu: Path, *, live: bool) -> None
     assert run.signal("b", "u") == pytest.approx(read, abs=1e-9)
 
 
-def test_distance_from_a_place_decides(fmu: Path) -> None:
+def test_distance_from_the_origin_decides_the_delay(fmu: Path) -> None:
     source = DelaySource((end("a.x"), end("b.x")), (0.3, -0.4))
     run = simulate(ranged(fmu, delays={"there": source}))
     schedule = run.schedules["there"]
@@ -158,7 +158,7 @@ def test_distance_from_a_place_decides(fmu: Path) -> None:
 
 
 @pytest.mark.parametrize("events", ["align", "grid"])
-def test_going_back_and_on_with_a_live_link(
+def test_restore_and_continue_with_a_live_link(
     fmu: Path, engine: EngineName, events: str, tmp_path: Path
 ) -> None:
     step = 0.01 if events == "grid" else 0.1
@@ -184,7 +184,7 @@ def test_going_back_and_on_with_a_live_link(
         assert session.result().points_ns.tolist() == points
 
 
-def test_value_that_makes_no_delay_ends_the_run(fmu: Path, engine: EngineName) -> None:
+def test_invalid_delay_ends_the_run(fmu: Path, engine: EngineName) -> None:
     """0.02 s + 0.05 s/unit x: negative once x < -0.4."""
     system = ranged(fmu, delays={"there": DelaySource((end("a.x"),))})
     parts = PAIR | {"a": PAIR["a"] | {"x0": -0.5}}
@@ -206,13 +206,13 @@ def test_value_that_makes_no_delay_ends_the_run(fmu: Path, engine: EngineName) -
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"delays": {}}, "nothing decides the delay"),
-        ({"delays": {"there": DelaySource((end("a.y"),))}}, "follows no input at once"),
+        ({"delays": {}}, "the delay of this link has no signal"),
+        ({"delays": {"there": DelaySource((end("a.y"),))}}, "without direct feedthrough"),
         ({"delays": {"there": DelaySource((end("a.x"),), (0.0, 1.0))}}, "2 coordinates"),
-        ({"every": {"a": 0.2}}, "come about in the run"),
+        ({"every": {"a": 0.2}}, "added during the run"),
     ],
 )
-def test_what_does_not_go_with_a_live_link_is_refused(
+def test_features_incompatible_with_a_live_link_are_refused(
     fmu: Path, more: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
@@ -224,7 +224,7 @@ def test_what_does_not_go_with_a_live_link_is_refused(
 def test_algebraic_loop_through_a_live_link_is_refused(
     fmu: Path, algorithm: str, events: str
 ) -> None:
-    """y follows u at once on both sides; before the run nobody can know that the link delays."""
+    """y has direct feedthrough on both sides; the delay is not known before the run."""
     link = PacketLink("there", ns(0.1), delay=SIGNAL)
     parts = {name: given | {"e": 0.5} for name, given in PAIR.items()}
     given: dict[str, Any] = {
@@ -247,7 +247,7 @@ def test_algebraic_loop_through_a_live_link_is_refused(
 
 
 def test_snapshot_of_another_live_link_is_refused(fmu: Path) -> None:
-    """Same points before the run; what the links make of them in the run differs."""
+    """The points before the run are the same; those that the links add differ."""
     links = [PacketLink("there", ns(0.1), delay=SIGNAL)]
     pairs = (("a.x", "b.u", "there"), ("b.x", "a.u"))
 
@@ -314,7 +314,7 @@ def test_state_of_a_link_is_a_signal(
         ("there.age", "b.u", "two sources"),
     ],
 )
-def test_state_that_does_not_fit_is_refused(
+def test_link_state_into_an_unsuitable_input_is_refused(
     fmu: Path, source: str, target: str, message: str
 ) -> None:
     link = PacketLink("there", ns(0.07))
@@ -329,8 +329,8 @@ def test_state_that_does_not_fit_is_refused(
         )
 
 
-def test_fixed_step_slave_does_not_go_with_points_that_come_about(tmp_path: Path) -> None:
-    """The points known before the run are evenly spaced; those of the arrivals will not be."""
+def test_fixed_step_slave_is_refused_where_points_are_added(tmp_path: Path) -> None:
+    """The points known before the run are evenly spaced, those of the arrivals are not."""
     stiff = scalar_fmu(tmp_path, variable_step=False)
     given: dict[str, Any] = {"links": [PacketLink("there", ns(0.1), delay=SIGNAL)]}
     given |= {"step": 0.1, "stop": STOP, "delays": {"there": DelaySource((end("a.x"),), (0.0,))}}
@@ -341,8 +341,10 @@ def test_fixed_step_slave_does_not_go_with_points_that_come_about(tmp_path: Path
 
 
 @pytest.mark.parametrize(("link", "policy"), [("there", "hold"), (None, "linear")])
-def test_state_takes_no_link_and_no_policy(fmu: Path, link: str | None, policy: str) -> None:
-    with pytest.raises(InputError, match="it takes no link"):
+def test_link_state_over_a_link_or_with_a_policy_is_refused(
+    fmu: Path, link: str | None, policy: str
+) -> None:
+    with pytest.raises(InputError, match="cannot pass over a link"):
         scalars(
             fmu,
             PAIR,
@@ -355,7 +357,7 @@ def test_state_takes_no_link_and_no_policy(fmu: Path, link: str | None, policy: 
 
 @pytest.mark.parametrize(("unit", "fits"), [("s", True), ("ms", False)])
 def test_age_is_in_seconds(fmu: Path, tmp_path: Path, unit: str, *, fits: bool) -> None:
-    """No other unit is converted to."""
+    """No other unit is accepted."""
     where = (r'(name="u"[^>]*>)<Real', rf'\1<Real unit="{unit}"')
     units = ("<ModelVariables>", f'<UnitDefinitions><Unit name="{unit}"/></UnitDefinitions>\\g<0>')
     own = rewritten(fmu, tmp_path / "own.fmu", where, units)

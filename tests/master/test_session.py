@@ -1,4 +1,4 @@
-"""A run under control: step, read, set, override, save, go back; bit for bit."""
+"""Sessions: step, read, set, override, save and restore, bit for bit."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def rows(run: Run) -> list[bytes]:
     return [run.signal(c, v).tobytes() for c in ("a", "b") for v in ("x", "y", "u")]
 
 
-def test_step_by_step_is_the_same_run(fmu: Path, engine: EngineName) -> None:
+def test_single_steps_give_the_same_run(fmu: Path, engine: EngineName) -> None:
     whole = simulate(linked(fmu), engine=engine)
     with Session(linked(fmu), engine=engine) as session:
         session.step()
@@ -71,7 +71,9 @@ def test_step_by_step_is_the_same_run(fmu: Path, engine: EngineName) -> None:
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
-def test_going_back_and_on_is_the_same_run(fmu: Path, engine: EngineName, algorithm: str) -> None:
+def test_restore_and_continue_gives_the_same_run(
+    fmu: Path, engine: EngineName, algorithm: str
+) -> None:
     with Session(linked(fmu, algorithm=algorithm), engine=engine) as session:
         session.run_until(2.0)
         before = session.snapshot()
@@ -89,7 +91,7 @@ def test_going_back_and_on_is_the_same_run(fmu: Path, engine: EngineName, algori
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
-def test_another_session_goes_on_from_a_file(
+def test_another_session_continues_from_a_file(
     fmu: Path, engine: EngineName, algorithm: str, tmp_path: Path
 ) -> None:
     whole = simulate(linked(fmu, algorithm=algorithm), engine=engine)
@@ -118,7 +120,7 @@ def test_snapshot_of_another_system_is_refused(fmu: Path, tmp_path: Path) -> Non
 
 
 def test_snapshot_of_another_algorithm_is_refused(fmu: Path) -> None:
-    """Jacobi into Gauss-Seidel and back, and another order: each has a future of its own."""
+    """Jacobi into Gauss-Seidel and back, and another order: the runs would differ."""
     ways: tuple[dict[str, Any], ...] = (
         {"algorithm": "jacobi"},
         {"algorithm": "gauss-seidel", "order": ("a", "b")},
@@ -146,7 +148,7 @@ def test_snapshot_of_another_algorithm_is_refused(fmu: Path) -> None:
 
 
 def test_snapshot_of_another_recorded_delay_or_own_step_is_refused(fmu: Path) -> None:
-    """Two recordings that are written alike, and steps at points that are there anyway."""
+    """Recordings with the same repr, and own steps that add no points, are told apart."""
     times = [0.005 * k for k in range(1200)]  # of more than 1000, repr shows the ends
 
     def system(delays: list[float], every: float = 0.2) -> System:
@@ -169,7 +171,7 @@ def test_snapshot_of_another_recorded_delay_or_own_step_is_refused(fmu: Path) ->
 
 
 def test_snapshot_of_another_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
-    """One that declares the same, and is another file."""
+    """Another file with the same declarations."""
     other = rewritten(fmu, tmp_path / "other.fmu", ('modelName="scalar"', 'modelName="other"'))
     with Session(linked(fmu)) as session:
         session.step(3)
@@ -180,7 +182,7 @@ def test_snapshot_of_another_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("status", ["diverged", "failed"])
 def test_run_that_cannot_go_on_is_not_saved(fmu: Path, status: str) -> None:
-    """Nothing is left of it to go on from; one that was ended by its end can be saved."""
+    """A failed or diverged run has no state to save; a finished one has."""
     growing = PAIR | {"a": {"a": 5.0, "x0": -1.0}}
     signal = PacketLink("p", ns(0.1), delay=DelaySignal(0.01, ns(0.02)))
     more: dict[str, Any] = {}
@@ -204,7 +206,7 @@ def test_slave_without_states_is_named(tmp_path: Path) -> None:
         session.snapshot()
 
 
-def test_a_trace_cannot_be_taken_back(fmu: Path, tmp_path: Path) -> None:
+def test_restore_with_a_trace_is_refused(fmu: Path, tmp_path: Path) -> None:
     system = linked(fmu)
     with (
         TraceWriter(tmp_path / "t.mcap", run={}) as writer,

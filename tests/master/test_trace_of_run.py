@@ -1,4 +1,4 @@
-"""The trace of a run: what stands in it, in which order, and that it is the same each time."""
+"""The trace of a run: its contents, their order, and that they are reproducible."""
 
 from __future__ import annotations
 
@@ -167,14 +167,16 @@ def test_trace_of_a_run_that_ended_early_is_readable(
     assert trace.topics["/log"].count >= 1
 
 
-def test_link_that_nothing_uses_is_harmless(fmus: Path, tmp_path: Path) -> None:
-    """A link without connections is recorded without signals, not tripped over."""
+def test_unused_link_is_recorded_without_signals(fmus: Path, tmp_path: Path) -> None:
+    """A link without connections is recorded without signals."""
     given = system(fmus, {"sea": ("WaveField", {})}, [], step=0.1, stop=0.5, links=[LINK])
     assert recorded(given, tmp_path / "a.mcap").status == "finished"
     assert Trace(tmp_path / "a.mcap").finished
 
 
-def test_names_that_differ_in_punctuation_stay_apart(fmus: Path, tmp_path: Path) -> None:
+def test_names_that_differ_in_punctuation_have_their_own_schemas(
+    fmus: Path, tmp_path: Path
+) -> None:
     """a-b and a_b would share a schema's name; their rows do not mix."""
     parts: dict[str, tuple[str, dict[str, Any]]] = {
         "a-b": ("WaveField", {}),

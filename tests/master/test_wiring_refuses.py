@@ -1,4 +1,4 @@
-"""Systems that cannot be run, and runs that end early: said in words, rows kept."""
+"""Systems that are refused, and runs that end early: messages, and rows that are kept."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ def test_wrong_connection_is_refused(fmus: Path, case: str) -> None:
 
 
 def test_near_names_are_suggested(fmus: Path) -> None:
-    """A slip of a letter is met with the name that was meant."""
+    """A misspelt name is answered with the nearest one."""
     with pytest.raises(InputError, match="did you mean plant"):
         system(fmus, PLANT, [("plnt.x[1]", "plant.u[1]")], step=0.1, stop=1.0)
 
 
-def test_driven_and_connected_is_two_sources(fmus: Path) -> None:
+def test_input_both_driven_and_connected_is_refused(fmus: Path) -> None:
     """A signal and a connection cannot both have an input; nor can a signal have an output."""
     connections = [("plant.x[1]", "plant.u[1]")]
     with pytest.raises(InputError, match="two sources"):
@@ -84,7 +84,7 @@ def test_driven_and_connected_is_two_sources(fmus: Path) -> None:
 
 @pytest.mark.parametrize("link", [None, TransportLink("line", ns(0.2))])
 def test_algebraic_loop_names_its_components(fmus: Path, link: TransportLink | None) -> None:
-    """z of a into w of b and back: refused, and the way out is one that works."""
+    """z of a into w of b and back is refused, and the suggested remedy works."""
     over = (link.name,) if link else ()
     connections = [("a.z[1]", "b.w[1]", *over), ("b.z[1]", "a.w[1]", *over)]
     given = system(fmus, TWO, connections, step=0.1, stop=1.0, links=[link] if link else [])
@@ -103,15 +103,15 @@ def test_algebraic_loop_names_its_components(fmus: Path, link: TransportLink | N
     assert np.array_equal(run.signal("a", "w[1]")[1:], sent[:-1])
 
 
-def test_own_output_fed_back_is_a_loop_of_one(fmus: Path) -> None:
+def test_feedthrough_to_its_own_input_is_an_algebraic_loop(fmus: Path) -> None:
     """z into the same plant's w."""
     given = system(fmus, PLANT, [("plant.z[1]", "plant.w[1]")], step=0.1, stop=1.0)
     with pytest.raises(InputError, match="plant -> plant: the connections form an algebraic"):
         simulate(given)
 
 
-def test_state_fed_back_is_no_loop(fmus: Path) -> None:
-    """x into the same plant's u is a held feedback, not an algebraic loop."""
+def test_state_feedback_is_not_an_algebraic_loop(fmus: Path) -> None:
+    """x into the same plant's u is a sampled feedback, not an algebraic loop."""
     given = system(fmus, PLANT, [("plant.x[1]", "plant.u[1]")], step=0.1, stop=1.0)
     assert simulate(given).status == "finished"
 
@@ -151,7 +151,7 @@ def test_unknown_signal_of_a_run(fmus: Path) -> None:
 
 
 def test_component_that_fails_ends_the_run(fmus: Path) -> None:
-    """A delay that cannot be paid: "failed", the reason in the component's words, row 0 kept."""
+    """A delay with too many sub-steps: "failed", with the component's message, row 0 kept."""
     run = simulate(section_5(fmus, step=0.1, stop=1.0, plant={"delay.d": 1e-12}))
     assert run.status == "failed"
     assert run.reason is not None
@@ -175,7 +175,7 @@ def test_divergence_ends_the_run(fmus: Path) -> None:
 
 
 def test_overflow_inside_a_step_is_divergence(fmus: Path) -> None:
-    """A state that leaves the numbers within one step is no defect of the component."""
+    """A state that overflows within one step is divergence, not a failure."""
     run = simulate(section_5(fmus, step=1.0, stop=9.0, plant={"A[1,1]": 5000.0}, divergence=1e300))
     assert run.status == "diverged"
     assert run.reason is not None
@@ -208,17 +208,17 @@ def test_fixed_step_fmu_is_refused_where_steps_vary(fmus: Path, tmp_path: Path) 
 
 
 def test_link_that_is_not_in_the_schedule_is_refused(fmus: Path) -> None:
-    """A link under another name, or one the timetable was not made for."""
+    """A link under another name, or one without a schedule, is refused."""
     link = PacketLink("sc", ns(0.1))
     given = section_5(fmus, step=0.1, stop=1.0, links=[link])
-    with pytest.raises(InputError, match="pass the same links to make_timetable"):
+    with pytest.raises(InputError, match="pass the same links to make_schedule"):
         dataclasses.replace(given, links={"other": link}, connections=[])
     without = make_schedule({}, ns(0.1), ns(1.0), "align")
-    with pytest.raises(InputError, match="link 'sc': the link and its place"):
+    with pytest.raises(InputError, match="link 'sc': the link does not match its entry"):
         dataclasses.replace(given, comm_schedule=without)
 
 
-def test_endpoint_reads_as_it_is_written() -> None:
-    """component.variable."""
+def test_endpoint_is_formatted_as_component_and_variable() -> None:
+    """An endpoint is formatted as component.variable."""
     assert str(end("plant.x[1]")) == "plant.x[1]"
     assert end("auv.eta.x") == Endpoint("auv", "eta.x")

@@ -1,4 +1,4 @@
-"""The vehicle's equations: held to the paper's printed numbers and to Eq. (3) as it stands."""
+"""The vehicle's equations against the paper's printed numbers and Eq. (3)."""
 
 from __future__ import annotations
 

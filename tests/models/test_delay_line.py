@@ -1,4 +1,4 @@
-"""The method of steps: held to closed forms and to the reference solver."""
+"""The method of steps against closed forms and the reference solver."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_time_dependent_right_hand_side() -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_snapshot_goes_on_bit_for_bit(case: str) -> None:
+def test_restored_snapshot_continues_bit_for_bit(case: str) -> None:
     """A line restored from JSON text, in a new object, goes on as the original does."""
     delays, period = CASES[case]
     line = DelayLine([1.0, -0.5], delays, 0.03)
@@ -155,7 +155,7 @@ def test_snapshot_goes_on_bit_for_bit(case: str) -> None:
 
 
 def test_snapshot_is_not_changed_by_what_follows() -> None:
-    """What was saved stays what it was, and can be gone back to twice."""
+    """A snapshot does not change, and can be restored twice."""
     line, advance = simplest()
     advance(1.5)
     saved = line.snapshot()
@@ -170,7 +170,7 @@ def test_snapshot_is_not_changed_by_what_follows() -> None:
 
 
 def test_history_is_cut_but_never_too_short() -> None:
-    """Memory stays bounded over 50 delays, and the oldest time a delay reaches is still there."""
+    """Memory stays bounded over 50 delays, and the longest delay can still be read."""
     line = DelayLine([1.0], [0.2], 0.01)
     for k in range(1, 1001):
         line.advance(k * 0.01, lambda _t, _x, late: [-late[0][0]], jump=True)
@@ -182,8 +182,8 @@ def test_history_is_cut_but_never_too_short() -> None:
     assert again.x[0] == pytest.approx(exact(2.0)[0], abs=1e-9)
 
 
-def test_history_that_was_cut_is_not_extrapolated() -> None:
-    """A time that no delay reaches any more is refused instead of guessed."""
+def test_deleted_history_is_not_extrapolated() -> None:
+    """A time before the kept history is refused."""
     line, advance = simplest()
     advance(1.0)
     assert line.at(0.5)[0] == pytest.approx(0.5, abs=1e-14)
@@ -202,15 +202,15 @@ def test_history_before_the_start_is_the_constant() -> None:
 
 
 @pytest.mark.parametrize("delay", [-0.1, math.nan, math.inf])
-def test_delay_without_meaning_is_refused(delay: float) -> None:
-    """Negative or not finite: said at once."""
+def test_invalid_delay_is_refused(delay: float) -> None:
+    """A delay that is negative or not finite is refused."""
     with pytest.raises(ValueError, match="finite and not negative, got"):
         DelayLine([1.0], [0.1, delay], 0.1)
 
 
 @pytest.mark.parametrize("step", [0.0, -1.0, math.nan, math.inf])
-def test_step_without_meaning_is_refused(step: float) -> None:
-    """Zero, negative or not finite: said at once."""
+def test_invalid_internal_step_is_refused(step: float) -> None:
+    """A step that is zero, negative or not finite is refused."""
     with pytest.raises(ValueError, match="finite and positive, got"):
         DelayLine([1.0], [0.1], step)
 
@@ -225,22 +225,22 @@ def test_step_back_is_refused(end: float) -> None:
 
 
 @pytest.mark.parametrize("delay", [1e-9, 1e-300, 5e-324])
-def test_delay_that_cannot_be_paid_is_refused(delay: float) -> None:
-    """A delay that would cost millions of steps ends in words, not in waiting."""
+def test_delay_that_needs_too_many_sub_steps_is_refused(delay: float) -> None:
+    """A delay that needs millions of sub-steps is refused."""
     line = DelayLine([1.0], [delay], 0.1)
     with pytest.raises(ValueError, match="use a shorter communication step"):
         line.advance(1.0, lambda _t, _x, late: [-late[0][0]], jump=True)
 
 
-def test_step_that_cannot_be_paid_is_refused() -> None:
-    """So does an internal step that is far too small."""
+def test_internal_step_that_needs_too_many_sub_steps_is_refused() -> None:
+    """An internal step that is far too small is refused."""
     line = DelayLine([1.0], [0.0], 1e-6)
     with pytest.raises(ValueError, match="at most 200000 are taken"):
         line.advance(10.0, lambda _t, x, _late: [-x[0]], jump=True)
 
 
-def test_explosion_is_an_arithmetic_error() -> None:
-    """X' = x^2 leaves the numbers; the error says when."""
+def test_overflow_is_an_arithmetic_error() -> None:
+    """X' = x^2 overflows; the error names the time."""
     line = DelayLine([1.0], [0.1], 0.01)
     with pytest.raises(ArithmeticError, match="no longer finite after t ="):
         line.advance(50.0, lambda _t, x, _late: [x[0] * x[0]], jump=True)

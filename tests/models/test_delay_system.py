@@ -1,4 +1,4 @@
-"""Eq. (7) as a value: shapes are checked, what is absent is zero, nothing changes later."""
+"""DelaySystem: shapes are checked, absent matrices are zero, matrices are read-only."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _arguments(**changes: Any) -> dict[str, Any]:
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_by_name(changes: dict[str, Any], message: str) -> None:
+def test_matrix_of_wrong_shape_is_refused_by_name(changes: dict[str, Any], message: str) -> None:
     """A wrong matrix is refused with its name, what was expected and what was got."""
     with pytest.raises(ValueError, match=message):
         DelaySystem(**_arguments(**changes))
@@ -92,15 +92,15 @@ def test_absent_matrices_are_zero_or_do_not_exist() -> None:
     assert bare.H.shape == bare.delays[0].H.shape == (0, 2)
 
 
-def test_a_control_that_is_weighed_needs_its_matrix() -> None:
-    """D2 says that there are inputs: a B of zeros in its place would be a silent mistake."""
+def test_d2_without_b_is_refused() -> None:
+    """D2 implies inputs: a B of zeros would hide a mistake."""
     with pytest.raises(ValueError, match=r"B: expected shape \(2, 1\) beside D2.*got no B"):
         DelaySystem(I2, D2=np.ones((3, 1)), C=np.ones((2, 2)))
     assert not DelaySystem(I2, np.zeros((2, 1)), D2=np.ones((3, 1))).B.any()
 
 
 def test_performance_needs_a_disturbance_and_an_output() -> None:
-    """Without w or without z only stability can be asked."""
+    """Without w or without z there is no gain, only stability."""
     assert DelaySystem(**_arguments()).has_performance
     assert not DelaySystem(**_arguments(C=None, D1=None)).has_performance
     assert not DelaySystem(**_arguments(D=None, D1=None, D2=None)).has_performance
@@ -118,8 +118,8 @@ def test_an_absent_h_of_one_delay_is_zero_when_another_is_uncertain() -> None:
     assert system.delays[1].any_age
 
 
-def test_where_the_feedback_acts() -> None:
-    """Feedback is immediate unless a delay carries it."""
+def test_feedback_acts_through_its_delay() -> None:
+    """Feedback is immediate unless a delay is marked as feedback."""
     late = DelaySystem(I2, B=I2, delays=(Delay(0.5, I2), Delay(1.25, 0 * I2, feedback=True)))
     assert not late.immediate_feedback
     assert late.feedback_delay == 1.25
@@ -127,7 +127,7 @@ def test_where_the_feedback_acts() -> None:
     assert DelaySystem(I2, B=I2).feedback_delay == 0.0
 
 
-def test_nothing_changes_after_it_was_checked() -> None:
+def test_matrices_are_read_only_copies() -> None:
     """Matrices are read-only copies: neither the caller nor the owner can change them."""
     A = np.eye(2)
     system = DelaySystem(A)
@@ -137,7 +137,7 @@ def test_nothing_changes_after_it_was_checked() -> None:
         system.A[0, 0] = 7.0
 
 
-def test_the_example_is_the_paper_s() -> None:
+def test_the_example_matches_the_paper() -> None:
     """Section 5: |D1| = 5, and the printed loop without delay has the eigenvalues of A + A1 + BK.
 
     The characteristic polynomial of A + A1 + B K is worked out by hand from the print:
@@ -152,7 +152,7 @@ def test_the_example_is_the_paper_s() -> None:
     assert paper_example.system(1.5).delays[0].d == 1.5
 
 
-def test_the_example_travels_without_numpy() -> None:
+def test_the_example_imports_no_numpy() -> None:
     """At module level the example imports nothing but the standard library."""
     assert paper_example.__file__ is not None
     tree = ast.parse(Path(paper_example.__file__).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""State feedback and Eq. (7) over scalars: held to matrix algebra by numpy."""
+"""State feedback and Eq. (7) over scalars against matrix algebra by numpy."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def drawn(n: int, m: int, q: int, p: int, seed: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(("n", "m", "q", "p"), [(1, 1, 1, 1), (2, 1, 1, 2), (4, 3, 2, 5)])
-def test_equation_7_is_its_matrices(n: int, m: int, q: int, p: int) -> None:
+def test_equation_7_matches_matrix_products(n: int, m: int, q: int, p: int) -> None:
     """The derivative and z agree with numpy's matrix products, uncertainty included."""
     M = drawn(n, m, q, p, seed=n)
     generator = np.random.default_rng(n + 1)
@@ -66,7 +66,7 @@ def test_several_delays_and_a_rectangular_f(delays: int, s: int, r: int) -> None
     assert certain == pytest.approx(plain, rel=1e-13, abs=1e-13)
 
 
-def test_section_5_over_symbols_is_section_5_over_floats() -> None:
+def test_section_5_over_symbols_matches_floats() -> None:
     """Symbols through the equations give the function that floats go through."""
     matrices = {letter: getattr(paper_example, letter) for letter in LETTERS}
     names = symengine.symbols("t x0 x1 l0 l1 u w")
@@ -81,7 +81,7 @@ def test_section_5_over_symbols_is_section_5_over_floats() -> None:
         assert np.asarray(compiled(a)) == pytest.approx(floats, rel=1e-13, abs=1e-13)
 
 
-def test_section_5_is_the_print() -> None:
+def test_section_5_matches_the_paper() -> None:
     """The numbers of the paper's section 5, with D and E read as multiples of the identity."""
     assert np.array_equal(paper_example.A, [[-5, 0], [6, -10]])
     assert np.array_equal(paper_example.A1, [[-1, 0], [2, 1]])

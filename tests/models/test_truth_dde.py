@@ -1,4 +1,4 @@
-"""The yardstick for delay equations itself: held to closed forms and to another tool."""
+"""The reference solver for delay equations against closed forms and another tool."""
 
 from __future__ import annotations
 

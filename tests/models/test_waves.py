@@ -1,4 +1,4 @@
-"""The sea: an exosystem with the statistics that were asked for."""
+"""The sea: an exosystem with the requested statistics."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from cosim.models.waves import (
     accelerations,
     at_depth,
     discretise,
-    exosystem,
-    exosystem_output,
     gains,
     sea,
     splitmix64,
@@ -142,6 +140,28 @@ def test_time_series_shows_the_wave_height_and_the_peak_period() -> None:
     smooth = np.histogram(frequency, bins, weights=power)[0]
     peak = bins[np.argmax(smooth)] + 0.004
     assert 1 / peak == pytest.approx(Tp, rel=0.07)
+
+
+def exosystem(components: list[Component]) -> tuple[list[list[float]], list[float]]:
+    """G (2N x 2N) and w(0) (2N) of the exosystem w' = G w that these components are."""
+    size = 2 * len(components)
+    G = [[0.0] * size for _ in range(size)]
+    start: list[float] = []
+    for k, c in enumerate(components):
+        G[2 * k][2 * k + 1], G[2 * k + 1][2 * k] = c.omega, -c.omega
+        start += [c.amplitude * math.sin(c.phase), c.amplitude * math.cos(c.phase)]
+    return G, start
+
+
+def exosystem_output(count: int, gain: Gains) -> list[list[float]]:
+    """C (4 x 2N): `accelerations` are C w(t) with w of the exosystem."""
+    along, down = [1.0, 0.0] * count, [0.0, -1.0] * count
+    return [
+        [gain.u * s for s in along],
+        [gain.v * s for s in along],
+        [gain.w * s for s in down],
+        [gain.r * s for s in along],
+    ]
 
 
 @pytest.mark.parametrize("t", [0.0, 0.37, 12.0, 250.0])

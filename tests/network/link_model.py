@@ -26,7 +26,7 @@ _SENDER_DONE, _SEND, _ARRIVE = 0, 1, 2
 
 @dataclass
 class Entry:
-    """A message or a copy on its way."""
+    """A message or a copy in flight."""
 
     sent: int
     transit: int
@@ -55,7 +55,7 @@ class Note:
 
 @dataclass
 class Outcome:
-    """All that became of a run."""
+    """The outcome of a run."""
 
     end: int
     entries: dict[Label, Entry]
@@ -131,7 +131,7 @@ def run(
     delay_of: Callable[[int, int], int],
     points: Sequence[int] | None = None,
 ) -> Outcome:
-    """What becomes of every message sent in [0, end].
+    """Compute what becomes of every message sent in [0, end].
 
     `raw` holds the draws of this run or of a longer one; `delay_of(message, sent)` is the
     delay without jitter; all instants are rounded up to `points`, if there are any.

@@ -49,7 +49,7 @@ def test_line_is_exact_at_every_size(times: list[int], data: st.DataObject) -> N
     assert profile.delay_ns(t) == round(delays[k] + rise)
 
 
-def test_profile_is_a_value() -> None:
+def test_profiles_compare_by_value_and_are_read_only() -> None:
     """Profiles of the same samples are equal, cannot be written to, and survive pickling."""
     times = np.array([0, 10])
     one, other = (DelayProfile(times, np.array([5, d])) for d in (6, 7))
@@ -77,7 +77,7 @@ def test_profile_from_seconds() -> None:
     [
         ([], [], "previous", "at least one"),
         ([0.0], [1], "previous", "integer"),
-        ([[0]], [[1]], "previous", "in one row"),
+        ([[0]], [[1]], "previous", "in one dimension"),
         ([0, 1], [1], "previous", "one delay for each"),
         ([0, 0], [1, 1], "previous", r"times_ns\[1\]"),
         ([0, 5, 4], [1, 1, 1], "previous", "more than 5 ns"),
@@ -88,7 +88,7 @@ def test_profile_from_seconds() -> None:
     ],
 )
 def test_profile_refuses(times: Any, delays: Any, way: Any, word: str) -> None:
-    """What is no profile is refused, and the sample named."""
+    """An invalid profile is refused, and the sample named."""
     with pytest.raises(InputError, match=word):
         DelayProfile(np.array(times), np.array(delays), way)
 
@@ -104,7 +104,7 @@ def test_profile_refuses(times: Any, delays: Any, way: Any, word: str) -> None:
     ],
 )
 def test_profile_from_seconds_refuses(times: Any, delays: Any, word: str) -> None:
-    """What is no number of seconds, or far off, is refused, and the sample named."""
+    """A value that is not a number or out of range is refused, and the sample named."""
     with pytest.raises(InputError, match=word):
         DelayProfile.from_seconds(times, delays)
 
@@ -148,21 +148,21 @@ def test_profile_from_other_columns(tmp_path: Path) -> None:
         (b"time,delay\n0,1\n1,fast\n", ["line 3", "column delay", "'fast'"]),
         (b"time,delay\n0,1\n\n# x\n1,0x5\n", ["line 5", "column delay"]),
         (b"time,delay\n0,1\n0,1\n", ["line 3", "column time", "increase", "more than 0"]),
-        (b"time,delay\n0,1\n1,-0.1\n", ["line 3", "column delay", "never negative", "-0.1 s"]),
+        (b"time,delay\n0,1\n1,-0.1\n", ["line 3", "column delay", "cannot be negative", "-0.1 s"]),
         (b"time,delay\n0,nan\n", ["line 2", "column delay", "out of range"]),
         (b"time,delay\n0,inf\n", ["line 2", "column delay", "out of range"]),
         (b"time,delay\n1e999999999,1\n", ["line 2", "column time", "out of range"]),
         (b"time,delay\n0,1e9999999999999999999\n", ["line 2", "column delay"]),
         (b"time,delay\n1700000000,1\n", ["column time", "start of the run"]),
-        (b"time,delay\n0," + b"1" * 500 + b"\n", ["line 2", "column delay", "no number"]),
-        (b'time,delay\n"0,1\n', ["no CSV"]),
-        (b"time,delay\n\xff\xfe,1\n", ["no text", "UTF-8"]),
+        (b"time,delay\n0," + b"1" * 500 + b"\n", ["line 2", "column delay", "not a number"]),
+        (b'time,delay\n"0,1\n', ["not CSV"]),
+        (b"time,delay\n\xff\xfe,1\n", ["not text", "UTF-8"]),
     ],
 )
 def test_bad_file_is_named_with_line_and_column(
     tmp_path: Path, content: bytes, words: list[str]
 ) -> None:
-    """Each fault says file, line and column, what was expected and what stood there."""
+    """Each message says file, line and column, what was expected and what was found."""
     path = tmp_path / "delay.csv"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
@@ -172,13 +172,13 @@ def test_bad_file_is_named_with_line_and_column(
 
 
 def test_tiny_numbers_in_a_file_are_zero(tmp_path: Path) -> None:
-    """A delay far below a nanosecond takes no time to read, and is none."""
+    """A delay far below a nanosecond is read quickly, as 0."""
     path = tmp_path / "delay.csv"
     path.write_text("time,delay\n0,1e-999999999\n1,1e-9\n")
     assert DelayProfile.from_csv(path).delays_ns.tolist() == [0, 1]
 
 
-def test_file_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_file_is_refused(tmp_path: Path) -> None:
     """A missing file and a folder are refused by name."""
     for path in (tmp_path / "none.csv", tmp_path):
         with pytest.raises(InputError, match=path.name):
@@ -227,7 +227,7 @@ def test_delay_of_a_signal_is_exact(scale: float, value: float, offset: int) -> 
     ],
 )
 def test_delay_of_a_signal_refuses(value: Any, word: str) -> None:
-    """What makes no delay is refused, and the value shown."""
+    """A value that gives no valid delay is refused, and named."""
     with pytest.raises(InputError, match=word) as caught:
         DelaySignal(1.0).delay_ns(value, where="link 'up', message 3")
     assert "link 'up', message 3" in str(caught.value)
@@ -244,8 +244,8 @@ def test_signal_refuses(arguments: Any, word: str) -> None:
         DelaySignal(*arguments)
 
 
-def test_schedule_cannot_know_a_signal() -> None:
-    """A delay that only the run yields is refused beforehand, with what to do."""
+def test_schedule_refuses_a_delay_that_follows_a_signal() -> None:
+    """A delay that depends on the run is refused before it, with a hint."""
     with pytest.raises(InputError, match="LiveSchedule"):
         schedule(PacketLink("a", 10, delay=DelaySignal(1.0)), 100)
 

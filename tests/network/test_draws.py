@@ -1,4 +1,4 @@
-"""The random numbers: the published generator, and the distributions they claim."""
+"""Random draws: the published generator, and the declared distributions."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_gilbert_elliott_with_equal_states_is_bernoulli() -> None:
 
 @pytest.mark.parametrize("kind", ["exponential", "normal"])
 def test_longer_run_begins_with_the_shorter(kind: str) -> None:
-    """Truncation by refusal does not let one message's draws depend on another's."""
+    """With truncation, too, the draws of one message do not depend on another's."""
     scale = {"exponential": {"mean_ns": 50}, "normal": {"sigma_ns": 50}}[kind]
     jitter = Jitter(kind, max_ns=60, **scale)
     short, long = (draws.jitter_ns(jitter, 1, "link", n) for n in (50, 500))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import random
 from collections.abc import Callable
@@ -148,7 +149,7 @@ def draw_points(r: random.Random, end: int, unit: int) -> list[int]:
 
 
 def check_schedule(s: PacketSchedule, model: link_model.Outcome, instants: list[int]) -> None:
-    """Every field, and every answer at the instants, is the model's."""
+    """Check every field, and the state at the instants, against the model."""
     entries = [model.entries[label] for label in model.labels]
     assert s.sequence.tolist() == [k for k, _ in model.labels]
     assert s.copy.tolist() == [bool(copy) for _, copy in model.labels]
@@ -169,7 +170,7 @@ def check_schedule(s: PacketSchedule, model: link_model.Outcome, instants: list[
 
 
 def check_arrivals(s: PacketSchedule | LiveSchedule, model: link_model.Outcome) -> None:
-    """What arrived or was missed, in the order of the model's own notebook."""
+    """Check arrivals and drops against the model, in order."""
     expected = [
         (model.entries[label].arrival, model.entries[label].sent, label[0], fate)
         for label, fate in model.received
@@ -237,7 +238,7 @@ def resolve_all(
             after = next((c for c in changes if t < c < sent), None)
             assert live.next_change_ns(t) == after
         if r.random() < 0.1:
-            live = live.copy()
+            live = copy.deepcopy(live)
         assert live.resolve(k, case.value(k)) == model.entries[k, 0].arrival
     assert live.message == live.sent_ns.size
     return live

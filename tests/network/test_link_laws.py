@@ -1,4 +1,4 @@
-"""The laws of a link, whatever is declared, and small runs worked out by hand."""
+"""Properties of every link, and small runs computed by hand."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ numbers = st.integers(0, 10**9)
 
 
 def schedule_of(number: int) -> PacketSchedule:
-    """The schedule of a random link, its delay known or told as the run goes."""
+    """The schedule of a random link, with a known or a live delay."""
     case = draw_case(number)
     live = LiveSchedule(case.link, case.end)
     for k in range(live.sent_ns.size):
@@ -44,7 +44,7 @@ def words(s: PacketSchedule) -> list[str]:
 
 
 @given(numbers)
-def test_never_early(number: int) -> None:
+def test_no_message_arrives_early(number: int) -> None:
     """Nothing arrives before the instant of sending, the frame and the declared delay."""
     case = draw_case(number)
     s = schedule_of(number)
@@ -180,7 +180,7 @@ def test_a_copy_is_discarded_or_used_again() -> None:
         assert s.state([34, 35, 44]).sequence.tolist() == [0, 1, 1]
 
 
-def test_copies_leave_everything_else_alone() -> None:
+def test_copies_do_not_change_losses_and_delays() -> None:
     """With copies the messages themselves keep their losses and delays."""
     links = [
         PacketLink("a", 10, jitter=Jitter("uniform", width_ns=90), loss=0.3, duplicate=p, seed=4)
@@ -195,8 +195,8 @@ def test_copies_leave_everything_else_alone() -> None:
     assert share == pytest.approx(0.4, abs=0.1)
 
 
-def test_a_copy_takes_no_turn_at_the_sender() -> None:
-    """A copy is made behind the queue: both leave when the one frame is through."""
+def test_a_copy_takes_no_sending_time() -> None:
+    """A copy is made after the queue: both leave when the one frame is sent."""
     link = PacketLink("a", 10, duplicate=1.0, order="fifo", data_rate=10**9, frame_size=8)
     assert schedule(link, 20).arrival_ns.tolist() == [8, 8, 18, 18, 28, 28]
 
@@ -238,8 +238,10 @@ def test_queue_limit_by_hand() -> None:
         (1, 1, [0, 1] * 25),
     ],
 )
-def test_gilbert_elliott_at_its_edges(p_enter: int, p_exit: int, lost: list[int]) -> None:
-    """Probabilities 0 and 1 leave nothing to chance; the first message is sent in the good."""
+def test_gilbert_elliott_with_probabilities_0_and_1(
+    p_enter: int, p_exit: int, lost: list[int]
+) -> None:
+    """Probabilities 0 and 1 are deterministic; the first message is sent in the good state."""
     for count in (0, 1, 2, 50):
         got = draws.lost(GilbertElliott(p_enter, p_exit), 1, "a", count)
         assert got.tolist() == lost[:count]
@@ -270,8 +272,8 @@ def test_state_by_hand() -> None:
     assert s.state(60).age_s == 30e-9
 
 
-def test_state_while_a_substitute_stands_in() -> None:
-    """All but the first lost: from the loss on -2, and the age goes on counting from the first."""
+def test_state_while_a_substitute_is_in_use() -> None:
+    """All but the first lost: -2 from the loss on, and the age is that of the first."""
     link = PacketLink("a", 10, delay_ns=5, loss=GilbertElliott(1, 0), on_loss="zero")
     state = schedule(link, 40).state([4, 5, 14, 15, 40])
     assert state.sequence.tolist() == [-1, 0, 0, -2, -2]
@@ -282,7 +284,7 @@ def test_state_while_a_substitute_stands_in() -> None:
     assert (state.sequence.tolist(), state.age_s.tolist()) == ([-1, -2, -2], [4e-9, 5e-9, 40e-9])
 
 
-def test_a_wire_is_of_no_age() -> None:
+def test_link_without_delay_has_age_zero() -> None:
     """Without delay, sampled at each point, a link is a wire of age 0, in both kinds."""
     link = PacketLink("wire", 10)
     for policy in ("align", "grid"):
@@ -302,7 +304,7 @@ def test_state_of_a_transport_link() -> None:
 
 
 def test_statistics_have_the_same_keys_for_every_link() -> None:
-    """Figures of what a link does not have are None, and all are JSON."""
+    """Figures that do not apply to a link are None, and all are JSON."""
     plain = schedule(PacketLink("a", 10), 100).statistics()
     full = PacketLink("a", 10, duplicate=0.5, data_rate=10**9, frame_size=8, queue_limit=1)
     figures = schedule(full, 100).statistics()
@@ -312,7 +314,7 @@ def test_statistics_have_the_same_keys_for_every_link() -> None:
     json.dumps([plain, figures], allow_nan=False)
 
 
-def test_a_recorded_delay_is_that_of_the_sending() -> None:
+def test_a_recorded_delay_is_taken_at_the_instant_of_sending() -> None:
     """Delays 100 until 20, then 5: the message of 20 overtakes those before it."""
     profile = DelayProfile(np.array([0, 20]), np.array([100, 5]))
     s = schedule(PacketLink("a", 10, delay=profile), 200)

@@ -1,7 +1,8 @@
-"""A schedule that grows while the run goes, seen from the loop that feeds it."""
+"""Live schedules: resolved message by message, as the loop does."""
 
 from __future__ import annotations
 
+import copy
 import pickle
 from dataclasses import replace
 from typing import Any
@@ -44,7 +45,7 @@ def test_constant_values_give_the_schedule_of_a_constant_delay(number: int, dela
         assert live.in_use(instants).tolist() == expected.in_use(instants).tolist()
 
 
-def test_loop_that_makes_points_of_events_as_it_goes() -> None:
+def test_points_added_during_the_run_match_align() -> None:
     """The points found one by one are those that align() finds in the finished schedule."""
     ranges = {t: 40.0 - 0.3 * t for t in range(0, 101, 10)}
     live = LiveSchedule(RANGING, 100)
@@ -66,8 +67,8 @@ def test_loop_that_makes_points_of_events_as_it_goes() -> None:
     assert used == finished.in_use(aligned).tolist()
 
 
-def test_answers_end_at_the_next_sending() -> None:
-    """Whatever depends on a value not told yet is refused, and the message named."""
+def test_state_after_the_next_sending_is_refused() -> None:
+    """A state that depends on a value not given yet is refused, and the message named."""
     live = LiveSchedule(RANGING, 100)
     assert live.horizon_ns == 0
     for ask in (live.until, live.in_use, live.state):
@@ -103,14 +104,14 @@ def test_delay_of_zero_is_in_use_at_once() -> None:
         ([1], 1.0, "in order of sending"),
         ([0, 0], 1.0, "expected: message 1"),
         ([0, 1, 2], 1.0, "no more messages"),
-        ([0], None, "no finite number"),
+        ([0], None, "not a finite number"),
         ([0], float("nan"), "'ranging', message 0"),
         ([0], -1.0, "out of range"),
         ([0], 1e16, "out of range"),
     ],
 )
 def test_resolve_refuses(messages: list[int], value: Any, word: str) -> None:
-    """Messages out of turn and values that make no delay are refused by name."""
+    """Messages out of order and values that give no delay are refused by name."""
     live = LiveSchedule(RANGING, 15)
     *before, last = messages
     for k in before:
@@ -120,7 +121,7 @@ def test_resolve_refuses(messages: list[int], value: Any, word: str) -> None:
 
 
 def test_refused_value_changes_nothing() -> None:
-    """After a value was refused, the right one can still be told."""
+    """After a value was refused, a valid one is accepted."""
     live = LiveSchedule(RANGING, 15)
     with pytest.raises(InputError):
         live.resolve(0, -5.0)
@@ -173,8 +174,8 @@ def pickled(live: LiveSchedule) -> Any:
     return pickle.loads(pickle.dumps(live))  # noqa: S301 - our own
 
 
-@pytest.mark.parametrize("snapshot", [LiveSchedule.copy, pickled])
-def test_snapshot_goes_on_alone(snapshot: Any) -> None:
+@pytest.mark.parametrize("snapshot", [copy.deepcopy, pickled])
+def test_copies_are_independent(snapshot: Any) -> None:
     """A copy made in the middle, fed with other values, changes nothing in the original."""
     link = PacketLink(
         "a", 10, jitter=Jitter("uniform", width_ns=60), duplicate=0.5, delay=DelaySignal(1e-9)
@@ -199,7 +200,7 @@ def test_snapshot_goes_on_alone(snapshot: Any) -> None:
 
 
 def test_arrivals_are_returned_once() -> None:
-    """Asked for what is new after each message, the link tells every arrival once, in order."""
+    """Asked for new arrivals after each message, the link returns each once, in order."""
     link = replace(RANGING, jitter=Jitter("uniform", width_ns=60), duplicate=0.5, loss=0.2)
     live = LiveSchedule(link, 1000)
     arrivals: list[tuple[int, ...]] = []
@@ -214,7 +215,7 @@ def test_arrivals_are_returned_once() -> None:
 
 
 def test_cost_of_a_message_does_not_grow() -> None:
-    """What is kept on the way is what is on its way; each arrival is written down once."""
+    """The queue contains the messages in flight only; each arrival is recorded once."""
     live = LiveSchedule(replace(RANGING, loss=0.2, order="as-arrived"), 50_000)
     most = 0
     for k in range(live.sent_ns.size):

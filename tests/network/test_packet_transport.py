@@ -1,4 +1,4 @@
-"""What a link refuses, its quantizer, and the transport delay."""
+"""Checks of link parameters, the quantizer, and the transport delay."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_jitter_refuses(arguments: Any, word: str) -> None:
     [((-1, 5, 1.0), "from_ns"), ((5, 4, 1.0), "until_ns"), ((5, 5, 1.5), "loss window: loss")],
 )
 def test_loss_window_refuses(arguments: tuple[int, int, float], word: str) -> None:
-    """It begins in the run, and ends no earlier than it begins; an empty one is none."""
+    """A window begins at 0 or later and does not end before it begins; it may be empty."""
     with pytest.raises(InputError, match=word):
         LossWindow(*arguments)
     assert LossWindow(5, 5, 1.0).until_ns == 5

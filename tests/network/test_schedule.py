@@ -58,7 +58,7 @@ ends = st.integers(0, 120)
 
 
 class Receiver:
-    """A slow model: messages on their way, looked at one nanosecond after the other."""
+    """A slow model: messages in flight, examined nanosecond by nanosecond."""
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ class Receiver:
 @settings(max_examples=400)
 @given(links, ends)
 def test_schedule_is_what_the_receiver_sees(link: PacketLink, end: int) -> None:
-    """Fate, instant of delivery, message in use and statistics are those of the slow model."""
+    """Status, delivery, message in use and statistics are those of the slow model."""
     s = schedule(link, end)
     assert s.sent_ns.tolist() == list(range(link.offset_ns, end + 1, link.sample_time_ns))
     model = Receiver(link, end, s.sent_ns.tolist(), s.transit_ns.tolist(), s.lost.tolist())
@@ -180,7 +180,7 @@ def test_seed_and_name_decide_the_draws() -> None:
         assert (schedule(other, 1000).transit_ns != schedule(one, 1000).transit_ns).mean() > 0.9
 
 
-def test_loss_leaves_the_delays_alone() -> None:
+def test_loss_does_not_change_delays() -> None:
     """Changing the loss changes which messages are lost and no delay."""
     jitter = Jitter("normal", sigma_ns=10**6)
     few, many = (
@@ -193,7 +193,7 @@ def test_loss_leaves_the_delays_alone() -> None:
 
 @pytest.mark.parametrize("order", ["newest-wins", "fifo", "as-arrived"])
 @pytest.mark.parametrize("policy", ["align", "grid"])
-def test_wire(order: str, policy: str) -> None:
+def test_link_without_delay_passes_values_on(order: str, policy: str) -> None:
     """Without delay, jitter and loss, sampled at each point, a link is a wire."""
     s = schedule(PacketLink("wire", 10, order=order), 1000)
     points, (aligned,) = align([s], 10, policy)
@@ -280,7 +280,7 @@ def test_align_refuses() -> None:
     for arguments, word in [
         (([a], 5, "round"), "policy"),
         (([a, b], 5), "different length"),
-        (([], 5), "ends"),
+        (([], 5), "end of the run is unknown"),
         (([a], [0, 5, 5, 20]), "order"),
         (([a], [0.0, 20.0]), "order"),
         (([a], [0, 10]), "do not end"),

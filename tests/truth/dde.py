@@ -1,4 +1,4 @@
-"""A yardstick for delay differential equations that shares no code with the simulator.
+"""A reference solver for delay differential equations that shares no code with the simulator.
 
     x'(t) = f(t, x(t), [x(t - d_1), ..., x(t - d_m)])
 

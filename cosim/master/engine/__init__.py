@@ -1,4 +1,4 @@
-"""What carries a run out: the same results bit for bit, at different speeds."""
+"""Engines that execute the operations of a run: bit-identical results, different speeds."""
 
 from cosim.master.engine.choice import Engine, EngineChoice, EngineName, build_engine, choose_engine
 from cosim.master.engine.program import Adjustment, EarlyStop, Program, make_program

@@ -1,6 +1,6 @@
 """Calls through addresses in compiled code: intrinsics that turn an integer into a pointer.
 
-No address becomes part of the compiled code: it is compiled once, and kept on disk.
+No address becomes part of the compiled code, so that it is compiled once and cached on disk.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _INT8, _INT32, _INT64, _DOUBLE = ir.IntType(8), ir.IntType(32), ir.IntType(64), 
 def exchange_2(
     _typing: Any, function: Any, component: Any, references: Any, count: Any, values: Any
 ) -> Any:
-    """fmi2Get... or fmi2Set... at an address."""
+    """Call fmi2Get... or fmi2Set... at an address."""
     del function, component, references, count, values
     signature = types.int32(*[types.int64] * 5)
 
@@ -33,7 +33,7 @@ def exchange_2(
 def exchange_3(
     _typing: Any, function: Any, component: Any, references: Any, count: Any, values: Any, size: Any
 ) -> Any:
-    """fmi3Get... or fmi3Set... at an address."""
+    """Call fmi3Get... or fmi3Set... at an address."""
     del function, component, references, count, values, size
     signature = types.int32(*[types.int64] * 6)
 
@@ -46,7 +46,7 @@ def exchange_3(
 
 @intrinsic  # type: ignore[untyped-decorator]
 def step_2(_typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any) -> Any:
-    """fmi2DoStep at an address; `final`: noSetFMUStatePriorToCurrentPoint."""
+    """Call fmi2DoStep at an address; `final`: noSetFMUStatePriorToCurrentPoint."""
     del function, component, now, size, final
     signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int32)
 
@@ -62,7 +62,7 @@ def step_2(_typing: Any, function: Any, component: Any, now: Any, size: Any, fin
 def step_3(
     _typing: Any, function: Any, component: Any, now: Any, size: Any, final: Any, results: Any
 ) -> Any:
-    """fmi3DoStep at an address; what it says lies at `results`: three C bools, a double at 8."""
+    """Call fmi3DoStep at an address; it writes to `results` three C bools, and a double at 8."""
     del function, component, now, size, final, results
     signature = types.int32(
         types.int64, types.int64, types.float64, types.float64, types.int32, types.int64
@@ -80,7 +80,7 @@ def step_3(
 
 @intrinsic  # type: ignore[untyped-decorator]
 def load(_typing: Any, address: Any) -> Any:
-    """The integer at an address."""
+    """Read the integer at an address."""
     del address
     signature = types.int64(types.int64)
 
@@ -92,7 +92,7 @@ def load(_typing: Any, address: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def byte(_typing: Any, address: Any) -> Any:
-    """The byte at an address."""
+    """Read the byte at an address."""
     del address
     signature = types.int64(types.int64)
 

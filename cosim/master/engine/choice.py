@@ -1,4 +1,4 @@
-"""Which engine a run gets, and why: said in the result and in the trace."""
+"""Choose the engine of a run; the result and the trace name it and the reason."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ from cosim.master.engine.python import PythonEngine
 EngineName = Literal["auto", "python", "compiled"]
 
 WORTH_COMPILING = 50_000
-"""Communication points from which on half a second of loading is earned back."""
+"""Communication points from which on loading the compiled engine (half a second) pays."""
 
 
 class EngineChoice(NamedTuple):
-    """The engine of a run and why it is that one."""
+    """The engine of a run and why it was chosen."""
 
     name: str
     reason: str
 
 
 class Engine(Protocol):
-    """Carries a program out."""
+    """Executes a program."""
 
     def where(self) -> tuple[int, bool]:
-        """The point that is being worked on, and whether its row is complete."""
+        """Return the point that is being executed, and whether its row is complete."""
 
     def advance(self, first: int, last: int) -> EarlyStop | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
 
     def update_routes(self, first: int, last: int) -> None:
-        """The rows to be read at the points first to last - 1 are known now."""
+        """Take over the rows to be read at the points first to last - 1, which are known now."""
 
     def send(self, k: int) -> EarlyStop | None:
-        """The first half of what happens at point k: after it, what is sent is in the row."""
+        """Execute the first half of point k: after it, the values sent are in the row."""
 
     def receive_and_step(self, k: int) -> EarlyStop | None:
-        """The other half."""
+        """Execute the second half of point k."""
 
 
 def choose_engine(asked: EngineName, points: int, *, texts: bool = False) -> EngineChoice:
-    """The engine for a run of so many points; `texts`: it exchanges Strings.
+    """Choose the engine for a run of so many points; `texts`: it exchanges Strings.
 
     Raises
     ------
-    InputError : the compiled engine is asked for, and numba is not installed, or there are
-        Strings to be exchanged.
+    InputError : the compiled engine is requested, but numba is not installed or Strings are
+        exchanged.
     """
     if texts and asked == "compiled":
         raise InputError(
@@ -79,7 +79,7 @@ def choose_engine(asked: EngineName, points: int, *, texts: bool = False) -> Eng
 
 
 def build_engine(name: str, program: Program) -> Engine:
-    """The engine of that name."""
+    """Build the engine of this name for a program."""
     if name == "python":
         return PythonEngine(program)
     from cosim.master.engine.compiled import (  # noqa: PLC0415 - loading it takes half a second

@@ -1,4 +1,4 @@
-"""The compiled engine: the program as tables of numbers, and the kernel that runs them."""
+"""The compiled engine: encodes a program as tables of numbers, which the kernel executes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _Coded = tuple[tuple[Operation, ...], _Integers]
 
 
 class CompiledEngine:
-    """Carries a program out in machine code; the same results, bit for bit."""
+    """Executes a program in machine code, with the same results bit for bit."""
 
     def __init__(self, program: Program) -> None:
         self._program = program  # the addresses below point into its arrays
@@ -71,7 +71,7 @@ class CompiledEngine:
         )
 
     def where(self) -> tuple[int, bool]:
-        """The point that is being worked on, and whether its row is complete."""
+        """Return the point that is being executed, and whether its row is complete."""
         return int(self._place[0]), bool(self._place[1])
 
     def advance(self, first: int, last: int) -> EarlyStop | None:
@@ -85,19 +85,19 @@ class CompiledEngine:
         return early_stop
 
     def update_routes(self, first: int, last: int) -> None:
-        """The rows to be read at the points first to last - 1 are known now."""
+        """Take over the rows to be read at the points first to last - 1, which are known now."""
         for own, table in zip(self._stacked, self._tables, strict=True):
             own[first:last] = table[first:last]
         for shares, weight in zip(self._shares, self._weights, strict=True):
             shares[first:last] = weight[first:last]
 
     def send(self, k: int) -> EarlyStop | None:
-        """The first half of what happens at point k: after it, what is sent is in the row."""
+        """Execute the first half of point k: after it, the values sent are in the row."""
         early_stop = self._run(0, 1, self._opening, checked=False) if k == 0 else None
         return early_stop or self._run(k, k + 1, self._parts[0], checked=False)
 
     def receive_and_step(self, k: int) -> EarlyStop | None:
-        """The other half."""
+        """Execute the second half of point k."""
         return self._run(k, k + 1, self._parts[2 if k == self._program.comm_points.final else 1])
 
     def _run(
@@ -134,7 +134,7 @@ class CompiledEngine:
 
     @staticmethod
     def _short(line: _Integers) -> int:
-        """The kind of an operation at every point, into or from row k or a late one."""
+        """Return the faster kind, if there is one, of an operation at every point."""
         match int(line[kernel.KIND]):
             case kernel.STEP_2:
                 return kernel.STEP

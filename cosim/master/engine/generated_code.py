@@ -1,7 +1,6 @@
-"""A program written out as Python: the loop of one run, without a loop over its operations.
+"""Generate Python source for a program: a loop over points with one line per operation.
 
-What the interpreter would spend on looking up what comes next, at each point anew, is spent
-once. The listing of a run is what the run does, in order, a line per operation.
+So the operations of a run are looked up once, not again at each point.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ from cosim.master.routes import Route
 from cosim.network import SUBSTITUTE
 
 SegmentFunction = Callable[[int, int], tuple[int, int, int] | None]
-"""Carries out points first to last - 1; (point, operation, status) of what was refused."""
+"""Executes points first to last - 1; returns (point, operation, status) of a refused call."""
 
 
 def segment_function(
     program: Program, operations: Sequence[Operation], place: list[int], *, name: str
 ) -> SegmentFunction:
-    """A function that carries out a list of operations, point after point.
+    """Compile a function that executes a list of operations, point after point.
 
-    `place` is kept at [point, whether its row is complete].
+    It keeps `place` at [point, whether its row is complete].
     """
     writer = _Writer(program, place)
     for number, operation in enumerate(operations):
@@ -48,7 +47,7 @@ def segment_function(
 
 
 class _Writer:
-    """Collects lines, and the objects that they name."""
+    """Collects lines of source, and the objects that they name."""
 
     def __init__(self, program: Program, place: list[int]) -> None:
         rows = program.rows
@@ -180,12 +179,12 @@ def _refusable(number: int, call: str) -> list[str]:
 
 
 def _flag(address: int) -> Any:
-    """A byte that a slave writes, as something to look at."""
+    """Return a view of the byte at an address, which a slave writes."""
     return (ctypes.c_ubyte * 1).from_address(address)
 
 
 def mover(program: Program, route: Route) -> Callable[[int], None]:
-    """Put what is in use at point k into the receiver's part of row k."""
+    """Return a function that copies the values of a route at point k to the inputs in row k."""
     rows, link = program.rows, route.link
 
     def move(k: int) -> None:

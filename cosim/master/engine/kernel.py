@@ -1,7 +1,7 @@
 """The inner loop in machine code: numba over the addresses of the FMUs' functions.
 
-Operations lie side by side in one table of integers and are read by address: a view of an
-array per call would cost more than the call.
+Operations are the lines of a table of integers and are read by address: a view of an array per
+call would cost more than the call.
 """
 
 from __future__ import annotations
@@ -54,16 +54,16 @@ FIELDS = 16
 at every point, into or from row k, or, late, from the row that a table names. _2 and _3 are
 the same in general, by version of FMI."""
 TYPES = ("f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
-"""TYPE: what a typed exchange moves."""
+"""TYPE of the values of a typed exchange."""
 MOVE_FIELDS = 7
 """Columns of a table of moves: table, after, weight, first, last (of the pairs of columns),
 quantized, substituted."""
 GET, SET = range(2)
 """WAY of a typed exchange."""
 NOTHING, RANGE = -1, -2
-"""In place of the number of an operation: none was refused; an output is out of range."""
+"""Instead of the number of a refused operation: there is none; an output is out of range."""
 _BLOCK = 1 << 13
-"""Bytes of rows after which the range is looked at: few enough to be in the cache still."""
+"""Bytes of rows after which the range is checked: few enough to be still in the cache."""
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -73,7 +73,7 @@ def _field(operation: int, field: int) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _late(p: int, k: int, base: int, stride: int) -> int:
-    """Address of the values in the row that a table names; in the receiver's own if none."""
+    """Return the address of the values in the row that a table names, or in the own row."""
     used = load(_field(p, TABLE) + 8 * k)
     if used >= 0:
         return int(base + used * stride + _field(p, OFFSET))
@@ -124,7 +124,7 @@ def _do_step_3(p: int, now: float, size: float) -> int:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _into_scratch(kind: int, at: int, n: int, scratch: Any, row: Any, column: int) -> None:
-    """Doubles of a row -> values of a type; `scratch` is a view of one buffer per type."""
+    """Convert doubles of a row to values of a type; `scratch`: one view of a buffer per type."""
     f4, i1, u1, i2, u2, i4, u4, i8, u8 = scratch
     for j in range(n):
         value = row[column + j]
@@ -150,7 +150,7 @@ def _into_scratch(kind: int, at: int, n: int, scratch: Any, row: Any, column: in
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _from_scratch(kind: int, at: int, n: int, scratch: Any, row: Any, column: int) -> bool:
-    """Values of a type -> doubles of a row; false if one is not held exactly."""
+    """Convert values of a type to doubles of a row; false if one is not exact."""
     f4, i1, u1, i2, u2, i4, u4, i8, u8 = scratch
     exact = True
     for j in range(n):
@@ -182,7 +182,7 @@ def _from_scratch(kind: int, at: int, n: int, scratch: Any, row: Any, column: in
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _typed(p: int, k: int, rows: Any, scratch: Any) -> int:
-    """A get or set of values that are no doubles."""
+    """Execute a get or set of values other than doubles."""
     at, column, n = _field(p, SCRATCH), _field(p, OFFSET) // 8, _field(p, VALUES)
     kind = _field(p, TYPE)
     values = scratch[8].ctypes.data + 8 * at
@@ -200,7 +200,7 @@ def _typed(p: int, k: int, rows: Any, scratch: Any) -> int:
 def _move(
     move: Any, k: int, rows: Any, tables: Any, weights: Any, pairs: Any, numbers: Any
 ) -> None:
-    """As in the listing, operation by operation."""
+    """Copy the values of a route to the inputs, as `mover` in `generated_code` does."""
     used = tables[move[0], k]
     if used >= 0:
         share = weights[move[2], k] if move[2] >= 0 else 0.0
@@ -227,7 +227,7 @@ def _adjust(p: int, k: int, rows: Any, numbers: Any) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _outside(first: int, last: int, rows: Any, outputs: int, bound: float) -> tuple[int, int]:
-    """The first output that is out of range, (-1, -1) if none is."""
+    """Return row and column of the first output out of range, (-1, -1) if there is none."""
     for k in range(first, last):
         outside = 0
         for j in range(outputs):
@@ -257,9 +257,9 @@ def _seldom(
     numbers: Any,
     scratch: Any,
 ) -> int:
-    """What most runs do without: any beat, any version, any type.
+    """Execute an operation of any kind, for own points, any version and any type.
 
-    Apart from the loop, which it would make slower by a fifth even where it is not called.
+    Kept out of the loop, which it would make slower by a fifth even where it is not called.
     """
     kind, points_row, following = _field(p, KIND), _field(p, POINTS_ROW), k + 1
     if points_row >= 0:
@@ -306,15 +306,15 @@ def run(  # noqa: C901 - what happens at a point, in one place
     outputs: int,
     bound: float,
 ) -> tuple[int, int, int, int]:
-    """Carry out a list of operations at the points first to last - 1.
+    """Execute a list of operations at the points first to last - 1.
 
     `operations` is the address of the table; `place` is kept at (point, whether its row is
-    complete) for whoever is called back.
+    complete) for callbacks of the slaves.
 
     Returns
     -------
-    point, complete rows, number of the operation that was refused (RANGE: none, an output is out
-    of it; NOTHING: none), its status (of RANGE the column of the output).
+    point, complete rows, number of the operation that was refused (or RANGE, NOTHING), its
+    status (with RANGE the column of the output).
     """
     base, stride = rows.ctypes.data, rows.strides[0]
     block = max(1, _BLOCK // stride) if stride > 0 else last

@@ -1,4 +1,4 @@
-"""A run as lists of operations: what both engines carry out at every point.
+"""Programs: a run as lists of operations, which both engines execute at every point.
 
 Jacobi, at each point:        Gauss-Seidel, at the first point: every get, into row 0;
     every get that waits      then at each point:
@@ -8,11 +8,11 @@ Jacobi, at each point:        Gauss-Seidel, at the first point: every get, into 
       its other gets;
     every step.
 
-At the last point of a run there are no steps, and no gets that would follow one. Outputs are
-held against the range of the run row by row, by the engines. Values are exchanged where they
-lie in the rows: a get of doubles is handed the address in the row to write to, a set the address
-to read from, in row k or in the sender's row that the schedule names. Only what is interpolated,
-quantized, substituted, adjusted or not side by side is moved first.
+At the last point of a run there are no steps, and no gets that would follow one. The engines
+check the outputs of each row against the range of the run. Values are exchanged in place: a get
+of doubles writes to an address in the row, a set reads from one, in row k or in the sender's row
+that the route names. Only values that are interpolated, quantized, substituted, adjusted or not
+neighbours are copied first.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ class Adjustment(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """An FMI call that moves a group.
+    """An FMI call that exchanges a group.
 
-    instance : number of the station.
+    instance : index of the component instance.
     way : "get" or "set".
-    function, component, references, count, values, column : of the call; `column` is where the
-        first value stands in the row written to or read from.
+    function, component, references, count, values, column : of the call; `column` is the first
+        column of the values in the row written to or read from.
     version : of FMI.
     table : row that is read at each point, int64 (n,); None: row k itself.
-    own : the first column of the values in the station's own part of row k.
-    ahead : a get into the row of the station's next point.
-    exchange : what carries it out where the values are no doubles; None for doubles.
+    own : the first column of the values in the instance's own part of row k.
+    ahead : a get into the row of the instance's next point.
+    exchange : executes the call if the values are not doubles; None for doubles.
     c_type : numpy's name of the type of one value.
     """
 
@@ -83,7 +83,7 @@ class Call:
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """Put what a route has in use at point k into the receiver's part of row k."""
+    """Copy the values of a route at point k to the receiver's inputs in row k."""
 
     instance: int
     route: Route
@@ -91,7 +91,7 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class Adjust:
-    """Adjust one column, of row k or, `ahead`, of the row of the station's next point."""
+    """Adjust one column, of row k or, `ahead`, of the row of the instance's next point."""
 
     instance: int
     column: int
@@ -101,10 +101,10 @@ class Adjust:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A step of a station.
+    """A step of a component instance.
 
-    `results` is where an FMI 3.0 slave writes what it says of it; `final` promises the slave that
-    no state from before the step will be restored.
+    `results` : address that an FMI 3.0 slave writes the results of the call to; `final`:
+    promises the slave that no state from before the step will be restored.
     """
 
     instance: int
@@ -117,7 +117,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Complete:
-    """From here on row k is complete; under Gauss-Seidel, but for inputs that wait their turn."""
+    """Marks row k as complete; under Gauss-Seidel, except inputs of components that follow."""
 
     instance: int = -1
 
@@ -130,9 +130,9 @@ class EarlyStop(NamedTuple):
 
     k : the point.
     complete : number of rows that are complete.
-    what : the FMI call that was refused, "get", "set" or "step"; "range", where an output has
-        left it; "end", where a component asked for the end of the run.
-    instance : number of the station in the wiring; of a "range", the column of the output.
+    what : the FMI call that was refused, "get", "set" or "step"; "range" when an output is out
+        of range; "end" when a component asked for the end of the run.
+    instance : index of the instance in the wiring; for "range" the column of the output.
     status : as the FMU returned it.
     """
 
@@ -144,7 +144,7 @@ class EarlyStop(NamedTuple):
 
 
 def refusal(operation: Operation, k: int, complete: int, status: int) -> EarlyStop:
-    """The halt at an operation that a slave refused, or ended the run with."""
+    """Return the early stop at an operation that a slave refused, or ended the run with."""
     if status == ENDED:
         return EarlyStop(k, complete, "end", operation.instance, 0)
     what = operation.way if isinstance(operation, Call) else "step"
@@ -153,16 +153,16 @@ def refusal(operation: Operation, k: int, complete: int, status: int) -> EarlySt
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """All that happens at a point, with addresses in place of names.
+    """The operations of a run, with addresses in place of names.
 
     Attributes
     ----------
     rows, outputs : as in the wiring.
     comm_points : the points.
-    opening : at the first point, before all else.
-    sending : at every point; what is sent is then in its row.
+    opening : at the first point, before all others.
+    sending : at every point; after it, the values sent are in the row.
     leaving : after that, at every point but the last; concluding : at the last.
-    next_points : per station, its next point at its own points, -1 elsewhere; None: every point.
+    next_points : per instance, its next point at its own points, -1 elsewhere; None: every point.
     bound : an output beyond +-bound, or NaN, ends the run.
     """
 
@@ -184,10 +184,10 @@ def make_program(
     *,
     may_go_back: bool = False,
 ) -> Program:
-    """The program of a wiring whose stations have their slaves.
+    """Make the program of a wiring whose instances have their slaves.
 
-    `adjustments` : by column of the rows; the stations' routes that bring such columns are
-    to be moved ones (`ComponentInstance.move`). `may_go_back` : saved states may be restored.
+    `adjustments` : by column of the rows; no direct route may bring such a column
+    (`ComponentInstance.copy_from`). `may_go_back` : saved states may be restored.
     """
     builder = _ProgramBuilder(wiring.instances, adjustments or {}, final=not may_go_back)
     opening, sending, leaving, concluding = (
@@ -212,7 +212,7 @@ _Lists = tuple[list[Operation], list[Operation], list[Operation], list[Operation
 
 
 class _ProgramBuilder:
-    """Turns stations into operations."""
+    """Makes the operations of component instances."""
 
     def __init__(
         self,

@@ -1,7 +1,6 @@
-"""The engine in Python, for any FMU: it runs the program as `listing` writes it out.
+"""The engine in Python, for any FMU: it executes the `generated_code` of a program.
 
-The algorithm reads best in `cosim.master.loop` and in `program`, not here: the operations of a
-point are Python source that is made and compiled once per run.
+The algorithm is described in `cosim.master.loop` and in `program`.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ _List = tuple[tuple[Operation, ...], SegmentFunction]
 
 
 class PythonEngine:
-    """Carries a program out in Python."""
+    """Executes a program in Python."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
@@ -37,35 +36,35 @@ class PythonEngine:
         return operations, segment_function(self._program, operations, self._place, name=name)
 
     def where(self) -> tuple[int, bool]:
-        """The point that is being worked on, and whether its row is complete."""
+        """Return the point that is being executed, and whether its row is complete."""
         return self._place[0], bool(self._place[1])
 
     def advance(self, first: int, last: int) -> EarlyStop | None:
         """Exchange at the points first to last - 1, and step from each but the run's last."""
         early_stop = self._advance(first, last)
         complete = last if early_stop is None else early_stop.complete
-        # looked at a stretch at a time; what came after a point out of range does not count
+        # checked once per segment; what comes after a point out of range does not count
         return self._out_of_range(first, complete) or early_stop
 
     def _out_of_range(self, first: int, last: int) -> EarlyStop | None:
         bound = self._program.bound
         part = self._program.rows[first:last, : self._program.outputs]
-        # NaN is in no range, and comes out of both
+        # min and max of a part with NaN are NaN, which is in no range
         if part.size == 0 or (part.min() >= -bound and part.max() <= bound):
             return None
         row, column = np.argwhere(~(np.abs(part) <= bound))[0].tolist()
         return EarlyStop(first + row, first + row + 1, "range", column, 0)
 
     def update_routes(self, first: int, last: int) -> None:
-        """The rows to be read at the points first to last - 1 are known now."""
+        """Do nothing: the generated code reads the rows of the routes themselves."""
 
     def send(self, k: int) -> EarlyStop | None:
-        """The first half of what happens at point k: after it, what is sent is in the row."""
+        """Execute the first half of point k: after it, the values sent are in the row."""
         early_stop = self._execute(self._opening, 0, 1) if k == 0 else None
         return early_stop or self._execute(self._parts[0], k, k + 1)
 
     def receive_and_step(self, k: int) -> EarlyStop | None:
-        """The other half."""
+        """Execute the second half of point k."""
         final = self._program.comm_points.final
         early_stop = self._execute(self._parts[2 if k == final else 1], k, k + 1)
         complete = k + 1 if early_stop is None else early_stop.complete

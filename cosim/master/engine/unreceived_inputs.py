@@ -1,8 +1,8 @@
-"""What a component would have received whose turn did not come any more (Gauss-Seidel).
+"""Fill the inputs that components had not received when a run stopped early (Gauss-Seidel).
 
-When a component ends the run in its turn at point k, the outputs of row k are all known, but
-those after it in the order have not received yet, and nobody has reached the next point who was
-to do so after it. A reader of the row shall not find zeros there.
+When a component ends the run at point k, all outputs of row k are known, but the components after
+it in the order have not received yet and have no outputs at the next point. Without this, the
+row would contain zeros there.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cosim.master.engine.program import Adjust, EarlyStop, Move, Program
 def fill_unreceived_inputs(
     program: Program, instances: Sequence[ComponentInstance], early_stop: EarlyStop
 ) -> None:
-    """Complete the inputs of row k: from who has stepped, else from what is in row k."""
+    """Set the missing inputs of row k: from stepped components, else from the outputs in row k."""
     k, last = early_stop.k, early_stop.k == program.comm_points.final
     for number in range(early_stop.instance, len(instances)):
         own, next_points = instances[number], program.next_points[number]
