@@ -15,7 +15,7 @@ import re
 import warnings
 
 from cosim.core import InputError
-from cosim.scenario.quantity import EXPONENT, NUMBER, Quantity, QuantityError, parse_quantity
+from cosim.scenario.quantity import NUMBER, Quantity, QuantityError, parse_quantity
 
 MAX_LENGTH = 1000
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
@@ -24,7 +24,7 @@ _WORDS = r"(?!(?:and|or|not|in|is|if|else|t)\b)"
 _TOKENS = re.compile(
     r"(?P<quoted>'[^'\n]*'|\"[^\"\n]*\")"
     r"|(?P<name>[A-Za-z_]\w*)"
-    rf"|(?P<quantity>{NUMBER.removeprefix('[-+]?')}\s*(?!{EXPONENT}){_WORDS}"
+    rf"|(?P<quantity>{NUMBER.removeprefix('[-+]?')}\s*{_WORDS}"
     rf"{_FACTOR}(?:[*/.·]{_WORDS}{_FACTOR})*)(?![\w.(\[])"
     rf"|(?P<number>{NUMBER.removeprefix('[-+]?')})"
 )
