@@ -22,7 +22,7 @@ _STATE = {"u": "x5", "v": "x6", "w": "x7", "r": "x8"}
 
 
 def model_rows() -> list[Row]:
-    """Everything of section 2 that numbers can say."""
+    """Return the rows of section 2."""
     p = {name: Fraction(repr(value)) for name, value in TABLE_1.items()}
     return [
         _kinematics(),
@@ -36,14 +36,14 @@ def model_rows() -> list[Row]:
 
 
 def unit_in_last_place(text: str) -> Fraction:
-    """One unit of the last digit of a printed decimal."""
+    """Return one unit of the last digit of a printed decimal."""
     mantissa, _, exponent = text.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return Fraction(10) ** (int(exponent or 0) - decimals)
 
 
 def agrees(value: Fraction, text: str) -> bool:
-    """Whether a value rounds to what is printed."""
+    """Return whether a value rounds to the printed decimal."""
     return abs(value - Fraction(text)) <= unit_in_last_place(text) / 2
 
 
@@ -86,7 +86,7 @@ def _misprint(slip: Misprint, p: Parameters) -> Row:
         for row, product, text in _printed_coefficients()
         if agrees(_value(p, row, product), text) and not agrees(_value(wrong, row, product), text)
     ]
-    # the one that shows it best
+    # the coefficient that shows the misprint best
     row, product, text = max(
         hit, key=lambda at: abs(_value(wrong, at[0], at[1]) / Fraction(at[2]) - 1)
     )
@@ -113,7 +113,7 @@ def _heave(p: Parameters) -> Row:
         f"Z_vv v²: row 7, x6² is {coefficient:.4f}",
         How.COMPUTED,
         Verdict.CORRECTED,
-        "A slip of the name alone: the derivative of v² is Z_vv.",
+        "Only the name is misprinted: the derivative of v² is Z_vv.",
     )
 
 
@@ -137,20 +137,16 @@ def _coefficients(p: Parameters) -> list[Row]:
             names = " and ".join(dict.fromkeys(s.name for s in needs))
             verdict = Verdict.CORRECTED
             why = f"Needs the correction of {names}; without any it is {float(as_printed):.3f}."
-        rows.append(
-            Row(
-                MODEL,
-                f"f(x), row {row + 5} ({_AXES[row]}): {_product(product)}",
-                text,
-                f"{float(value):.4f}",
-                How.COMPUTED,
-                verdict,
-                why,
-                printed_value=float(text),
-                value=float(value),
-            )
-        )
+        what = f"f(x), row {row + 5} ({_AXES[row]}): {_product(product)}"
+        rows.append(_number_row(what, text, float(value), f"{float(value):.4f}", verdict, why))
     return rows
+
+
+def _number_row(
+    what: str, printed: str, value: float, computed: str, verdict: Verdict, why: str
+) -> Row:
+    numbers = {"printed_value": float(printed), "value": value}
+    return Row(MODEL, what, printed, computed, How.COMPUTED, verdict, why, **numbers)
 
 
 def _thrust(p: Parameters) -> list[Row]:
@@ -177,24 +173,14 @@ def _thrust(p: Parameters) -> list[Row]:
             verdict = Verdict.CORRECTED if agrees(-value, text) else Verdict.DOES_NOT
         else:
             verdict = Verdict.HOLDS if agrees(literal, text) else Verdict.CORRECTED
-        rows.append(
-            Row(
-                MODEL,
-                f"thrust map above Eq. (4): entry ({i + 1}, {j + 1})",
-                text,
-                f"{float(value):.{digits}e}",
-                How.COMPUTED,
-                verdict,
-                why,
-                printed_value=float(text),
-                value=float(value),
-            )
-        )
+        what, computed = f"thrust map above Eq. (4): entry ({i + 1}, {j + 1})", float(value)
+        formatted = f"{computed:.{digits}e}"
+        rows.append(_number_row(what, text, computed, formatted, verdict, why))
     return rows
 
 
 def _maclaurin() -> Row:
-    state = (0.3, 0.7, -0.4, 0.2, 0.5)  # psi, u, v, w, r: any will do
+    state = (0.3, 0.7, -0.4, 0.2, 0.5)  # psi, u, v, w, r: arbitrary
 
     def neglected(scale: float) -> float:
         psi, u, v, w, r = (scale * value for value in state)
@@ -207,10 +193,10 @@ def _maclaurin() -> Row:
         MODEL,
         "Maclaurin form of f(x)",
         "f(x) = [0 I; 0 0] x + terms of second order",
-        f"what is left out shrinks with the power {order:.2f} of the state",
+        f"what is neglected shrinks with the power {order:.2f} of the state",
         How.COMPUTED,
         Verdict.HOLDS,
-        "A form complete to second order leaves out third order. The vehicle here flies with "
+        "A form complete to second order neglects third order. The vehicle here is simulated with "
         "cos ψ and sin ψ in full.",
         value=round(order, 4),
     )
@@ -227,7 +213,7 @@ def _vehicle_design() -> Row:
         f"{found.exact_norm:.4g}",
         How.CERTIFIED,
         Verdict.NOT_COMPARABLE,
-        "The example of section 5 is no vehicle. Here E and H are proved over an envelope of "
-        "speeds, and the feedback itself is late.",
+        "The example of section 5 is not a vehicle. Here E and H are proved over an envelope of "
+        "speeds, and the feedback is delayed.",
         value=found.gamma,
     )

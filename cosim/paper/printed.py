@@ -1,4 +1,4 @@
-"""What section 2 of the paper prints, and its misprints (section 5 is `paper_example`)."""
+"""The numbers that section 2 of the paper prints, and its misprints."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ THRUST_MAP = {
 
 @dataclass(frozen=True)
 class Misprint:
-    """A slip in Eq. (3) or Table 1 that the paper's own f(x) shows.
+    """A misprint in Eq. (3) or Table 1 that the paper's own f(x) shows.
 
-    name : of the number or term.
-    printed, corrected : as it stands, and as it must be.
-    undo : the corrected parameters of the vehicle with this slip put back.
+    name : name of the number or term.
+    printed, corrected : the printed and the correct text.
+    undo : puts this misprint back into the corrected parameters of the vehicle.
     """
 
     name: str
@@ -47,7 +47,7 @@ def _with(name: str, value: str) -> Callable[[Parameters], Parameters]:
 
 
 def _named_vw(p: Parameters) -> Parameters:
-    # a derivative called X_vw belongs to the product v w, which Eq. (3) has not in surge
+    # a derivative X_vw would belong to the product v w, which Eq. (3) does not have in surge
     return {**p, "hydro.X_vv": Fraction(0)}
 
 

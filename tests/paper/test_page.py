@@ -21,12 +21,10 @@ from cosim.models import paper_example as example
 from cosim.paper import Report, Row, Verdict
 from cosim.paper.every_delay import every_delay
 from cosim.paper.figures import curves, figure_rows
-from cosim.paper.html_page import page
+from cosim.paper.html_page import page, typeset
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.row import EXAMPLE, SECTIONS
-from cosim.paper.table_2 import table_2
-from cosim.paper.table_rows import table_rows
-from cosim.paper.typeset import typeset
+from cosim.paper.table_2 import table_2, table_rows
 from cosim.paper.view import paper_view
 
 VOID = {"meta", "col", "img", "br"}

@@ -13,10 +13,10 @@ from cosim.hinf.closed_loop import ClosedLoop
 from cosim.models import paper_example as example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.every_delay import every_delay
+from cosim.paper.example import largest_radius
 from cosim.paper.figures import curves, figure_rows
 from cosim.paper.row import Verdict
 from cosim.paper.simulation import simulate
-from cosim.paper.stability import largest_radius
 from cosim.paper.table_2 import direct_term, table_2
 
 
