@@ -1,4 +1,4 @@
-"""What an injection did, as JSON and for people."""
+"""Results of `cosim trace inject`, as JSON and as text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.trace import diff_json, diff_verdict
 
 
 def inject_json(found: InjectionResult) -> dict[str, Any]:
-    """Everything, for `--json`."""
+    """Return the object that `--json` prints."""
     return {
         "output": str(found.trace),
         "content_hash": found.content_hash,
@@ -48,7 +48,7 @@ def _compared(found: InjectionResult) -> dict[str, Any] | None:
 
 
 def inject_view(found: InjectionResult) -> RenderableType:
-    """What went in, what was left, and how it ended."""
+    """Show which inputs were fed with what, what was left out, and the result."""
     table = Table(box=None, pad_edge=False)
     table.add_column("input", style="bold")
     table.add_column("fed with")
@@ -63,8 +63,8 @@ def inject_view(found: InjectionResult) -> RenderableType:
     ]
     for label, names in (
         ("inputs at their start values", found.unmapped_inputs),
-        ("recorded inputs that went nowhere", found.unused),
-        ("recorded parameters it does not have", found.not_set),
+        ("recorded inputs that were not used", found.unused),
+        ("recorded parameters that the FMU does not have", found.not_set),
     ):
         if names:
             parts.append(plain(f"{label}: {', '.join(names)}"))
@@ -76,8 +76,8 @@ def inject_view(found: InjectionResult) -> RenderableType:
         colour = "green" if found.compared.equal else "red"
         words = diff_verdict(found.compared)
         if found.identical:
-            words = "identical: every output came out again, bit for bit"
-        parts.append(Text(f"compared with what was recorded: {words}", style=colour))
+            words = "identical: every output is the same, bit for bit"
+        parts.append(Text(f"compared with the recorded outputs: {words}", style=colour))
     parts += late_view(found.log_after_end)
     parts.append(plain(f"trace: {found.trace}"))
     return Group(*parts)

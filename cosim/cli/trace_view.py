@@ -1,4 +1,4 @@
-"""A comparison of two traces, for people."""
+"""Comparisons, recoveries, verifications and reports of traces, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -7,13 +7,20 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, number, plain
-from cosim.trace import Change, Diff, diff_verdict
+from cosim.trace import Change, Diff, Recovery, Report, Verification, diff_verdict
 
-_MOST = 25
+_MOST, _MOST_DAMAGE = 25, 20
+_TONES = {"good": "green", "bad": "red", "open": "yellow"}
+_COLOURS = {"ok": "green", "failed": "bold red", "incomplete": "yellow", "not checked": "dim"}
+_WORDS = {
+    "ok": "all checks passed",
+    "failed": "a check FAILED",
+    "incomplete": "no check failed, but the file is not complete",
+}
 
 
 def diff_view(found: Diff) -> RenderableType:
-    """The verdict, a table of signals, links, and what the two runs were."""
+    """Show the verdict, the differing signals and links, and how the two runs differ."""
     colour = "green" if found.equal else "red"
     parts: list[RenderableType] = [Text(diff_verdict(found), style=f"bold {colour}")]
     if found.identical:
@@ -29,13 +36,13 @@ def diff_view(found: Diff) -> RenderableType:
 def _signals(found: Diff) -> list[RenderableType]:
     parted = found.parted
     alike = len(found.signals) - len(parted)
-    head = f"{len(parted)} of {len(found.signals)} signals part, {alike} agree"
+    head = f"{len(parted)} of {len(found.signals)} signals differ, {alike} agree"
     parts: list[RenderableType] = [Text(head)]
     if not parted:
         return parts
     table = Table(box=None, pad_edge=False)
     table.add_column("signal", overflow="fold", min_width=24)
-    for column in ("parts at", "differ", "of", "largest", "relative", "at"):
+    for column in ("differs at", "rows", "of", "largest", "relative", "at"):
         table.add_column(column, justify="right", no_wrap=True)
     for signal in parted[:_MOST]:
         table.add_row(
@@ -51,7 +58,9 @@ def _signals(found: Diff) -> list[RenderableType]:
     if len(parted) > _MOST:
         parts.append(Text(f"... and {len(parted) - _MOST} more (--json has all)"))
     if any(signal.sample_and_hold for signal in parted):
-        parts.append(Text("* rows at other instants: what was in force is compared at all of them"))
+        parts.append(
+            Text("* recorded at other instants: the values in force are compared at all of them")
+        )
     return parts
 
 
@@ -59,13 +68,13 @@ def _facts(found: Diff) -> list[str]:
     lines = []
     for number_, name in ((0, "first"), (1, "second")):
         if found.only[number_]:
-            lines.append(f"only in the {name}: {', '.join(found.only[number_])}")
+            lines.append(f"only in the {name} trace: {', '.join(found.only[number_])}")
     if found.other_bytes:
         lines.append(f"other messages: {', '.join(found.other_bytes)}")
     if not found.same_end:
         lines.append(f"end: t = {found.ends_s[0]:g} s and {found.ends_s[1]:g} s")
     if any(found.log_lines):
-        lines.append(f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of their own")
+        lines.append(f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of its own each")
     return lines
 
 
@@ -120,6 +129,58 @@ def _context(found: Diff) -> list[RenderableType]:
 
 
 def _informative(change: Change) -> bool:
-    """Whether an entry says something to a person: not a hash, no matrix of a proof."""
+    """Return whether an entry is worth showing: not a hash, not a matrix of a proof."""
     silent = ("variables.", "system.", "final.", "certificate.claim")
     return not change.key.startswith(silent) and not change.key.endswith("sha256")
+
+
+def recovery_view(found: Recovery) -> Table:
+    """Show where the new file is, what it contains and what was lost."""
+    view = Table.grid(padding=(0, 2))
+    view.add_column(style="bold")
+    view.add_column(overflow="fold")
+    if found.complete:
+        view.add_row("complete", plain("nothing to recover"))
+    view.add_row("output", plain(found.output))
+    view.add_row(
+        "kept",
+        f"{found.messages} messages, {found.metadata} metadata records, "
+        f"{found.attachments} attachments",
+    )
+    unknown = "an unknown number of messages" if found.lost else "nothing"
+    lost = unknown if found.lost_messages is None else f"{found.lost_messages} messages"
+    view.add_row("lost", f"{lost if found.lost else 'nothing'}; {found.lost_bytes} bytes unused")
+    view.add_row("run", "has its result" if found.finished else "has no result")
+    for damage in found.damage[:_MOST_DAMAGE]:
+        place = f"byte {damage.position}, {damage.length} bytes"
+        view.add_row("damage", plain(f"{place}: {damage.reason}"))
+    if len(found.damage) > _MOST_DAMAGE:
+        view.add_row("", f"and {len(found.damage) - _MOST_DAMAGE} more")
+    return view
+
+
+def verification_view(found: Verification) -> Group:
+    """Show one line per check, then the verdict."""
+    view = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    view.add_column(style="bold", no_wrap=True)
+    view.add_column(no_wrap=True)
+    view.add_column(overflow="fold")
+    for check in found.checks:
+        verdict = Text(check.verdict, style=_COLOURS[check.verdict])
+        view.add_row(check.name, verdict, plain(check.detail))
+    last = plain(f"{found.path}: {_WORDS[found.verdict]}")
+    last.stylize(_COLOURS[found.verdict])
+    return Group(view, last)
+
+
+def report_view(written: Report) -> Text:
+    """Show where a report was written, the run's status and its guarantee."""
+    text = Text.assemble(
+        "report: ",
+        (str(written.output), "bold"),
+        f" ({written.bytes / 1e6:.1f} MB, {written.charts} charts)\nthe run: {written.status}",
+    )
+    if written.guarantee is not None:
+        check = written.guarantee
+        text.append(f"\n{check.what}", style=_TONES[check.tone]).append(f": {check.why}")
+    return text

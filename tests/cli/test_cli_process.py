@@ -70,7 +70,7 @@ def readable_rows(folder: Path) -> int:
 @pytest.mark.parametrize(
     "number",
     [signal.SIGINT, signal.SIGTERM, signal.SIGKILL],
-    ids=["Ctrl-C", "told to end", "killed"],
+    ids=["Ctrl-C", "terminated", "killed"],
 )
 def test_interrupted_run_leaves_its_rows(
     number: signal.Signals, fmus: Path, tmp_path: Path
@@ -85,7 +85,7 @@ def test_interrupted_run_leaves_its_rows(
     if number != signal.SIGKILL:
         assert process.returncode == 128 + number
         assert json.loads(out)["error"]["exit_code"] == 128 + number
-        assert ("interrupted" if number == signal.SIGINT else "told to end") in err
+        assert ("interrupted" if number == signal.SIGINT else "terminated") in err
         assert not list(scratch.iterdir()), "temporary folders are left"
         assert Trace(tmp_path / "t.mcap.partial").complete
     else:

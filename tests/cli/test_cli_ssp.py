@@ -81,11 +81,11 @@ def test_people_read_what_was_written(folder: Path) -> None:
         (("export", "none.toml"), "none.toml"),
         (("export", "paper-exampel"), "no scenario"),
         (("export", "short.toml", "--links", "wires"), "--links"),
-        (("export", "short.toml", "-o", "short.toml"), "write over"),
+        (("export", "short.toml", "-o", "short.toml"), "would overwrite"),
         (("import", "none.ssp"), "none.ssp"),
         (("import", "short.toml", "-o", "new.toml"), "not an SSP archive"),
-        (("import", "short.toml"), "there already"),
-        (("import", "short.toml", "-o", "short.toml"), "write over"),
+        (("import", "short.toml"), "already exists"),
+        (("import", "short.toml", "-o", "short.toml"), "would overwrite"),
         (("import", "short.toml", "--step", "0"), "--step"),
     ],
 )
@@ -97,8 +97,8 @@ def test_bad_use_is_refused_in_one_object(
     assert message in str(done.error)
 
 
-def test_help_teaches(folder: Path) -> None:
+def test_help_shows_examples(folder: Path) -> None:
     for verb in ("export", "import"):
         done = cosim("ssp", verb, "--help", cwd=folder)
         assert done.code == 0
-        assert "Examples" in done.out
+        assert f"cosim ssp {verb} " in done.out

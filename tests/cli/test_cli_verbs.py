@@ -33,7 +33,7 @@ def test_the_former_name_of_the_list_is_hidden_and_serves(tmp_path: Path) -> Non
         assert cosim("scenarios", *options, cwd=tmp_path).out == now.out
     displayed = cosim("--help", cwd=tmp_path).out
     assert "cosim scenario list" in displayed
-    assert not re.search(r"\bscenarios\b", displayed.replace("look at scenarios", ""))
+    assert not re.search(r"\bscenarios\b", displayed.replace("show scenarios", ""))
 
 
 def test_design_of_the_paper(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def test_error_leaves_with_its_code(
     def fails(*_: object) -> None:
         raise kind("this went wrong")
 
-    monkeypatch.setattr("cosim.cli.run.answer", fails)
+    monkeypatch.setattr("cosim.cli.scenario.answer", fails)
     monkeypatch.delenv("COSIM_DEBUG", raising=False)
     result = cosim("scenarios", "--json", cwd=tmp_path)
     assert result.code == code
@@ -56,7 +56,7 @@ import sys
 
 class Finder:
     def find_spec(self, name, path=None, target=None):
-        if name == "cosim.cli":
+        if name == "cosim.cli.application":
             raise KeyboardInterrupt
 
 sys.meta_path.insert(0, Finder())
@@ -65,9 +65,9 @@ main()
 """
 
 
-def test_interruption_while_loading_is_one_too() -> None:
-    """Ctrl-C before anything runs: 130, in words."""
+def test_interruption_while_loading_exits_with_130() -> None:
+    """Ctrl-C before anything runs: exit code 130 and a message."""
     line = [sys.executable, "-c", WHILE_LOADING]
     done = subprocess.run(line, capture_output=True, text=True, check=False)  # noqa: S603 - ours
     assert done.returncode == 130
-    assert done.stderr == "interrupted before anything had begun\n"
+    assert done.stderr == "interrupted while loading, before any work began\n"

@@ -122,7 +122,7 @@ def test_the_gain_of_a_run_is_exported_from_its_trace(folder: Path) -> None:
     assert again["certificate_sha256"] == reply["certificate_sha256"]
     refused = cosim("fmu", "controller", "flown.fmu", "--json", cwd=folder)
     assert refused.code == 2
-    assert "would replace" in refused.error["what"]
+    assert "would overwrite" in refused.error["what"]
 
 
 SCENARIO = """

@@ -429,7 +429,7 @@ REFUSED = [
     (["my-system.toml", "--name", "class"], "this is no model name"),
     (["my-system.toml", "--name", "x" * 81], "this is no model name"),
     (["my-system.toml", "-o", "é.fmu"], "gives no model name"),
-    (["my-system.toml", "-o", "my-system.toml"], "would replace"),
+    (["my-system.toml", "-o", "my-system.toml"], "would overwrite"),
     (["my-system.toml", "-o", "/proc/none/x.fmu"], "the FMU cannot be written"),
     (["my-system.toml", "--flavour", "fortran"], "Invalid value"),
     (["my-system.toml", "--platforms", "vax"], "there is no platform"),

@@ -98,19 +98,19 @@ def test_a_study_that_is_interrupted_goes_on_and_repeats_nothing(
     """Interrupted in the sixth run: six to go on with, and the table of one that was not."""
     values = [0.1 * i for i in range(10)]
     executed = counted(monkeypatch)
-    original = batch.taken
+    original = batch.run_and_measure
 
     def interrupted(runner: Any, run: int) -> Any:
         if run == 5:
             raise KeyboardInterrupt
         return original(runner, run)
 
-    monkeypatch.setattr(batch, "taken", interrupted)
+    monkeypatch.setattr(batch, "run_and_measure", interrupted)
     with pytest.raises(KeyboardInterrupt):
         execute_study(plan(values), tmp_path / "a")
     assert executed == [1, 2, 3, 4, 5]  # the first run is the rehearsal's
     assert len(table(tmp_path / "a")["run"]) == 5
-    monkeypatch.setattr(batch, "taken", original)
+    monkeypatch.setattr(batch, "run_and_measure", original)
     executed.clear()
     done = execute_study(plan(values), tmp_path / "a")
     assert executed == [5, 6, 7, 8, 9]
@@ -202,7 +202,7 @@ def test_a_table_with_a_hole_is_not_written(
         def __exit__(self, *_: object) -> None:
             pass
 
-    monkeypatch.setattr("cosim.study.execution.MOST_AT_ONCE", 1)
+    monkeypatch.setattr("cosim.study.execution.MAX_AT_ONCE", 1)
     with pytest.raises(LossError, match="runs are missing") as message:
         execute_study(plan([0.0, 1.0, 2.0, 3.0]), tmp_path, Forgetful)
     assert "without number 2" in message.value.text()
