@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -18,6 +18,9 @@ from cosim.scenario import FmuCache
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
+
+RunFlavour = Literal["python", "native"]
+"""Choices of --flavour for runs; FMI 3.0 is for other tools."""
 
 JsonOption = Annotated[
     bool,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -13,6 +12,7 @@ from cosim.cli.common import (
     TRACES,
     FmusOption,
     JsonOption,
+    RunFlavour,
     SetOption,
     answer,
     make_fmu_cache,
@@ -22,30 +22,6 @@ from cosim.cli.run_view import demo_view, outcome_view
 from cosim.core import CheckFailedError
 from cosim.master import Pace
 from cosim.scenario import check_writable, demonstrate, execute_run, load, prepare
-
-
-class Engine(enum.Enum):
-    """Choices of --engine."""
-
-    auto = "auto"
-    python = "python"
-    compiled = "compiled"
-
-
-class Flavour(enum.Enum):
-    """Choices of --flavour for runs; FMI 3.0 is for other tools."""
-
-    python = "python"
-    native = "native"
-
-
-class LogLevel(enum.Enum):
-    """Choices of --log-level."""
-
-    debug = "debug"
-    info = "info"
-    warning = "warning"
-    error = "error"
 
 
 def demo(
@@ -66,18 +42,18 @@ def run(
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
-        Engine,
+        Literal["auto", "python", "compiled"],
         typer.Option(
             help="What executes the co-simulation loop; the results are the same, bit for bit."
         ),
-    ] = Engine.auto,
+    ] = "auto",
     flavour: Annotated[
-        Flavour,
+        RunFlavour,
         typer.Option(
             help="Language of the built-in FMUs: python, or native (C, compiled on this machine). "
             "The results are the same, bit for bit, if both use the same C library."
         ),
-    ] = Flavour.python,
+    ] = "python",
     changed: SetOption = None,
     until: Annotated[
         str | None,
@@ -92,7 +68,7 @@ def run(
         typer.Option(help="Slow the run down to this multiple of real time; 1 is real time."),
     ] = None,
     log_level: Annotated[
-        LogLevel | None,
+        Literal["debug", "info", "warning", "error"] | None,
         typer.Option(help="Record log messages of components from this level on (key log.level)."),
     ] = None,
     fsync: Annotated[
@@ -115,7 +91,7 @@ def run(
     """
     settings = list(changed or ())
     if log_level is not None:
-        settings.append(f'log.level="{log_level.value}"')
+        settings.append(f'log.level="{log_level}"')
     stops: dict[str, dict[str, Any]] = {}
     if until is not None:
         stops[f"--until {until}"] = {"at": _seconds(until)}
@@ -126,11 +102,11 @@ def run(
     check_writable(trace)
     with progress() as report_progress:
         prepared = prepare(
-            loaded, make_fmu_cache(fmus, loaded.folder, flavour.value), progress=report_progress
+            loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
         kept = None if pace is None else Pace(pace)
         outcome = execute_run(
-            prepared, trace, progress=report_progress, engine=engine.value, pace=kept, fsync=fsync
+            prepared, trace, progress=report_progress, engine=engine, pace=kept, fsync=fsync
         )
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":

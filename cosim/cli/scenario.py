@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import enum
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -38,13 +37,6 @@ from cosim.scenario import (
 scenario_app = typer.Typer(
     no_args_is_help=True, help="List, create, check and show scenarios (TOML files)."
 )
-
-
-class Diagram(enum.Enum):
-    """Choices of --diagram."""
-
-    text = "text"
-    mermaid = "mermaid"
 
 
 @scenario_app.command("list")
@@ -147,7 +139,7 @@ def show(
     name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
     changed: SetOption = None,
     diagram: Annotated[
-        Diagram | None,
+        Literal["text", "mermaid"] | None,
         typer.Option(help="Print a diagram of components, links and connections instead."),
     ] = None,
     as_json: JsonOption = False,
@@ -160,7 +152,7 @@ def show(
     """
     loaded = load(name, list(changed or ()))
     if diagram is not None:
-        text = (as_text if diagram is Diagram.text else as_mermaid)(loaded.scenario)
+        text = (as_text if diagram == "text" else as_mermaid)(loaded.scenario)
         data: dict[str, Any] = {"scenario": loaded.name, "diagram": text}
     else:
         text = loaded.scenario.to_toml()

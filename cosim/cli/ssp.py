@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
-from cosim.cli.run import Flavour
+from cosim.cli.common import (
+    FMUS,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    make_fmu_cache,
+    progress,
+)
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
 from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
@@ -21,13 +27,6 @@ ssp_app = typer.Typer(
     no_args_is_help=True,
     help="Export a scenario as an SSP archive for other tools, or import an archive.",
 )
-
-
-class LinksKind(enum.Enum):
-    """Choices of --links."""
-
-    annotate = "annotate"
-    fmu = "fmu"
 
 
 @ssp_app.command("export")
@@ -39,16 +38,16 @@ def export_verb(
         Path | None, typer.Option("--out", "-o", help="File of the archive (default: NAME.ssp).")
     ] = None,
     links: Annotated[
-        LinksKind,
+        Literal["annotate", "fmu"],
         typer.Option(
             help="annotate: write links as annotations, which other tools ignore; fmu: write each "
             "link as an FMU that delays, drops and reorders the same messages in other tools."
         ),
-    ] = LinksKind.annotate,
+    ] = "annotate",
     flavour: Annotated[
-        Flavour,
+        RunFlavour,
         typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
-    ] = Flavour.native,
+    ] = "native",
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
@@ -69,9 +68,9 @@ def export_verb(
     _not_onto(path, Path(name))
     with progress() as report_progress:
         prepared = prepare(
-            loaded, make_fmu_cache(fmus, loaded.folder, flavour.value), progress=report_progress
+            loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
-        exported = export_ssp(prepared, path, links.value)
+        exported = export_ssp(prepared, path, links)
     _warn(exported.warnings)
     answer(as_json, exported.to_json, lambda: _view(exported, exported.components))
 

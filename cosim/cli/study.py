@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.arguments import names
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
-from cosim.cli.run import Flavour
+from cosim.cli.common import FMUS, FmusOption, JsonOption, RunFlavour, answer, progress
 from cosim.cli.study_view import checked_view, finished_view, summary_view
 from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
@@ -40,7 +39,7 @@ study_app = typer.Typer(
 
 StudyArgument = Annotated[str, typer.Argument(help="Name of a built-in study, or FILE.toml.")]
 FlavourOption = Annotated[
-    Flavour,
+    RunFlavour,
     typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
 ]
 
@@ -56,7 +55,7 @@ def list_studies(*, as_json: JsonOption = False) -> None:
 def check(
     name: StudyArgument,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = Flavour.native,
+    flavour: FlavourOption = "native",
     as_json: JsonOption = False,
 ) -> None:
     """Check a study and show its axes, its metrics and the number of its runs; run nothing.
@@ -105,7 +104,7 @@ def run(
         bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
     ] = False,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = Flavour.native,
+    flavour: FlavourOption = "native",
     as_json: JsonOption = False,
 ) -> None:
     """Run a study, or the rest of it, and write the table of its results: results.parquet.
@@ -197,8 +196,8 @@ def show(
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
 
 
-def _plan(loaded: LoadedStudy, fmus: Path, flavour: Flavour) -> Plan:
-    return plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour.value)
+def _plan(loaded: LoadedStudy, fmus: Path, flavour: RunFlavour) -> Plan:
+    return plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour)
 
 
 def _values(plan: Plan, number: int) -> dict[str, Any]:

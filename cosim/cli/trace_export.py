@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.table import Table
@@ -12,19 +11,14 @@ from rich.table import Table
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.trace import WrittenTable, export as write_tables
 
-
-class Format(enum.Enum):
-    """Choices of --to."""
-
-    csv = "csv"
-    parquet = "parquet"
+TableFormat = Literal["csv", "parquet"]
 
 
 def export(
     file: Annotated[Path, typer.Argument(help="A trace, or any MCAP file.")],
     to: Annotated[
-        Format, typer.Option(help="Format of the tables; parquet needs the extra tables.")
-    ] = Format.csv,
+        TableFormat, typer.Option(help="Format of the tables; parquet needs the extra tables.")
+    ] = "csv",
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder to write to; or the file, if there is one table."),
@@ -66,7 +60,7 @@ def export(
         written = write_tables(
             file,
             out,
-            to.value,
+            to,
             topics=topics,
             signals=signals,
             start=start,
@@ -77,10 +71,10 @@ def export(
     answer(as_json, lambda: _json(file, to, written), lambda: _view(written))
 
 
-def _json(file: Path, to: Format, written: list[WrittenTable]) -> dict[str, Any]:
+def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str, Any]:
     return {
         "trace": str(file),
-        "format": to.value,
+        "format": to,
         "files": [
             {
                 "path": str(one.path),

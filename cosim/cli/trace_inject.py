@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from cosim.cli.common import FMUS, TRACES, FmusOption, JsonOption, answer, make_fmu_cache, progress
+from cosim.cli.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    make_fmu_cache,
+    progress,
+)
 from cosim.cli.inject_view import inject_json, inject_view
-from cosim.cli.run import Flavour
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
 from cosim.replay import InjectionRequest, SignalMapping, inject as run_injection
 from cosim.scenario import check_writable, link_of, load, nanoseconds
 from cosim.trace import Tolerance, Tolerances
-
-
-class SignalSide(enum.Enum):
-    """Choices of --as."""
-
-    delivered = "delivered"
-    sent = "sent"
 
 
 def inject(
@@ -49,12 +49,12 @@ def inject(
         ),
     ] = None,
     side: Annotated[
-        SignalSide,
+        Literal["delivered", "sent"],
         typer.Option(
             "--as",
             help="delivered: use values as and when they were received; sent: as they were sent.",
         ),
-    ] = SignalSide.delivered,
+    ] = "delivered",
     link: Annotated[
         str | None,
         typer.Option(
@@ -110,8 +110,8 @@ def inject(
     ] = 0.0,
     fmus: FmusOption = FMUS,
     flavour: Annotated[
-        Flavour, typer.Option(help="Language of a built-in FMU: python, or native (C).")
-    ] = Flavour.python,
+        RunFlavour, typer.Option(help="Language of a built-in FMU: python, or native (C).")
+    ] = "python",
     *,
     as_json: JsonOption = False,
 ) -> None:
@@ -129,18 +129,18 @@ def inject(
     cosim trace inject traces/auv-acoustic.mcap --into mine.fmu
       --map-group plant.eta=eta --as sent --sample-time 0.15 --delay 0.4 --loss 0.1
     """
-    place = make_fmu_cache(fmus, Path.cwd(), flavour.value)
+    place = make_fmu_cache(fmus, Path.cwd(), flavour)
     request = InjectionRequest(
         signal_mapping=SignalMapping(
             _pairs("--map", signals), _pairs("--map-group", groups), as_component
         ),
-        side=side.value,
+        side=side,
         link=_link(link, sample_time, delay, jitter, loss, seed),
         step_ns=None if step is None else _step(step),
         compare=compare,
         tolerances=Tolerances(Tolerance(absolute, relative)),
     )
-    if request.link is not None and side is SignalSide.delivered:
+    if request.link is not None and side == "delivered":
         raise InputError(
             "a link can only be used for signals as they were sent",
             where="--link",

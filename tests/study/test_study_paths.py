@@ -9,7 +9,7 @@ import pytest
 from cosim.core.errors import InputError
 from cosim.scenario.key_paths import put, split
 from cosim.study.expression import Expression
-from cosim.study.figure_lookup import value_at
+from cosim.study.measurement import value_at
 
 
 def test_paths_are_split_at_dots_outside_quotes() -> None:
