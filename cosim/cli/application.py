@@ -40,8 +40,8 @@ app = typer.Typer(
 for command in (demo, design, analyse, paper, run):
     app.command()(command)
 app.command("scenarios", hidden=True)(list_scenarios)  # older name of `scenario list`
-for command in (export, diff, inject):
-    trace_app.command()(command)
+for trace_command in (export, diff, inject):
+    trace_app.command()(trace_command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(trace_app, name="trace")
 app.add_typer(certificate_app, name="certificate")

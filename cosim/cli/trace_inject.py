@@ -18,7 +18,7 @@ from cosim.cli.common import (
     make_fmu_cache,
     progress,
 )
-from cosim.cli.inject_view import inject_json, inject_view
+from cosim.cli.trace_view import inject_json, inject_view
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.models import DelaySystem
 from cosim.paper.exact import fractions, is_positive
-from cosim.paper.lmi import mirrored, solve, symmetric_expression, unit_block, zero_block
+from cosim.paper.lmi import mirrored, solve, symmetric_expression, unit_block, zeros
 
 _ABOVE_LEAST = (2e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 _DECIMALS = 6
@@ -87,9 +87,9 @@ def _blocks(s: Any, X: Any, Y: Any, Q: Any, eps: Any, gamma: Any) -> list[list[A
             (s["D"] @ X + s["D2"] @ Y).T,
             X @ s["H"].T,
         ],
-        [-Q, zero_block(n, q), zero_block(n, p), X @ s["H1"].T],
-        [-gamma * unit_block(q), s["D1"].T, zero_block(q, r)],
-        [-gamma * unit_block(p), zero_block(p, r)],
+        [-Q, zeros(n, q), zeros(n, p), X @ s["H1"].T],
+        [-gamma * unit_block(q), s["D1"].T, zeros(q, r)],
+        [-gamma * unit_block(p), zeros(p, r)],
         [-eps * unit_block(r)],
     ]
 

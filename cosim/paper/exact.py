@@ -52,12 +52,6 @@ def identity(n: int) -> Exact:
     return fractions(np.eye(n, dtype=int))
 
 
-def zeros(rows: int, columns: int) -> Exact:
-    """Return a matrix of zeros."""
-    none: Exact = np.zeros((rows, columns), dtype=int).astype(object)
-    return none
-
-
 def inverse(matrix: Exact) -> Exact:
     """Return the inverse of a regular matrix."""
     inverted: Any = rational_matrix(matrix).inv()

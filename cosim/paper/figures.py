@@ -26,13 +26,9 @@ class Curves:
     def to_json(self) -> dict[str, Any]:
         """Return the curves as plain JSON values."""
         f = self.run
-        return {
-            "t": [round(v, 6) for v in f.t.tolist()],
-            "x1": [round(v, 9) for v in f.x[:, 0].tolist()],
-            "x2": [round(v, 9) for v in f.x[:, 1].tolist()],
-            "u": [round(v, 9) for v in f.u.tolist()],
-            "w": [round(v, 9) for v in f.w.tolist()],
-        }
+        drawn = {"x1": f.x[:, 0], "x2": f.x[:, 1], "u": f.u, "w": f.w}
+        times = [round(v, 6) for v in f.t.tolist()]
+        return {"t": times} | {k: [round(v, 9) for v in c.tolist()] for k, c in drawn.items()}
 
 
 def curves() -> Curves:

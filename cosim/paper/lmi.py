@@ -21,7 +21,7 @@ def symmetric_expression(upper: list[list[Any]]) -> Any:
     return (whole + whole.T) / 2
 
 
-def zero_block(rows: int, columns: int) -> Any:
+def zeros(rows: int, columns: int) -> Any:
     """Return a block of zeros, as integers: they fit fractions and cvxpy."""
     return np.zeros((rows, columns), dtype=int)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from cosim.paper.lmi import unit_block, zero_block
+from cosim.paper.lmi import unit_block, zeros
 
 NAMES = ("x", "x_d", "w", "z", "ẋ", "m", "h")
 """The seven block rows of Eq. (14)."""
@@ -91,15 +91,15 @@ def omega(s: Data, v: Unknowns, reading: Reading = CORRECTED) -> list[list[Any]]
         ],
         [
             -(over * over) * v.Q - 2 * over * X,
-            zero_block(n, q),
-            zero_block(n, p),
+            zeros(n, q),
+            zeros(n, p),
             d * over * (X @ late),
             d * R,
             over * (X @ s.H1.T),
         ],
-        [-s.gamma * unit_block(q), s.D1.T, d * s.C.T, zero_block(q, n), zero_block(q, r)],
-        [-s.gamma * unit_block(p), zero_block(p, n), zero_block(p, n), zero_block(p, r)],
-        [-d * R + d * d * EE, zero_block(n, n), zero_block(n, r)],
-        [-d * R, zero_block(n, r)],
+        [-s.gamma * unit_block(q), s.D1.T, d * s.C.T, zeros(q, n), zeros(q, r)],
+        [-s.gamma * unit_block(p), zeros(p, n), zeros(p, n), zeros(p, r)],
+        [-d * R + d * d * EE, zeros(n, n), zeros(n, r)],
+        [-d * R, zeros(n, r)],
         [-v.eps * unit_block(r)],
     ]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, zeros
-from cosim.paper.lmi import mirrored
+from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero
+from cosim.paper.lmi import mirrored, zeros
 from cosim.paper.omega import Data, Reading, Unknowns, omega
 from cosim.paper.theorem_1 import Loop, drawn_loop
 

@@ -13,9 +13,9 @@ from typing import Any
 import flint
 import numpy as np
 
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, schur, zeros
+from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, schur
 from cosim.paper.lemmas import at, form, integral, polynomials
-from cosim.paper.lmi import mirrored
+from cosim.paper.lmi import mirrored, zeros
 from cosim.paper.row import THEORY, How, Row, Verdict
 
 _N, _Q, _P = 3, 2, 2

@@ -22,10 +22,9 @@ from cosim.paper.exact import (
     rational,
     rational_matrix,
     schur,
-    zeros,
 )
 from cosim.paper.example import Example
-from cosim.paper.lmi import mirrored
+from cosim.paper.lmi import mirrored, zeros
 from cosim.paper.omega import CORRECTED, PRINTED, Reading, omega
 from cosim.paper.proof_2 import LEFT, Proof, differing_blocks, drawn_proof, lambda_18, psi
 from cosim.paper.row import THEOREM_2, How, Row, Verdict

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.master import Run
 from cosim.scenario import inside, kind_of, split
+from cosim.study.consistency import nowhere
 from cosim.study.schema import Metric
 
 _FROM_ZERO_STATE_RUN = (
@@ -78,18 +79,13 @@ def value_at(data: Any, path: str) -> Any:
             )
         # the longest key that fits, as values by `component.variable` are one table
         for n in range(len(rest), 0, -1):
-            key = _joined(rest[:n])
+            key = nowhere(*rest[:n])
             if key in here:
                 here, rest = here[key], rest[n:]
                 break
         else:
-            raise InputError.unknown("figure", _joined(rest), here, where=path)
+            raise InputError.unknown("figure", nowhere(*rest), here, where=path)
     return here
-
-
-def _joined(keys: list[str | int]) -> str:
-    joined = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys)
-    return joined.removeprefix(".")
 
 
 def _asked(metric: Metric, value: Value) -> bool:

@@ -126,7 +126,7 @@ def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("more", [[], ["--json"]], ids=["for people", "for programs"])
-def test_reader_that_leaves_early(tmp_path: Path, more: list[str]) -> None:
+def test_closed_output_pipe_exits_quietly(tmp_path: Path, more: list[str]) -> None:
     """`cosim scenario list | true` prints no traceback; 141 as of SIGPIPE, not 1 (a comparison)."""
     with subprocess.Popen(  # noqa: S603 - the command under test
         [COMMAND, "scenario", "list", *more],

@@ -39,7 +39,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("links", ["annotate", "fmu"])
-def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
+def test_scenario_is_exported_and_imported_again(folder: Path, links: str) -> None:
     """One JSON object each; the scenario that comes back flies."""
     out = cosim(
         *("ssp", "export", "short.toml", "-o", "out.ssp", "--links", links, "--json"),
@@ -64,7 +64,7 @@ def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
     assert ran.json["links"]["uplink"]["sent"] == 26
 
 
-def test_people_read_what_was_written(folder: Path) -> None:
+def test_text_output_shows_what_was_written(folder: Path) -> None:
     out = cosim("ssp", "export", "short.toml", "--fmus", fmu_store(), cwd=folder)
     assert out.code == 0
     assert "short.ssp" in out.out

@@ -112,7 +112,7 @@ def test_options_that_do_not_belong_together_are_refused(tmp_path: Path) -> None
         (("--metric", "x"), "need each other"),
         (("--by", "v"), "there is no axis 'v'"),
         (("--by", "u,"), "not a list of names"),
-        (("--picture", "a.png"), "no picture of its own"),
+        (("--picture", "a.png"), "does not define a picture"),
         (("--picture", "a.png", "--metric", "y", "--over", "u"), "there is no metric 'y'"),
         (("--picture", "a.txt", "--metric", "x", "--over", "u"), "cannot be written"),
         (("--confidence", "95"), "not a confidence"),
