@@ -1,4 +1,4 @@
-"""What the command line can be asked, a file per group of verbs."""
+"""The command line: one file per group of commands."""
 
 import lazy_loader as _lazy
 

@@ -1,4 +1,4 @@
-"""The command `cosim`: its verbs, and what becomes of an error."""
+"""The command `cosim`: its sub-commands, and how errors become messages and exit codes."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.certificate import certificate_app
+from cosim.cli.common import error_json
 from cosim.cli.design import analyse, design
 from cosim.cli.fmu import fmu_app
-from cosim.cli.fmu_build import build
-from cosim.cli.fmu_controller import controller
 from cosim.cli.paper import paper
 from cosim.cli.run import demo, run
 from cosim.cli.scenario import list_scenarios, scenario_app
@@ -28,9 +27,6 @@ from cosim.cli.trace import trace_app
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
 from cosim.cli.trace_inject import inject
-from cosim.cli.trace_live import play, view
-from cosim.cli.trace_recover import recover, verify
-from cosim.cli.trace_report import report
 from cosim.core import CosimError, InputError
 
 app = typer.Typer(
@@ -39,33 +35,25 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    help="Certified control of an underwater vehicle over delayed links: design, fly, trace.",
     epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenario list[/bold].",
 )
-for verb in (demo, design, analyse, paper, run):
-    app.command()(verb)
-app.command("scenarios", hidden=True)(list_scenarios)  # its name before `scenario list`
+for command in (demo, design, analyse, paper, run):
+    app.command()(command)
+app.command("scenarios", hidden=True)(list_scenarios)  # older name of `scenario list`
+for trace_command in (export, diff, inject):
+    trace_app.command()(trace_command)
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(trace_app, name="trace")
-for trace_verb in (report, play, view):
-    trace_app.command()(trace_verb)
 app.add_typer(certificate_app, name="certificate")
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(ssp_app, name="ssp")
 app.add_typer(study_app, name="study")
-fmu_app.command()(build)
-fmu_app.command()(controller)
-trace_app.command()(recover)
-trace_app.command()(verify)
-trace_app.command()(export)
-trace_app.command()(diff)
-trace_app.command()(inject)
 
-# typer may bring its own copy of click: this is the usage error of the one it uses
+# typer may contain its own copy of click: this is the usage error of the copy that it uses
 _UsageError: Any = typer.BadParameter.__base__
-_INTERRUPTED = 130  # what typer makes of a KeyboardInterrupt
+_INTERRUPTED = 130  # typer returns it after a KeyboardInterrupt
 _TERMINATED = 128 + signal.SIGTERM
-_LEFT_BEHIND = "cosim trace recover makes a trace of the .partial file, if a run had begun"
+_LEFT_BEHIND = "if a run had begun: cosim trace recover turns the .partial file into a trace"
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - typer calls it so
@@ -79,16 +67,14 @@ def common(
     *,
     version: Annotated[
         bool,
-        typer.Option(
-            "--version", help="Say which version this is.", callback=_version, is_eager=True
-        ),
+        typer.Option("--version", help="Print the version.", callback=_version, is_eager=True),
     ] = False,
 ) -> None:
-    """Certified control of an underwater vehicle over delayed links: design, fly, trace."""
+    """Design, prove and co-simulate control over slow links; record, replay and study the runs."""
 
 
 def main() -> None:
-    """Entry point: errors become messages and exit codes, never tracebacks."""
+    """Run the command line; turn errors into messages and exit codes, never tracebacks."""
     as_json = "--json" in sys.argv[1:]
     try:
         with _sigterm_as_interrupt():
@@ -100,10 +86,10 @@ def main() -> None:
         sys.exit(error.exit_code)
     except _UsageError as error:
         sys.exit(_misused(error, as_json=as_json))
-    except SystemExit as end:  # which typer makes of a BrokenPipeError, with code 1
+    except SystemExit as end:  # typer raises it on a BrokenPipeError, with code 1
         if not isinstance(end.__context__, BrokenPipeError):
             raise
-        # the reader of our output is gone: nothing is left to say it to
+        # the reader of the output is gone: nobody is left to print a message for
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
     except Exception as error:
@@ -111,23 +97,23 @@ def main() -> None:
             raise
         unexpected = CosimError(
             f"unexpected {type(error).__name__}: {error}",
-            hint="set COSIM_DEBUG=1 for the traceback, and report it",
+            hint="set COSIM_DEBUG=1 to see the traceback, and report it",
         )
         _complain(unexpected, 4, as_json=as_json)
         sys.exit(4)
     if code in (_INTERRUPTED, _TERMINATED):
-        what = "interrupted" if code == _INTERRUPTED else "told to end"
+        what = "interrupted" if code == _INTERRUPTED else "terminated"
         _complain(CosimError(what, hint=_LEFT_BEHIND), code, as_json=as_json)
     sys.exit(code)
 
 
 class _Ended(SystemExit):
-    """SIGTERM: traces are closed and temporary folders removed on the way out."""
+    """Raised on SIGTERM, so that traces are closed and temporary folders removed."""
 
 
 @contextmanager
 def _sigterm_as_interrupt() -> Iterator[None]:
-    """SIGTERM ends the command as Ctrl-C does, not in the middle of what it is doing."""
+    """Make SIGTERM end the command in an orderly way, as Ctrl-C does."""
 
     def leave(_number: int, _frame: object) -> None:
         raise _Ended(_TERMINATED)
@@ -147,7 +133,7 @@ def _sigterm_as_interrupt() -> Iterator[None]:
 
 
 def _misused(error: Any, *, as_json: bool) -> int:
-    """Usage errors in the form of all others; without any verb, the help."""
+    """Print a usage error like all other errors; without any sub-command, print the help."""
     if type(error).__name__ == "NoArgsIsHelpError" and not as_json:
         error.show()
     else:
@@ -159,7 +145,6 @@ def _misused(error: Any, *, as_json: bool) -> int:
 
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:
     if as_json:
-        keys = ("what", "where", "expected", "got", "hint")
-        content = {key: getattr(error, key) for key in keys} | {"exit_code": code}
+        content = error_json(error) | {"exit_code": code}
         print(json.dumps({"error": content}, allow_nan=False))
     print(error.text(), file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What the words on a command line stand for: problems, gains, numbers, files."""
+"""Read the arguments of commands: systems, gains, lists of numbers and names; write files."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cosim.scenario import builtin_names, load, named_design, problem_of
 
 
 def named_problem(name: str) -> tuple[NamedSystem, Any]:
-    """A scenario's design, or a system by its name; and the gain that the scenario gives."""
+    """Return the system that a name stands for, and the gain if it names a scenario with a gain."""
     if name not in builtin_names():
         return system_by_name(name), None
     loaded = load(name)
     part = loaded.scenario.design
     if part is None:
-        raise InputError("this scenario has no design", where=name)
+        raise InputError("this scenario has no [design]", where=name)
     if part.file is not None:
         problem, found, _ = named_design(part, loaded.folder)
         return NamedSystem(problem.system, problem.k1, problem.k2), found.K.tolist()
@@ -31,24 +31,14 @@ def named_problem(name: str) -> tuple[NamedSystem, Any]:
 
 
 def with_weights(named: NamedSystem, weights: tuple[float, ...]) -> NamedSystem:
-    """The system with these weights of z, in place of its own.
-
-    Raises
-    ------
-    InputError : they do not fit it.
-    """
+    """Replace the weights of z of a system; raise InputError if their number does not fit."""
     before = named.unweighted or named.system
     after = weighted(before, weights, where="--weights")
     return replace(named, system=after, weights=weights, unweighted=before)
 
 
 def gain_from(text: str) -> Any:
-    """A matrix written as JSON.
-
-    Raises
-    ------
-    InputError : it is none.
-    """
+    """Return a matrix written as JSON rows; raise InputError for any other text."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -59,12 +49,7 @@ def gain_from(text: str) -> Any:
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:
-    """Numbers separated by commas.
-
-    Raises
-    ------
-    InputError : they are none; the message names the option.
-    """
+    """Return the numbers in "1,2.5"; raise InputError, naming the option, for other text."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError as error:
@@ -74,12 +59,7 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
 
 
 def names(option: str, text: str) -> tuple[str, ...]:
-    """Names separated by commas.
-
-    Raises
-    ------
-    InputError : one of them is empty.
-    """
+    """Return the names in "a, b"; raise InputError, naming the option, if one is empty."""
     found = tuple(part.strip() for part in text.split(","))
     if not all(found):
         raise InputError(
@@ -89,14 +69,14 @@ def names(option: str, text: str) -> tuple[str, ...]:
 
 
 def write(path: Path, text: str) -> None:
-    """A text file, with the folders it needs.
-
-    Raises
-    ------
-    InputError : it cannot be written.
-    """
+    """Write a text file and the folders it needs; raise InputError if that fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, "utf-8")
     except OSError as error:
         raise InputError("the file cannot be written", where=str(path), got=str(error)) from error
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write a JSON file; raise InputError if that fails."""
+    write(path, json.dumps(data, indent=1, allow_nan=False) + "\n")

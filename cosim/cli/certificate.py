@@ -1,4 +1,4 @@
-"""Verbs about certificates: check."""
+"""Commands for certificates: check."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cosim.hinf import check_certificate
 from cosim.replay import certificate_in
 
 certificate_app = typer.Typer(
-    no_args_is_help=True, help="Check what a design or an analysis claims."
+    no_args_is_help=True, help="Check the certificate of a design or an analysis."
 )
 
 
@@ -23,17 +23,17 @@ certificate_app = typer.Typer(
 def check(
     file: Annotated[
         Path,
-        typer.Argument(help="What --save wrote, or what carries a certificate: an FMU, a trace."),
+        typer.Argument(help="A file written by --save, or an FMU or trace with a certificate."),
     ],
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Prove a certificate's claim again from the file alone: no solver, no rounding.
+    """Prove the claim of a certificate again from the file alone: no solver, no rounding.
 
-    Of a controller FMU or a trace the certificate that it carries is proved, and that it is
-    about their gain: the start values of K[i,j], or the gain that flew.
+    For a controller FMU or a trace, the command also checks that the certificate is about the
+    gain in it: the start values of K[i,j], or the gain that the run used.
 
-    Exit code 0 if the claim is proved, 1 if it is not, 2 if there is no certificate.
+    Exit code 0: the claim is proved; 1: it is not; 2: there is no certificate.
     """
     found = certificate_in(file)
     checked = check_certificate(found.data)

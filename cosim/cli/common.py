@@ -1,4 +1,4 @@
-"""What the verbs share: options, progress, and one way to answer."""
+"""Options, progress and output that the commands share."""
 
 from __future__ import annotations
 
@@ -6,23 +6,28 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
+from cosim.core import CosimError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import FmuCache
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
 
+RunFlavour = Literal["python", "native"]
+"""Choices of --flavour for runs; FMI 3.0 is for other tools."""
+
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object and nothing else on standard output.")
+    bool,
+    typer.Option("--json", help="Print one JSON object, and nothing else, on standard output."),
 ]
 FmusOption = Annotated[
-    Path, typer.Option("--fmus", help="Folder of the FMUs; what is missing is built there.")
+    Path, typer.Option("--fmus", help="Folder of the FMUs; missing FMUs are built there.")
 ]
 
 SetOption = Annotated[
@@ -30,13 +35,13 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change the scenario: a dotted key and a value as in TOML; may be repeated.",
+        help="Change one key of the scenario (dotted key, TOML value); may be repeated.",
     ),
 ]
 
 
 def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> None:  # noqa: FBT001
-    """Print `data` as JSON, or `view` for people."""
+    """Print `data` as JSON, or `view` as text for people."""
     if as_json:
         print(json.dumps(data(), indent=1, allow_nan=False))
     else:
@@ -45,7 +50,7 @@ def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> N
 
 @contextmanager
 def progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar on standard error for what takes longer than a moment; none without a terminal."""
+    """Show a progress bar on standard error, if that is a terminal; yield what updates it."""
     terminal = console(error=True)
     with Progress(
         TextColumn("{task.description}"),
@@ -60,7 +65,7 @@ def progress() -> Iterator[Callable[[str, float], None]]:
 
         def report_progress(what: str, share: float) -> None:
             nonlocal doing
-            if what != doing:  # the time that remains is estimated anew for each part
+            if what != doing:  # the remaining time is estimated anew for each part
                 doing = what
                 bar.reset(task, total=1.0)
             bar.update(task, description=what, completed=share)
@@ -71,5 +76,10 @@ def progress() -> Iterator[Callable[[str, float], None]]:
 def make_fmu_cache(
     fmus: Path, folder: Path | None = None, flavour: str = DEFAULT_FLAVOUR
 ) -> FmuCache:
-    """Where a run finds its FMUs."""
+    """Return the cache in which a run finds its FMUs, or builds them."""
     return FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
+
+
+def error_json(error: CosimError) -> dict[str, Any]:
+    """Return the parts of an error message for `--json`."""
+    return {key: getattr(error, key) for key in ("what", "where", "expected", "got", "hint")}

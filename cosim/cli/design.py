@@ -1,8 +1,7 @@
-"""Verbs about a gain and what it guarantees: design, analyse."""
+"""Commands for gains and their proofs: design, analyse."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -11,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write
+from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write_json
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.design_answers import analysis_json, design_json
 from cosim.cli.design_view import analysis_view, design_view
@@ -31,34 +30,40 @@ from cosim.hinf import (
 from cosim.models import DelaySystem
 
 SystemArgument = Annotated[
-    str, typer.Argument(help="paper, auv, a scenario's name, or a system FILE.toml.")
+    str, typer.Argument(help="paper, auv, the name of a scenario, or a system FILE.toml.")
 ]
 DelaysOption = Annotated[
     str | None,
-    typer.Option(help="Delays in seconds, instead of the system's own, as in 0.5,1.25."),
+    typer.Option(help="Delays in seconds, such as 0.5,1.25, instead of those of the system."),
 ]
 DelayLimitOption = Annotated[
-    float, typer.Option(help="Where the search for a greatest delay ends, in seconds.")
+    float, typer.Option(help="Largest delay that --max-delay tries, in seconds.")
 ]
 
 
 def design(
     name: SystemArgument,
     k1: Annotated[
-        str | None, typer.Option(help="Free scalars k1, one per delay, as in -0.3,-1.0.")
+        str | None, typer.Option(help="Free scalars k1 of Theorem 2, one per delay: -0.3,-1.0.")
     ] = None,
-    k2: Annotated[str | None, typer.Option(help="Free scalars k2, one per delay.")] = None,
+    k2: Annotated[
+        str | None, typer.Option(help="Free scalars k2 of Theorem 2, one per delay.")
+    ] = None,
     gamma: Annotated[
-        float | None, typer.Option(help="A bound to meet, instead of the least one.")
+        float | None, typer.Option(help="Meet this gamma instead of finding the least one.")
     ] = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Look for better k1, k2, from these among others.")
+        bool,
+        typer.Option(
+            "--search", help="Search for better k1, k2, starting from the given ones and others."
+        ),
     ] = False,
     order: Annotated[
         int | None,
         typer.Option(
-            help="0 and up: Bessel-Legendre, sharper than Theorem 2, from whose gain it starts; "
-            "from 1 on proved at exactly these delays, or up to them at the same gamma."
+            help="Improve the gain of Theorem 2 with the Bessel-Legendre inequality of this order, "
+            "0 or more. From order 1 on the proof is for exactly these delays; the output says "
+            "whether it also covers all smaller ones."
         ),
     ] = None,
     delays: DelaysOption = None,
@@ -66,7 +71,8 @@ def design(
         bool,
         typer.Option(
             "--max-delay",
-            help="The greatest delay for the given gamma: of the feedback, or else the first.",
+            help="Find the greatest delay at which gamma is certified: the delay of the feedback, "
+            "or else the first delay.",
         ),
     ] = False,
     delay_limit: DelayLimitOption = DELAY_LIMIT,
@@ -74,51 +80,54 @@ def design(
         bool,
         typer.Option(
             "--uncertainty-price",
-            help="Certify the same gain without uncertainty as well: what gamma pays for it.",
+            help="Also certify this gain without uncertainty, to show its share of gamma.",
         ),
     ] = False,
     decay: Annotated[
         float | None,
-        typer.Option(help="Rate [1/s] at which every solution is to decay at least, with w = 0."),
+        typer.Option(help="Least rate of decay of every solution with w = 0, in 1/s."),
     ] = None,
     gain_limit: Annotated[
-        float | None, typer.Option(help="Bound on |K|, its largest singular value.")
+        float | None, typer.Option(help="Bound on |K|, the largest singular value of K.")
     ] = None,
     peak_control: Annotated[
         str | None,
         typer.Option(
-            help="Bound on every |u_i(t)|, one number or one per input, from --offset and --energy."
+            help="Bounds on |u_i(t)|, one number or one per input, for --offset and --energy."
         ),
     ] = None,
     offset: Annotated[
         str | None,
         typer.Option(
-            help="Where a flight may start: bounds on |x_i(0)|, one per state, held before."
+            help="Bounds on the initial state |x_i(0)|, one per state; x is constant for t < 0."
         ),
     ] = None,
     energy: Annotated[
-        float | None, typer.Option(help="Bound on the square root of the integral of w'w.")
+        float | None,
+        typer.Option(help="Bound on the disturbance: square root of the integral of w'w."),
     ] = None,
     weights: Annotated[
-        str | None, typer.Option(help="Weights of the rows of z, in place of the system's own.")
+        str | None, typer.Option(help="Weights of the rows of z, instead of those of the system.")
     ] = None,
     save: Annotated[
-        Path | None, typer.Option(help="Write the design with its exact certificate here (JSON).")
+        Path | None, typer.Option(help="Write the design and its exact certificate to this file.")
     ] = None,
     save_refutation: Annotated[
         Path | None,
-        typer.Option(help="Write the exact proof of what cannot be had here (JSON), if one is."),
+        typer.Option(help="Write the proof that no solution exists to this file, if there is one."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Design the H-infinity gain of a system with delays, and prove it exactly.
+    """Design an H-infinity state feedback for a system with delays, and prove it exactly.
 
-    gamma bounds the gain from w to z for every admissible uncertainty and is certified in
-    rational arithmetic for the gain as it flies; the exact norm and the abscissa of the
-    nominal loop stand beside it. k1 and k2 are free, and worth a search; where neither the
-    system nor the command line has them, they are searched. What else is demanded is proved in
-    the same way: --decay, --gain-limit, and --peak-control with --offset or --energy. What
-    cannot be had ends with exit code 5, and where that is proved exactly, with a proof to save.
+    gamma bounds the gain from w to z for every admissible uncertainty. It is certified in
+    rational arithmetic for the gain that is printed and saved. The exact norm and the abscissa
+    of the nominal loop are shown beside it. If neither the system nor the command line gives k1
+    and k2, they are searched. The same certificate proves the design constraints --decay,
+    --gain-limit, and --peak-control with --offset or --energy.
+
+    Exit code 5: the design cannot be achieved. If that is proved, --save-refutation saves the
+    proof.
     """
     named, gain = named_problem(name)
     if weights is not None:
@@ -147,22 +156,21 @@ def design(
         if max_delay:
             if gain is not None:
                 raise InputError(
-                    "this scenario gives its gain, and a greatest delay is designed for",
+                    "this scenario gives its gain, but --max-delay designs one",
                     where="--max-delay",
                 )
             if any(value is not None for value in design_constraints.values()):
                 raise InputError(
-                    "a greatest delay is found for gamma alone",
+                    "the greatest delay can be found for gamma alone",
                     where="--max-delay",
-                    expected="no decay, gain limit or peak of the control beside it",
-                    hint="--delays, to try them at a delay",
+                    expected="no decay, gain limit or peak of the control",
+                    hint="try them at a given delay: --delays",
                 )
-            delay_index = _in_question(system)
             greatest = greatest_delay(
                 system,
                 goal,
                 *scalars,
-                delay_index=delay_index,
+                delay_index=_varied_delay(system),
                 limit=delay_limit,
                 search=search or None,
                 order=order,
@@ -180,11 +188,11 @@ def design(
             )
         nominal = nominal_gamma(found) if price else None
     if save is not None:
-        write(save, json.dumps(design_to_json(found), indent=1, allow_nan=False) + "\n")
+        write_json(save, design_to_json(found))
     refutation = None if greatest is None else greatest.refutation
     kept = None if refutation is None else save_refutation
     if kept is not None:
-        write(kept, json.dumps(refutation, indent=1, allow_nan=False) + "\n")
+        write_json(kept, refutation)
     answer(
         as_json,
         lambda: design_json(name, found, greatest, save, kept, nominal, named.weights),
@@ -194,21 +202,21 @@ def design(
 
 @contextmanager
 def _refutation_saved(path: Path | None) -> Iterator[None]:
-    """Where something cannot be had, and that is proved: keep the proof, and say so."""
+    """Save the proof that a design cannot be achieved, if there is one, and name it in the hint."""
     try:
         yield
     except NotAchievableError as error:
         if error.certificate is not None:
-            next_step = "--save-refutation FILE keeps the proof"
+            next_step = "--save-refutation FILE saves the proof"
             if path is not None:
-                write(path, json.dumps(error.certificate, indent=1, allow_nan=False) + "\n")
-                next_step = f"cosim certificate check {path}, the proof"
+                write_json(path, error.certificate)
+                next_step = f"check the proof: cosim certificate check {path}"
             error.hint = next_step if error.hint is None else f"{error.hint}; {next_step}"
         raise
 
 
-def _in_question(system: DelaySystem) -> int:
-    """Which delay `--max-delay` asks about: that of the feedback, or else the first."""
+def _varied_delay(system: DelaySystem) -> int:
+    """Return the index of the delay that `--max-delay` varies: of the feedback, else the first."""
     return next((j for j, delay in enumerate(system.delays) if delay.feedback), 0)
 
 
@@ -217,37 +225,38 @@ def analyse(
     gain: Annotated[
         str | None,
         typer.Option(
-            help='K, row by row, as in "[[0.6, -0.5]]"; else that of the scenario, or none.'
+            help='The gain K as rows: "[[0.6, -0.5]]" (default: that of the scenario, or none).'
         ),
     ] = None,
     order: Annotated[
         int,
         typer.Option(
-            help="0: Theorem 1. N: Bessel-Legendre, sharper; up to these delays, or at them."
+            help="0: use Theorem 1; N: the less conservative Bessel-Legendre condition of order N."
         ),
     ] = 0,
     gamma: Annotated[
-        float | None, typer.Option(help="A bound to prove, instead of the least one.")
+        float | None, typer.Option(help="Prove this gamma instead of finding the least one.")
     ] = None,
     delays: DelaysOption = None,
     max_delay: Annotated[
         bool,
         typer.Option(
             "--max-delay",
-            help="The greatest delay for stability, or for --gamma: of the feedback, or else the "
-            "first.",
+            help="Find the greatest delay at which stability, or --gamma, is certified: the delay "
+            "of the feedback, or else the first delay.",
         ),
     ] = False,
     delay_limit: DelayLimitOption = DELAY_LIMIT,
     save: Annotated[
-        Path | None, typer.Option(help="Write the exact certificate here (JSON), if there is one.")
+        Path | None, typer.Option(help="Write the exact certificate to this file, if there is one.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what a given gain guarantees, or the system as it is, and prove it exactly.
+    """Analyse the loop with a given gain, or the system without control, and prove the result.
 
-    gamma is the least one that is certified, for every admissible uncertainty; without w and z
-    it is stability. What is not certified may still be true: that is a result, with exit code 0.
+    The result is the least gamma that can be certified for every admissible uncertainty, or
+    stability if the system has no w and z. A bound that is not certified may still hold; the
+    exit code is 0 in both cases.
     """
     named, own_gain = named_problem(name)
     system = named.system
@@ -258,16 +267,16 @@ def analyse(
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)
         if max_delay:
-            delay_index = _in_question(system)
+            varied = _varied_delay(system)
             greatest = certified_delay(
-                system, K, gamma, delay_index=delay_index, order=order, limit=delay_limit
+                system, K, gamma, delay_index=varied, order=order, limit=delay_limit
             )
             found = greatest.analysis
         else:
             found = make_analysis(system, K, gamma, order=order)
     saved = save if found.certified else None
     if saved is not None:
-        write(saved, json.dumps(found.certificate, indent=1, allow_nan=False) + "\n")
+        write_json(saved, found.certificate)
     answer(
         as_json,
         lambda: analysis_json(name, found, greatest, saved),

@@ -1,4 +1,4 @@
-"""Designs and analyses as the JSON that the command line prints."""
+"""JSON output of `cosim design` and `cosim analyse`."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ def design_json(
     nominal: float | None = None,
     weights: tuple[float, ...] | None = None,
 ) -> dict[str, Any]:
-    """What `cosim design --json` prints.
+    """Return the object that `cosim design --json` prints.
 
-    save, refutation : where the certificate is, and that of what cannot be had.
-    nominal : gamma with nothing uncertain, if that was asked.
-    weights : of the rows of z, if there are any.
+    save, refutation : files of the certificate, and of the proof that no solution exists.
+    nominal : gamma without uncertainty, if it was computed.
+    weights : weights of the rows of z, if there are any.
     """
     more = found.guarantees
     peak = more.peak_control
+    price = None if found.gamma is None or nominal is None else found.gamma - nominal
     return {
         "system": name,
         "gamma": found.gamma,
@@ -48,7 +49,7 @@ def design_json(
         "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
         "least_gamma": found.least_gamma,
         "gamma_nominal": nominal,
-        "paid_for_uncertainty": _difference(found.gamma, nominal),
+        "paid_for_uncertainty": price,
         **_nominal_figures(found),
     }
 
@@ -56,7 +57,7 @@ def design_json(
 def analysis_json(
     name: str, found: Analysis, greatest: CertifiedDelay | None, save: Path | None
 ) -> dict[str, Any]:
-    """What `cosim analyse --json` prints; `save`: where the certificate is, if there is one."""
+    """Return the object that `cosim analyse --json` prints; `save`: file of the certificate."""
     delays: list[float | None] = [delay.d for delay in found.system.delays]
     if greatest is not None:
         delays[greatest.delay_index] = greatest.d
@@ -81,7 +82,7 @@ def analysis_json(
 
 
 def _nominal_figures(found: Design | Analysis) -> dict[str, Any]:
-    """What is true of the nominal loop, and how far gamma is above it."""
+    """Return the figures of the nominal loop, and the ratio of gamma to its exact norm."""
     margins, norm = found.delay_margin, found.exact_norm
     ratio = found.gamma / norm if found.gamma is not None and norm else None
     return {
@@ -92,7 +93,3 @@ def _nominal_figures(found: Design | Analysis) -> dict[str, Any]:
         "abscissa": found.abscissa,
         "delay_margin": None if margins is None else list(margins),
     }
-
-
-def _difference(a: float | None, b: float | None) -> float | None:
-    return None if a is None or b is None else a - b

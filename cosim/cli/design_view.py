@@ -1,4 +1,4 @@
-"""Designs, analyses, certificates and what is packed, for people; `--json` prints none of it."""
+"""Designs, analyses, certificates and exported FMUs, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from cosim.hinf import Analysis, CertificateCheck, CertifiedDelay, Design, Great
 from cosim.models import Delay
 from cosim.replay import EmbeddedCertificate
 
+_LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
 _WHOSE = {
     "file": "",
-    "FMU": "which the FMU starts with; any other that is set voids this",
-    "trace": "which flew",
+    "FMU": "the gain that the FMU starts with; the proof does not hold for any other",
+    "trace": "the gain of the run",
 }
 
 
@@ -27,15 +28,15 @@ def design_view(
     greatest: GreatestDelay | None = None,
     nominal: float | None = None,
 ) -> RenderableType:
-    """A design: what is proved, what is computed, and the gain."""
+    """Show a design: what is proved, what is computed, and the gain."""
     facts = facts_table()
     gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
-    facts.add_row("gamma", gamma, "certified: exact rational proof, for the gain below as it flies")
+    facts.add_row("gamma", gamma, "certified: exact rational proof for the gain below")
     if nominal is not None and design.gamma is not None:
         facts.add_row(
             "  without uncertainty",
             f"{nominal:.6g}",
-            f"certified, same gain, k1, k2: {design.gamma - nominal:.3g} are paid for E, H",
+            f"certified, same gain, k1, k2: E and H account for {design.gamma - nominal:.3g}",
         )
     _nominal_rows(facts, design)
     if design.order is not None:
@@ -58,10 +59,10 @@ def design_view(
 
 
 def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
-    """What is proved beside gamma: (figure, value, what it says)."""
+    """Return rows for what is proved beside gamma: (figure, value, explanation)."""
     rows = []
     if more.decay is not None:
-        text = "certified: with w = 0 every solution falls at least as exp(-rate t)"
+        text = "certified: with w = 0 every solution decays at least as exp(-rate t)"
         rows.append(("rate of decay", f"{float(more.decay.rate):.6g} 1/s", text))
     if more.gain_limit is not None:
         rows.append(("|K|", f"{float(more.gain_limit.bound):.6g}", "certified: at most this"))
@@ -81,7 +82,7 @@ def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
 def analysis_view(
     name: str, analysis: Analysis, greatest: CertifiedDelay | None = None
 ) -> RenderableType:
-    """What a given gain guarantees: what is proved, or why nothing is, and what is computed."""
+    """Show an analysis: what is proved, or why nothing is, and what is computed."""
     what = f"{name}, u = 0" if analysis.K is None else f"{name}, u = K x"
     if analysis.certified:
         head = Text.assemble(("certified", "bold green"), f": {what}")
@@ -91,7 +92,7 @@ def analysis_view(
     facts.add_row("condition", _condition(analysis.order), "")
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
-        facts.add_row("gamma", gamma, "certified: exact rational proof, for this gain")
+        facts.add_row("gamma", gamma, "certified: exact rational proof for this gain")
     _nominal_rows(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
         facts.add_row(
@@ -100,24 +101,23 @@ def analysis_view(
             _age(delay, covers_smaller_delays=analysis.covers_smaller_delays),
         )
     if greatest is not None and greatest.d is not None:
-        end = (
-            "certified; the search ended here, the loop may bear more"
-            if greatest.limit_reached
-            else f"certified; not certified at {greatest.not_certified_at:.7g} s"
-        )
+        end = _LIMIT_REACHED
+        if not greatest.limit_reached:
+            end = f"certified; not certified at {greatest.not_certified_at:.7g} s"
         facts.add_row("greatest delay", f"{greatest.d:.7g} s", end)
     return Group(head, facts)
 
 
 def _age(delay: Delay, *, covers_smaller_delays: bool) -> str:
-    kind = "any age up to it" if delay.any_age else "constant, "
-    if not delay.any_age:
-        kind += "up to it" if covers_smaller_delays else "exactly it"
-    return kind + (", the control acts through it" if delay.feedback else "")
+    if delay.any_age:
+        kind = "any age up to this"
+    else:
+        kind = "any constant up to this" if covers_smaller_delays else "exactly this constant"
+    return kind + (", the control acts through this delay" if delay.feedback else "")
 
 
 def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
-    """Rows: what is true of the nominal loop, all of its delays taken as constants."""
+    """Add the figures of the nominal loop, with all delays constant."""
     norm, upper = found.exact_norm, found.exact_norm_upper
     if norm is not None:
         peak = found.norm_frequency
@@ -128,22 +128,21 @@ def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
         facts.add_row("exact norm", f"{norm:.6g}", f"computed: nominal loop, peak at {at}{ratio}")
         if upper is not None:
             above = f"norm + {upper - norm:.1e}"
-            facts.add_row("  at most", above, "proved in ball arithmetic, stability with it")
+            facts.add_row("  at most", above, "proved in ball arithmetic, and so is stability")
     abscissa = number(found.abscissa, 6, "1/s")
     facts.add_row("abscissa", abscissa, "computed: rightmost root, nominal loop")
     if found.abscissa is not None and found.abscissa < 0.0:
         if found.delay_margin is None:
-            facts.add_row("delay margin", "–", "a root comes too close to the axis to be told")
+            facts.add_row(
+                "delay margin", "–", "not found: a root comes too close to the imaginary axis"
+            )
         for i, margin in enumerate(found.delay_margin or (), 1):
             facts.add_row(
                 f"margin of delay {i}",
                 "none" if margin is None else f"{margin:.6g} s",
-                "computed: "
-                + (
-                    "stable however long it is, the others held"
-                    if margin is None
-                    else "nominal stability is lost there, the others held"
-                ),
+                "computed: stable for every value, the other delays fixed"
+                if margin is None
+                else "computed: the nominal loop loses stability here, the other delays fixed",
             )
 
 
@@ -152,18 +151,18 @@ def _condition(order: int) -> str:
 
 
 def _end(greatest: GreatestDelay) -> str:
-    """What is known beyond a greatest delay."""
+    """Say what is known beyond a greatest delay."""
     if greatest.limit_reached:
-        return "certified; the search ended here, the loop may bear more"
+        return _LIMIT_REACHED
     if greatest.refuted_at is not None:
-        return f"certified; from {greatest.refuted_at:.6g} s on proved to be none at these k1, k2"
-    return "certified; nothing is certified beyond"
+        return f"certified; from {greatest.refuted_at:.6g} s on no solution exists at these k1, k2"
+    return "certified; longer delays are not"
 
 
 def certificate_view(
     file: str, certificate: CertificateCheck, found: EmbeddedCertificate
 ) -> RenderableType:
-    """A check of a certificate: proved or not, what is claimed, and of which gain."""
+    """Show the check of a certificate: proved or not, the claim, and for which gain."""
     claim = certificate.claim
     verdict = (
         Text.assemble(("proved", "bold green"), f": {file}")
@@ -174,11 +173,13 @@ def certificate_view(
     facts.add_row("claim", claim["property"], "")
     facts.add_row("condition", _condition(claim["order"]) if "order" in claim else "Theorem 2", "")
     if claim["gamma"] is not None:
-        facts.add_row("gamma", f"{float(Fraction(claim['gamma'])):.7g}", "the file has it exactly")
+        facts.add_row(
+            "gamma", f"{float(Fraction(claim['gamma'])):.7g}", "rounded here, exact in the file"
+        )
     for name in (name for name in ("k1", "k2") if name in claim):
         facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
     for i, delay in enumerate(claim["delays"], 1):
-        acts = ", the control acts through it" if delay["feedback"] else ""
+        acts = ", the control acts through this delay" if delay["feedback"] else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
     for name, more in claim.get("guarantees", {}).items():
@@ -186,14 +187,14 @@ def certificate_view(
         values = exact if isinstance(exact, list) else [exact]
         formatted = ", ".join(f"{float(Fraction(value)):.7g}" for value in values)
         facts.add_row(name.replace("_", " "), formatted, more["property"])
-    if "K" in found.data:  # what refutes speaks of every gain
+    if "K" in found.data:  # a refutation is about every gain
         facts.add_row("gain", "K in the certificate", _WHOSE[found.container])
-    facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without notes")
+    facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without its notes")
     return Group(verdict, facts)
 
 
 def packed_view(packed: ControllerFmu) -> RenderableType:
-    """A controller FMU that was made, and what its certificate proves."""
+    """Show a controller FMU that was exported, and what its certificate proves."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     facts = facts_table()
     how = "eta, nu to thrust" if packed.form == "vehicle" else "x[j] to u[i]"
@@ -207,7 +208,7 @@ def packed_view(packed: ControllerFmu) -> RenderableType:
 
 
 def plant_view(packed: PlantFmu) -> RenderableType:
-    """A plant FMU that was made: its sizes, and where the delays of its system are."""
+    """Show a plant FMU that was exported: its sizes, and where the delays of its system are."""
     head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
@@ -216,9 +217,11 @@ def plant_view(packed: PlantFmu) -> RenderableType:
     facts.add_row("inputs", f"{m} u, {q} w", "")
     facts.add_row("outputs", f"{n} x, {p} z", "")
     for name, d in packed.delays.items():
-        facts.add_row(name, f"{d:g} s", "a parameter, as every entry of every matrix")
+        facts.add_row(name, f"{d:g} s", "a parameter, like every matrix entry")
     if not packed.system.immediate_feedback:
         late = f"{packed.system.feedback_delay:g} s"
-        facts.add_row("feedback", late, "of the link between plant and controller, not in the FMU")
+        facts.add_row(
+            "feedback", late, "delay of the link between plant and controller, not in the FMU"
+        )
     facts.add_row("solver.step", f"{packed.step:g} s", "largest internal step")
     return Group(head, facts)

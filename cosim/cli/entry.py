@@ -1,4 +1,4 @@
-"""The way into the command: quiet about an interruption while everything is still loading."""
+"""Entry point of the command: an interruption while modules are loading gives no traceback."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import sys
 def main() -> None:
     """Load the command line and run it."""
     try:
-        from cosim.cli.application import main as run  # noqa: PLC0415 - loading is what may be interrupted
+        from cosim.cli.application import main as run  # noqa: PLC0415 - to catch Ctrl-C while loading
     except KeyboardInterrupt:
-        print("interrupted before anything had begun", file=sys.stderr)
+        print("interrupted while loading, before any work began", file=sys.stderr)
         sys.exit(130)
     run()

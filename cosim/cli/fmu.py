@@ -1,4 +1,4 @@
-"""Verbs about FMUs: info, check."""
+"""Commands for FMUs: info, check, build, controller."""
 
 from __future__ import annotations
 
@@ -7,30 +7,64 @@ from typing import Annotated
 
 import typer
 
+from cosim.cli.arguments import numbers
 from cosim.cli.common import JsonOption, answer
+from cosim.cli.design_view import packed_view, plant_view
 from cosim.cli.fmu_view import check_view, info_view
 from cosim.core import CheckFailedError, InputError
-from cosim.fmu import fmu_facts, inspect_fmu, run_findings
+from cosim.fmu import (
+    Flavour,
+    FmuTarget,
+    export_controller,
+    export_plant,
+    fmu_facts,
+    inspect_fmu,
+    platforms_named,
+    run_findings,
+)
+from cosim.replay import certificate_in
 
 fmu_app = typer.Typer(
     no_args_is_help=True,
-    help="Make an FMU of your plant or controller; look into any FMU, or check it.",
+    help="Export a plant or a controller as an FMU; inspect or check any FMU.",
 )
 
 FileArgument = Annotated[Path, typer.Argument(help="Any FMU: FMI 1.0, 2.0 or 3.0.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="File to write the FMU to (default: FILE with .fmu)."),
+]
+NameOption = Annotated[
+    str | None, typer.Option("--name", help="Name of the model (default: the FMU's file name).")
+]
+FlavourOption = Annotated[
+    Flavour,
+    typer.Option(
+        help="native: FMI 2.0 in C, which every tool loads; native-fmi3: FMI 3.0 in C; "
+        "python: a pythonfmu slave for Python hosts, which needs no compiler."
+    ),
+]
+PlatformsOption = Annotated[
+    str,
+    typer.Option(
+        help="Platforms whose binaries a native FMU contains. host: this machine, with its own "
+        "compiler; all, or names such as x86_64-linux,x86_64-windows: cross-compiled (needs the "
+        "extra cross). The C sources are always inside."
+    ),
+]
 
 
 @fmu_app.command()
 def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
-    """Say what an FMU is: kinds of use, platforms, variables, units, what it needs.
+    """Describe an FMU: kinds of use, platforms, variables, units, required libraries.
 
-    Nothing is unpacked and nothing of it is run.
+    Nothing is unpacked or executed.
     """
     found = inspect_fmu(file)
     if found.model is None:
         first = found.findings[0]
         raise InputError(
-            "its description cannot be read",
+            "the model description cannot be read",
             where=str(file),
             got=f"{first.where}: {first.what}",
             hint=f"cosim fmu check {file}",
@@ -43,23 +77,23 @@ def check(
     file: FileArgument,
     *,
     run: Annotated[
-        bool, typer.Option("--run", help="Load its binary too, in a process of its own.")
+        bool, typer.Option("--run", help="Also load the binary and run it, in a separate process.")
     ] = False,
     time: Annotated[
         float,
         typer.Option(
-            min=0.1, max=3600.0, help="Time allowed for --run, per kind of use, in seconds."
+            min=0.1, max=3600.0, help="Time limit of --run for each kind of use, in seconds."
         ),
     ] = 30.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Find what is wrong with an FMU: archive, schema, variables, units, dependencies, binaries.
+    """Check an FMU for faults: archive, schema, variables, units, dependencies, binaries.
 
-    Each finding is an error, a warning or a note, and says why it matters. Only with --run
-    is the binary loaded: it is set up, stepped with its own start values, saved, restored,
-    reset and ended, in a process of its own, so that a crash is a finding too.
+    Each finding is an error, a warning or a note, and explains why it matters. The binary is
+    loaded only with --run. It is then initialised, stepped with its start values, saved,
+    restored, reset and terminated in a separate process, so that a crash is reported as a finding.
 
-    Exit code 0 if there is no error, 1 if there is one, 2 if the file is no FMU.
+    Exit code 0: no errors; 1: at least one error; 2: the file is not an FMU.
     """
     found = inspect_fmu(file)
     if run:
@@ -76,3 +110,126 @@ def check(
     )
     if not found.valid:
         raise typer.Exit(CheckFailedError.exit_code)
+
+
+@fmu_app.command()
+def build(
+    system: Annotated[
+        str, typer.Argument(metavar="SYSTEM", help="A system FILE.toml, or: paper, auv.")
+    ],
+    out: OutOption = None,
+    name: NameOption = None,
+    flavour: FlavourOption = "native",
+    platforms: PlatformsOption = "host",
+    initial: Annotated[
+        str | None,
+        typer.Option(help="Initial state: one number per state, with commas (default: zero)."),
+    ] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    r"""Export a plant FMU of a linear system with delays, with the symbols of Eq. (7).
+
+    The system may have any dimension and any number of delays. Inputs are u\[j] and w\[k],
+    outputs x\[i] and z\[l]. Every matrix entry and every delay is a parameter whose start value is
+    the number in the file. With one delay: A1\[i,j], H1\[i,j], delay.d; with several: A1, H1,
+    delay.d1, A2, H2, delay.d2, ...
+
+    A delay marked feedback = true belongs to the link between plant and controller. The FMU
+    does not contain it; if the delay has an A or H of its own, those are in the FMU.
+    """
+    file = Path(system)
+    target = _target(file, out)
+    start = None if initial is None else numbers("--initial", initial)
+    kind = FmuTarget(flavour, platforms_named(platforms))
+    packed = export_plant(system, target, kind=kind, name=name, initial=start)
+    n, m = packed.system.B.shape
+    p, q = packed.system.D1.shape
+    answer(
+        as_json,
+        lambda: {
+            "fmu": str(packed.path),
+            "model": packed.name,
+            "flavour": packed.kind.flavour,
+            "sizes": {"x": n, "u": m, "w": q, "z": p},
+            "delays": packed.delays,
+            "feedback_delay": packed.system.feedback_delay,
+            "solver_step": packed.step,
+        },
+        lambda: plant_view(packed),
+    )
+
+
+@fmu_app.command()
+def controller(
+    file: Annotated[
+        Path,
+        typer.Argument(help="A design written by --save, or a trace or FMU with a certificate."),
+    ],
+    out: OutOption = None,
+    name: NameOption = None,
+    flavour: FlavourOption = "native",
+    platforms: PlatformsOption = "host",
+    sample_time: Annotated[
+        float | None,
+        typer.Option(help="Sampling period in seconds; 0: sample at every communication point."),
+    ] = None,
+    limits: Annotated[
+        str | None,
+        typer.Option(
+            help="Largest commands: thrust,moment in N, N m for the vehicle; otherwise one number "
+            "per control input."
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Export a saved design as a controller FMU with gain, limits, certificate and documentation.
+
+    The proof is checked before anything is written. A design for the vehicle gives a
+    controller from position and velocity to thrust, like HinfController; any other design gives
+    a controller from the state x to the control u. Gain, limits and sample time are parameters;
+    the certificate holds for the gain that the FMU starts with.
+    """
+    kind = FmuTarget(flavour, platforms_named(platforms))
+    found = certificate_in(file)
+    if found.mismatch is not None:
+        raise InputError(
+            "the certificate is not about the gain in this file",
+            where=str(file),
+            got=found.mismatch,
+        )
+    bounds = None if limits is None else numbers("--limits", limits)
+    packed = export_controller(
+        found.data,
+        _target(file, out),
+        where=str(file),
+        kind=kind,
+        name=name,
+        sample_time=sample_time,
+        limits=bounds,
+    )
+    answer(
+        as_json,
+        lambda: {
+            "fmu": str(packed.path),
+            "model": packed.name,
+            "flavour": packed.kind.flavour,
+            "form": packed.form,
+            "K": packed.K,
+            "claim": packed.claim,
+            "certificate_sha256": packed.sha256,
+        },
+        lambda: packed_view(packed),
+    )
+
+
+def _target(source: Path, out: Path | None) -> Path:
+    """Return the file to write an FMU to; refuse the file that the FMU is made from."""
+    target = source.with_suffix(".fmu") if out is None else out
+    if target.resolve() == source.resolve():
+        raise InputError(
+            "the FMU would overwrite the file that it is made from",
+            where=str(source),
+            hint="another file: --out",
+        )
+    return target

@@ -1,4 +1,4 @@
-"""What `cosim fmu` found, for people."""
+"""Results of `cosim fmu`, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
 
 
 def check_view(file: str, found: Inspection) -> RenderableType:
-    """The verdict, then every finding; the reason stands once under findings of one kind."""
+    """Show the verdict, then the findings by kind, with the reason once for each kind."""
     counts = [sum(each.level == level for each in found.findings) for level in LEVELS]
     counted = ", ".join(
         f"{n} {level}{'' if n == 1 else 's'}" for n, level in zip(counts, LEVELS, strict=True)
     )
-    verdict = ("sound", "bold green") if found.valid else ("not sound", "bold red")
+    verdict = ("no errors", "bold green") if found.valid else ("not valid", "bold red")
     parts: list[RenderableType] = [Text.assemble(verdict, f": {file}\n{counted}")]
     for level in LEVELS:
         kinds: dict[str, list[Text]] = {}
@@ -38,7 +38,7 @@ def check_view(file: str, found: Inspection) -> RenderableType:
 
 
 def info_view(answer: dict[str, Any]) -> RenderableType:
-    """What an FMU is, from the data of `facts`."""
+    """Show an FMU, from the data of `fmu_facts`."""
     model = answer["model"]
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold")
@@ -52,7 +52,7 @@ def info_view(answer: dict[str, Any]) -> RenderableType:
     row("description", model["description"])
     row("FMI", model["fmi_version"])
     for kind in model["kinds"]:
-        able = ", ".join(kind["capabilities"]) or "no capability beyond the least"
+        able = ", ".join(kind["capabilities"]) or "no optional capabilities"
         row(kind["kind"], f"{kind['identifier']}: {able}")
     row("made by", model["generation_tool"])
     row("version", model["version"])

@@ -1,4 +1,4 @@
-"""The verb that holds the paper to its word: paper."""
+"""The command that reproduces the paper: paper."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ from cosim.trace import pyplot
 def paper(
     html: Annotated[
         Path | None,
-        typer.Option(help="Write a page here as well, pictures inside (needs the extra plot)."),
+        typer.Option(
+            help="Also write the report as one HTML page with pictures (needs the extra plot)."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Reproduce the paper: each equation chain, table and figure, printed and computed.
+    """Compute each equation chain, table and figure of the paper; compare with the printed one.
 
-    Everything is computed now, which takes some twenty seconds. A verdict is a result, whatever
-    it is: exit code 0.
+    Everything is computed anew, which takes about twenty seconds. The exit code is 0, whatever
+    the verdicts are.
     """
-    # what this verb alone needs takes half a second to load
+    # only this command needs these modules, and they take half a second to load
     from cosim.paper import page, paper_view, reproduce  # noqa: PLC0415
 
     if html is not None:
@@ -39,12 +41,12 @@ def paper(
 
 
 def _check(html: Path) -> None:
-    """Say before anything takes time what would fail at its end."""
+    """Check that the page can be drawn and written, before the long computation begins."""
     pyplot()
     nearest = next(folder for folder in html.absolute().parents if folder.exists())
     if html.is_dir() or not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError(
-            "the page cannot be written there",
+            "the page cannot be written here",
             where=str(html),
-            expected="the name of a file, in a folder that can be written",
+            expected="a file name in a folder that can be written to",
         )

@@ -1,10 +1,9 @@
-"""Verbs that fly: demo, run."""
+"""Commands that run scenarios: demo, run."""
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -13,6 +12,7 @@ from cosim.cli.common import (
     TRACES,
     FmusOption,
     JsonOption,
+    RunFlavour,
     SetOption,
     answer,
     make_fmu_cache,
@@ -24,92 +24,74 @@ from cosim.master import Pace
 from cosim.scenario import check_writable, demonstrate, execute_run, load, prepare
 
 
-class Engine(enum.Enum):
-    """What --engine takes."""
-
-    auto = "auto"
-    python = "python"
-    compiled = "compiled"
-
-
-class Flavour(enum.Enum):
-    """What --flavour takes; FMI 3.0 is for other tools."""
-
-    python = "python"
-    native = "native"
-
-
-class LogLevel(enum.Enum):
-    """What --log-level takes."""
-
-    debug = "debug"
-    info = "info"
-    warning = "warning"
-    error = "error"
-
-
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for traces and picture.")] = TRACES,
+    out: Annotated[Path, typer.Option(help="Folder for the traces and the picture.")] = TRACES,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Design two gains, fly both over the same acoustic link, compare them in one picture."""
+    """Run two gains over the same acoustic link and compare them in one picture."""
     with progress() as report_progress:
         result = demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
 
 
 def run(
-    name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
-    out: Annotated[Path | None, typer.Option(help="The trace (default: traces/NAME.mcap).")] = None,
+    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
+    out: Annotated[
+        Path | None, typer.Option(help="File of the trace (default: traces/NAME.mcap).")
+    ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
-        Engine,
-        typer.Option(help="Who carries the loop out; the results are the same, bit for bit."),
-    ] = Engine.auto,
-    flavour: Annotated[
-        Flavour,
+        Literal["auto", "python", "compiled"],
         typer.Option(
-            help="The built-in FMUs: Python, or C, built by this machine's compiler. The results "
-            "are the same, bit for bit, where both call the same C library."
+            help="What executes the co-simulation loop; the results are the same, bit for bit."
         ),
-    ] = Flavour.python,
+    ] = "auto",
+    flavour: Annotated[
+        RunFlavour,
+        typer.Option(
+            help="Language of the built-in FMUs: python, or native (C, compiled on this machine). "
+            "The results are the same, bit for bit, if both use the same C library."
+        ),
+    ] = "python",
     changed: SetOption = None,
     until: Annotated[
-        str | None, typer.Option(help="Stop the run at this time: seconds, or '2 min'.")
+        str | None,
+        typer.Option(help="Stop the run at this time, in seconds or with a unit: '2 min'."),
     ] = None,
     stop_when: Annotated[
         str | None,
-        typer.Option(help="Stop the run when this becomes true: 'plant.eta.z > 5 m'."),
+        typer.Option(help="Stop the run when this condition becomes true: 'plant.eta.z > 5 m'."),
     ] = None,
     pace: Annotated[
         float | None,
-        typer.Option(help="Hold the run back to real time times this factor: 1 is real time."),
+        typer.Option(help="Slow the run down to this multiple of real time; 1 is real time."),
     ] = None,
     log_level: Annotated[
-        LogLevel | None,
-        typer.Option(help="Record messages of components from this level on (as [log] level)."),
+        Literal["debug", "info", "warning", "error"] | None,
+        typer.Option(help="Record log messages of components from this level on (key log.level)."),
     ] = None,
     fsync: Annotated[
         bool,
-        typer.Option("--fsync", help="Bring each second of the trace onto the disk itself."),
+        typer.Option("--fsync", help="Write each second of the trace through to the disk."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Fly a scenario and write its trace.
+    """Run a scenario and write its trace.
 
-    A run that diverges, ends in a limit cycle or is stopped is done and says so (exit code 0);
-    an assertion that comes out otherwise than expected makes it exit code 1; a component that
-    fails ends it with exit code 4, and what was recorded stays.
+    Exit code 0: the run is done; the output says if it diverged, ended in a limit cycle or was
+    stopped; 1: an assertion did not have the expected result; 4: a component failed, and what
+    was recorded until then is kept.
 
-    Examples: cosim run auv-acoustic;
-    cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60;
-    cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s';
+    \b
+    cosim run auv-acoustic
+    cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60
+    cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
     cosim run auv-acoustic --until '1 min' --pace 10
     """
     settings = list(changed or ())
     if log_level is not None:
-        settings.append(f'log.level="{log_level.value}"')
+        settings.append(f'log.level="{log_level}"')
     stops: dict[str, dict[str, Any]] = {}
     if until is not None:
         stops[f"--until {until}"] = {"at": _seconds(until)}
@@ -120,11 +102,11 @@ def run(
     check_writable(trace)
     with progress() as report_progress:
         prepared = prepare(
-            loaded, make_fmu_cache(fmus, loaded.folder, flavour.value), progress=report_progress
+            loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
         kept = None if pace is None else Pace(pace)
         outcome = execute_run(
-            prepared, trace, progress=report_progress, engine=engine.value, pace=kept, fsync=fsync
+            prepared, trace, progress=report_progress, engine=engine, pace=kept, fsync=fsync
         )
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
@@ -134,7 +116,7 @@ def run(
 
 
 def _seconds(text: str) -> float | str:
-    """A plain number of seconds as one; anything else is judged as in a scenario."""
+    """Return a number of seconds as a float; other text is parsed later, as in a scenario."""
     try:
         return float(text)
     except ValueError:

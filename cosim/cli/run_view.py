@@ -1,4 +1,4 @@
-"""Runs, for people; `--json` prints none of this."""
+"""Runs and reruns, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts_table, number, titles_table
+from cosim.cli.terminal import NONE, facts_table, number
 from cosim.replay import Rerun
 from cosim.scenario import Demo, Outcome
 
@@ -23,7 +23,7 @@ _STATUS = {
 
 
 def outcome_view(outcome: Outcome) -> RenderableType:
-    """A run: status, figures with how each was obtained, links, assumptions."""
+    """Show a run: status, figures and how each was obtained, links, assumptions, assertions."""
     colour = _STATUS[outcome.status]
     head = Text.assemble(
         (outcome.title, "bold"),
@@ -55,14 +55,14 @@ def outcome_view(outcome: Outcome) -> RenderableType:
 
 
 def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType]:
-    """Warnings and errors of when the trace was complete and the slaves were ended."""
+    """Show warnings and errors that slaves logged after the trace was complete."""
     words = "{level}, not in the trace: {name}: {message}".format_map
     serious = (line for line in log_after_end if line["level"] not in {"debug", "info"})
     return [Text(words(line), style="yellow") for line in serious]
 
 
 def demo_view(demo: Demo) -> RenderableType:
-    """Both flights side by side."""
+    """Show both runs of the demo side by side."""
     outcomes = list(demo.outcomes.values())
     table = Table(title="One vehicle, one sea, one acoustic link; two gains", title_justify="left")
     table.add_column("")
@@ -102,30 +102,25 @@ def demo_view(demo: Demo) -> RenderableType:
 
 
 def rerun_view(result: Rerun) -> RenderableType:
-    """Whether the run again is the run."""
+    """Show whether a rerun gave the same messages."""
     if result.identical and not result.finished:
         return Text.assemble(
             ("identical", "bold green"),
-            f" as far as it goes: {result.original} did not finish, and the run again begins "
-            "with every message of it, bit for bit",
+            f" as far as it goes: {result.original} did not finish, and the rerun begins "
+            "with all of its messages, bit for bit",
         )
     if result.identical:
         return Text.assemble(
             ("identical", "bold green"),
-            f": every message of {result.original} came out again, "
+            f": the rerun gave every message of {result.original}, "
             f"bit for bit\ncontent hash {result.original_hash}",
         )
     lines = "\n".join(f"  {line}" for line in result.differences[:20])
     return Text.assemble(("not identical", "bold red"), f" to {result.original}\n{lines}")
 
 
-def scenarios_view(rows: list[dict[str, str]]) -> RenderableType:
-    """Names and titles."""
-    return titles_table("scenario", "what it is", rows)
-
-
 def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
-    """(figure, value, how it was obtained)."""
+    """Return rows of (figure, value, how it was obtained)."""
     m = outcome.metrics
     largest = m["largest_command"] or {}
     thrust = max((v for n, v in largest.items() if n.startswith("force.")), default=None)
@@ -133,29 +128,29 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
     return [
         ("gamma", number(m["gamma"], 5), "certified"),
         ("exact norm, nominal loop", number(m["exact_norm"], 5), "computed"),
-        ("gain of the flight from rest", number(m["gain"], 5), _gain_measured(m)),
+        ("gain of the zero-state run", number(m["gain"], 5), _gain_measured(m)),
         ("final position error", number(m["position_error_m"], 3, "m"), "measured"),
         ("largest thrust", number(thrust, 4, "N"), "measured"),
         ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
-        ("age designed for", number(m["designed_age_s"], 4, "s"), "certified up to it"),
+        ("age that the design allows", number(m["designed_age_s"], 4, "s"), "certified up to this"),
         ("oldest measurement used", number(m["message_age_s"], 4, "s"), "measured"),
-        ("delay added by the coupling", number(m["coupling_delay_s"], 4, "s"), "beside the links'"),
+        ("coupling delay", number(m["coupling_delay_s"], 4, "s"), "in addition to the links"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
 
 
 def _pace(outcome: Outcome) -> list[RenderableType]:
-    """How well the clock on the wall was kept."""
+    """Show how well the run kept to --pace."""
     kept = outcome.pace
     if kept is None:
         return []
-    late = f"{kept.late} of {kept.points} points overran the next one"
-    worst = f"latest by {kept.largest_s:.3g} s, {kept.mean_s:.3g} s on average"
+    late = f"{kept.late} of {kept.points} points were later than the next one was due"
+    worst = f"at most {kept.largest_s:.3g} s late, {kept.mean_s:.3g} s on average"
     return [Text(f"{kept.factor:g} x real time: {late}; {worst}")]
 
 
 def _gain_measured(metrics: Mapping[str, Any]) -> str:
-    """How the gain was obtained, and for a worst case how much of the norm it reached."""
+    """Say how the gain was obtained; for a worst case, also its share of the exact norm."""
     worst, norm_share = metrics["worst_case"], metrics["norm_reached"]
     if worst is None or norm_share is None:
         return "measured"
@@ -182,7 +177,7 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
 
 def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     if not assumptions:
-        return Text("no design, nothing is guaranteed", style="dim")
+        return Text("no design: nothing is guaranteed", style="dim")
     table = Table(
         box=None,
         pad_edge=False,
@@ -196,7 +191,7 @@ def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
 
 
 def _assertions(outcome: Outcome) -> list[RenderableType]:
-    """What was to hold, and whether it did."""
+    """Show the assertions and their verdicts."""
     if not outcome.assertions:
         return []
     table = Table(

@@ -1,19 +1,25 @@
-"""Verbs about scenarios: list, new, check, show, schema."""
+"""Commands for scenarios: list, new, check, show, schema."""
 
 from __future__ import annotations
 
-import enum
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from cosim.cli.arguments import write
-from cosim.cli.common import FMUS, FmusOption, JsonOption, SetOption, answer, make_fmu_cache
-from cosim.cli.run_view import scenarios_view
-from cosim.cli.terminal import console
+from cosim.cli.common import (
+    FMUS,
+    FmusOption,
+    JsonOption,
+    SetOption,
+    answer,
+    error_json,
+    make_fmu_cache,
+)
+from cosim.cli.terminal import console, titles_table
 from cosim.core import CosimError, InputError
 from cosim.scenario import (
     NAME_PATTERN,
@@ -29,20 +35,13 @@ from cosim.scenario import (
 )
 
 scenario_app = typer.Typer(
-    no_args_is_help=True, help="Write, check and look at scenarios: TOML that says what flies."
+    no_args_is_help=True, help="List, create, check and show scenarios (TOML files)."
 )
-
-
-class Diagram(enum.Enum):
-    """What --diagram takes."""
-
-    text = "text"
-    mermaid = "mermaid"
 
 
 @scenario_app.command("list")
 def list_scenarios(*, as_json: JsonOption = False) -> None:
-    """List the scenarios that come with the package, with what each is about."""
+    """List the built-in scenarios."""
     found = [(name, load(name).scenario) for name in builtin_names()]
     rows: list[dict[str, Any]] = [
         {
@@ -55,31 +54,37 @@ def list_scenarios(*, as_json: JsonOption = False) -> None:
         }
         for name, scenario in found
     ]
-    answer(as_json, lambda: {"scenarios": rows}, lambda: scenarios_view(rows))
+    answer(
+        as_json,
+        lambda: {"scenarios": rows},
+        lambda: titles_table("scenario", "title", rows),
+    )
 
 
 @scenario_app.command()
 def new(
-    name: Annotated[str, typer.Argument(help="Of the scenario; it is written to NAME.toml.")],
+    name: Annotated[str, typer.Argument(help="Name of the scenario; the file is NAME.toml.")],
     base: Annotated[
-        str | None, typer.Option("--from", help="A built-in scenario to extend.")
+        str | None, typer.Option("--from", help="Extend this built-in scenario.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a scenario to begin with, explained line by line.
+    """Write a new scenario file with comments that explain each line.
 
-    Examples: cosim scenario new mine; cosim scenario new slower --from auv-acoustic
+    \b
+    cosim scenario new mine
+    cosim scenario new slower --from auv-acoustic
     """
     stem = name.removesuffix(".toml")
     if not re.fullmatch(NAME_PATTERN, Path(stem).name):
         raise InputError(
-            "this is no name of a scenario",
+            "not a valid name for a scenario",
             where=name,
             expected="a letter, then letters, digits, _ or -",
         )
     path = Path(f"{stem}.toml")
     if path.exists():
-        raise InputError("this file is there already", where=str(path), hint="another name")
+        raise InputError("this file already exists", where=str(path), hint="use another name")
     write(path, template(Path(stem).name, base))
     data = {"file": str(path), "extends": base}
     answer(
@@ -91,18 +96,23 @@ def new(
 
 @scenario_app.command()
 def check(
-    names: Annotated[list[str], typer.Argument(help="Files, or names of built-in scenarios.")],
+    names: Annotated[
+        list[str], typer.Argument(help="Scenario files, or names of built-in scenarios.")
+    ],
     changed: SetOption = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Say everything that is wrong with scenarios, without flying them (exit code 2 if any is).
+    """List everything that is wrong with scenarios, without running them.
 
-    Example: cosim scenario check mine.toml other.toml
+    Exit code 0: nothing is wrong; 2: at least one scenario has an error.
+
+    \b
+    cosim scenario check mine.toml other.toml
     """
     found = {name: _problems(name, list(changed or ()), fmus) for name in names}
     rows = [
-        {"scenario": name, "ok": not problems, "problems": [_as_json(p) for p in problems]}
+        {"scenario": name, "ok": not problems, "problems": [error_json(p) for p in problems]}
         for name, problems in found.items()
     ]
     if as_json:
@@ -111,7 +121,7 @@ def check(
         for name, problems in found.items():
             for problem in problems:
                 print(problem.text())
-            print(f"{name}: {'ok' if not problems else f'{len(problems)} wrong'}")
+            print(f"{name}: {'ok' if not problems else f'{len(problems)} errors'}")
     if any(found.values()):
         raise typer.Exit(InputError.exit_code)
 
@@ -124,27 +134,25 @@ def _problems(name: str, settings: list[str], fmus: Path) -> list[CosimError]:
         return [error]
 
 
-def _as_json(error: CosimError) -> dict[str, str | None]:
-    return {key: getattr(error, key) for key in ("what", "where", "expected", "got", "hint")}
-
-
 @scenario_app.command()
 def show(
-    name: Annotated[str, typer.Argument(help="A scenario's name, or FILE.toml.")],
+    name: Annotated[str, typer.Argument(help="Name of a built-in scenario, or FILE.toml.")],
     changed: SetOption = None,
     diagram: Annotated[
-        Diagram | None, typer.Option(help="Draw components, links and connections instead.")
+        Literal["text", "mermaid"] | None,
+        typer.Option(help="Print a diagram of components, links and connections instead."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a scenario as it will fly: what it extends put in, units resolved.
+    """Show a scenario as it will be run, with everything it extends, in SI units.
 
-    Examples: cosim scenario show auv-acoustic --set links.uplink.loss=0.2;
+    \b
+    cosim scenario show auv-acoustic --set links.uplink.loss=0.2
     cosim scenario show auv-acoustic --diagram text
     """
     loaded = load(name, list(changed or ()))
     if diagram is not None:
-        text = (as_text if diagram is Diagram.text else as_mermaid)(loaded.scenario)
+        text = (as_text if diagram == "text" else as_mermaid)(loaded.scenario)
         data: dict[str, Any] = {"scenario": loaded.name, "diagram": text}
     else:
         text = loaded.scenario.to_toml()
@@ -152,16 +160,19 @@ def show(
     if as_json:
         print(json.dumps(data, indent=1, allow_nan=False))
     else:
-        # as it is: what looks like markup in it is none
+        # nothing in a scenario is markup
         console().print(text, markup=False, soft_wrap=True)
 
 
 @scenario_app.command()
 def schema(*, as_json: JsonOption = False) -> None:
-    """Print the JSON Schema of a scenario, for editors that complete and check TOML.
+    """Print the JSON Schema of scenarios, for editors that complete and check TOML.
 
-    Example: cosim scenario schema > scenario.schema.json; then, as the first line of a
-    scenario: #:schema ./scenario.schema.json
+    Write it to a file beside your scenario, and make this the first line of the scenario:
+    #:schema ./scenario.schema.json
+
+    \b
+    cosim scenario schema > scenario.schema.json
     """
-    del as_json  # it is JSON either way
+    del as_json  # the output is JSON with or without it
     print(json.dumps(json_schema(), indent=1))

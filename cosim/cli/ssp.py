@@ -1,82 +1,88 @@
-"""Verbs about SSP, the archives that other tools share systems in: export, import."""
+"""Commands for SSP archives, which exchange systems between tools: export, import."""
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
-from cosim.cli.run import Flavour
+from cosim.cli.common import (
+    FMUS,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    make_fmu_cache,
+    progress,
+)
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
 from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare
 
 ssp_app = typer.Typer(
     no_args_is_help=True,
-    help="Give a scenario to other tools as an SSP archive, or make a scenario of theirs.",
+    help="Export a scenario as an SSP archive for other tools, or import an archive.",
 )
-
-
-class LinksKind(enum.Enum):
-    """What --links takes."""
-
-    annotate = "annotate"
-    fmu = "fmu"
 
 
 @ssp_app.command("export")
 def export_verb(
-    name: Annotated[str, typer.Argument(metavar="SCENARIO", help="A name, or FILE.toml.")],
+    name: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Name of a built-in scenario, or FILE.toml.")
+    ],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The archive (default: NAME.ssp).")
+        Path | None, typer.Option("--out", "-o", help="File of the archive (default: NAME.ssp).")
     ] = None,
     links: Annotated[
-        LinksKind,
+        Literal["annotate", "fmu"],
         typer.Option(
-            help="Links as annotations, which other tools ignore; or each as an FMU that delays, "
-            "loses and orders messages there as here."
+            help="annotate: write links as annotations, which other tools ignore; fmu: write each "
+            "link as an FMU that delays, drops and reorders the same messages in other tools."
         ),
-    ] = LinksKind.annotate,
+    ] = "annotate",
     flavour: Annotated[
-        Flavour,
-        typer.Option(help="The built-in FMUs: C, for any tool, or Python, for Python hosts."),
-    ] = Flavour.native,
+        RunFlavour,
+        typer.Option(help="Built-in FMUs: native (C) for any tool, python for Python hosts."),
+    ] = "native",
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a scenario as SSP 1.0: FMUs, parameters with the designed gain, connections, end.
+    """Write a scenario as an SSP 1.0 archive: FMUs, parameters, gain, connections, end time.
 
-    A reference path or disturbance becomes an FMU that plays it. What an archive cannot say is
-    refused, or left out and named as a warning. The archive holds FMUs for this machine.
+    A reference path or a disturbance becomes an FMU that plays it. Anything that SSP cannot
+    express is an error, or is left out with a warning. The archive contains FMUs for this machine.
 
-    Link FMUs step on the other tool's grid: compare with events = "grid". They need a C compiler.
+    With --links fmu the links step on the grid of the other tool, so compare with a scenario that
+    has events = "grid". Link FMUs need a C compiler.
 
-    Examples: cosim ssp export auv-acoustic -o auv.ssp; the same with --links fmu.
+    \b
+    cosim ssp export auv-acoustic -o auv.ssp
+    cosim ssp export auv-acoustic -o auv.ssp --links fmu
     """
     loaded = load(name)
     path = out or Path(f"{loaded.name}.ssp")
     _not_onto(path, Path(name))
     with progress() as report_progress:
         prepared = prepare(
-            loaded, make_fmu_cache(fmus, loaded.folder, flavour.value), progress=report_progress
+            loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
-        exported = export_ssp(prepared, path, links.value)
+        exported = export_ssp(prepared, path, links)
     _warn(exported.warnings)
-    answer(as_json, exported.to_json, lambda: _exported_view(exported))
+    answer(as_json, exported.to_json, lambda: _view(exported, exported.components))
 
 
 @ssp_app.command("import")
 def import_verb(
-    file: Annotated[Path, typer.Argument(metavar="FILE.ssp", help="Any archive of SSP 1.0.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.ssp", help="Any SSP 1.0 archive.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="The scenario (default: NAME.toml in this folder)."),
+        typer.Option(
+            "--out", "-o", help="File of the scenario (default: NAME.toml in this folder)."
+        ),
     ] = None,
     step: Annotated[
         float | None, typer.Option(min=1e-9, max=1e8, help="Communication step in seconds.")
@@ -87,31 +93,33 @@ def import_verb(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a scenario of an archive: its FMUs go into the folder NAME_fmus beside the TOML.
+    """Make a scenario of an SSP archive and unpack its FMUs to the folder NAME_fmus beside it.
 
-    Systems in systems become one, a path of names one name. Parameters are taken inline or from
-    .ssv files, with mappings. Links that cosim ssp export wrote, as annotations or as FMUs, are
-    links again. What is left out is named.
+    Nested systems become one system with joined names. Parameters are read inline or from .ssv
+    files, with mappings. Links that cosim ssp export wrote, as annotations or as FMUs, become
+    links again. Anything that is left out is named in a warning.
 
-    Examples: cosim ssp import theirs.ssp -o theirs.toml; then cosim run theirs.toml.
+    \b
+    cosim ssp import theirs.ssp -o theirs.toml
+    cosim run theirs.toml
     """
     path = out or Path(f"{file.stem}.toml")
     if out is None and path.exists():
         raise InputError(
-            "a scenario of this name is there already",
+            "a scenario with this name already exists",
             where=str(path),
-            hint=f"another file, or this one all the same: -o {path}",
+            hint=f"another file, or overwrite this one: -o {path}",
         )
     _not_onto(path, file)
     imported = import_ssp(file, path, step=step, end=end)
     _warn(imported.unsupported)
-    answer(as_json, imported.to_json, lambda: _imported_view(imported))
+    answer(as_json, imported.to_json, lambda: _view(imported, imported.names.values()))
 
 
 def _not_onto(path: Path, source: Path) -> None:
     if path.exists() and source.exists() and path.samefile(source):
         raise InputError(
-            "this would write over what is read", where=str(path), hint="another file: -o"
+            "the output would overwrite the input", where=str(path), hint="another file: -o"
         )
 
 
@@ -121,21 +129,12 @@ def _warn(sentences: Sequence[str]) -> None:
         terminal.print(Text.assemble(("warning", "bold yellow"), f": {sentence}"))
 
 
-def _exported_view(exported: SspExport) -> RenderableType:
+def _view(done: SspExport | SspImport, components: Collection[str]) -> RenderableType:
+    links = done.links.items() if isinstance(done, SspExport) else dict.fromkeys(done.links).items()
     facts = facts_table()
-    facts.add_row("components", str(len(exported.components)), ", ".join(exported.components))
-    facts.add_row("connections", str(exported.connections), "")
-    for name, fate in exported.links.items():
-        facts.add_row("link", name, f"as {fate}")
-    facts.add_row("run", f"{exported.end_s:g} s", f"in steps of {exported.step_s:g} s")
-    return Group(Text.assemble(("written", "bold green"), f": {exported.path}"), facts)
-
-
-def _imported_view(imported: SspImport) -> RenderableType:
-    facts = facts_table()
-    facts.add_row("components", str(len(imported.names)), ", ".join(imported.names.values()))
-    facts.add_row("connections", str(imported.connections), "")
-    for name in imported.links:
-        facts.add_row("link", name, "")
-    facts.add_row("run", f"{imported.end_s:g} s", f"in steps of {imported.step_s:g} s")
-    return Group(Text.assemble(("written", "bold green"), f": {imported.path}"), facts)
+    facts.add_row("components", str(len(components)), ", ".join(components))
+    facts.add_row("connections", str(done.connections), "")
+    for name, form in links:
+        facts.add_row("link", name, f"as {form}" if form else "")
+    facts.add_row("run", f"{done.end_s:g} s", f"in steps of {done.step_s:g} s")
+    return Group(Text.assemble(("written", "bold green"), f": {done.path}"), facts)

@@ -1,4 +1,4 @@
-"""Verbs about studies: list, check, run, show."""
+"""Commands for studies: list, check, run, show."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.arguments import names
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
-from cosim.cli.run import Flavour
-from cosim.cli.study_view import checked_view, finished_view, studies_view, summary_view
+from cosim.cli.common import FMUS, FmusOption, JsonOption, RunFlavour, answer, progress
+from cosim.cli.study_view import checked_view, finished_view, summary_view
+from cosim.cli.terminal import titles_table
 from cosim.core import InputError, StoppedError
 from cosim.study import (
     LoadedStudy,
@@ -34,33 +34,34 @@ STUDIES = Path("studies")
 
 study_app = typer.Typer(
     no_args_is_help=True,
-    help="Fly one scenario thousands of times: grids, samples, seeds; on one core or a cluster.",
+    help="Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
 )
 
-StudyArgument = Annotated[str, typer.Argument(help="A study's name, or FILE.toml.")]
+StudyArgument = Annotated[str, typer.Argument(help="Name of a built-in study, or FILE.toml.")]
 FlavourOption = Annotated[
-    Flavour,
-    typer.Option(help="The built-in FMUs: C, built by this machine's compiler, or Python."),
+    RunFlavour,
+    typer.Option(help="Built-in FMUs: native (C, compiled on this machine), or python."),
 ]
 
 
 @study_app.command("list")
 def list_studies(*, as_json: JsonOption = False) -> None:
-    """List the studies that come with the package."""
+    """List the built-in studies."""
     rows = [{"name": name, "title": load_study(name).study.title} for name in builtin_studies()]
-    answer(as_json, lambda: {"studies": rows}, lambda: studies_view(rows))
+    answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
 
 
 @study_app.command()
 def check(
     name: StudyArgument,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = Flavour.native,
+    flavour: FlavourOption = "native",
     as_json: JsonOption = False,
 ) -> None:
-    """Say what a study would do: its axes, its metrics, the number of its runs; fly nothing.
+    """Check a study and show its axes, its metrics and the number of its runs; run nothing.
 
-    Example: cosim study check delay-margin
+    \b
+    cosim study check delay-margin
     """
     loaded = load_study(name)
     plan = _plan(loaded, fmus, flavour)
@@ -81,39 +82,42 @@ def check(
 def run(
     name: StudyArgument,
     out: Annotated[
-        Path | None, typer.Option(help="The study's folder (default: studies/NAME).")
+        Path | None, typer.Option(help="Folder for the results (default: studies/NAME).")
     ] = None,
     workers: Annotated[
         str,
-        typer.Option(help="How many processes of this machine: 1 is this one; or 'all' cores."),
+        typer.Option(
+            help="Number of processes on this machine; 1: only this one; all: one per core."
+        ),
     ] = "1",
     scheduler: Annotated[
         str | None,
-        typer.Option(help="Fly on the workers of this Dask scheduler instead: tcp://HOST:PORT."),
+        typer.Option(help="Run on the workers of this Dask scheduler instead: tcp://HOST:PORT."),
     ] = None,
     traces: Annotated[
         str | None,
-        typer.Option(help="Keep the traces of: none, all, failed, 'worst:N by METRIC'."),
+        typer.Option(
+            help="Keep the traces of these runs: none, all, failed, or 'worst:N by METRIC'."
+        ),
     ] = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Throw away what the folder holds, and begin anew.")
+        bool, typer.Option("--fresh", help="Delete the results in the folder and start again.")
     ] = False,
     fmus: FmusOption = FMUS,
-    flavour: FlavourOption = Flavour.native,
+    flavour: FlavourOption = "native",
     as_json: JsonOption = False,
 ) -> None:
-    """Fly a study, or what is left of it, and write its table: results.parquet.
+    """Run a study, or the rest of it, and write the table of its results: results.parquet.
 
-    The table is the same, bit for bit, whoever flies it. Interrupted, the same command goes
-    on where it was: a run that is done is not flown again. A run that cannot be flown is in
-    the table with its reason, and stops no other.
+    The table is the same, bit for bit, with any number of workers. If the command is interrupted,
+    the same command continues: runs that are done are not repeated. A run that fails is in the
+    table with the reason, and the other runs continue.
 
-    Examples
-    --------
-    cosim study run delay-margin;
-    cosim study run my-study.toml --workers all;
+    \b
+    cosim study run delay-margin
+    cosim study run my-study.toml --workers all
     cosim study run my-study.toml --scheduler tcp://10.0.0.5:8786
-    --out /shared/mine --fmus /shared/fmus
+      --out /shared/mine --fmus /shared/fmus
     """
     loaded = load_study(name)
     if traces is not None:
@@ -129,42 +133,46 @@ def run(
         raise StoppedError(
             "interrupted",
             where=str(folder),
-            got=f"{there} of {plan.count} runs are done, and kept",
-            hint="the same command goes on",
+            got=f"{there} of {plan.count} runs are done and kept",
+            hint="the same command continues",
         ) from None
     answer(as_json, done.to_json, lambda: finished_view(done))
 
 
 @study_app.command()
 def show(
-    path: Annotated[Path, typer.Argument(help="A study's folder, or its results.parquet.")],
+    path: Annotated[Path, typer.Argument(help="Folder of a study, or its results.parquet.")],
     by: Annotated[
         str | None,
-        typer.Option(help="Axes to group by: A,B; 'all' for all runs together."),
+        typer.Option(help="Group the runs by these axes: A,B; all: one group of all runs."),
     ] = None,
-    confidence: Annotated[float, typer.Option(help="Of the intervals.")] = 0.95,
+    confidence: Annotated[float, typer.Option(help="Confidence level of the intervals.")] = 0.95,
     bootstrap: Annotated[
-        bool, typer.Option("--bootstrap", help="Intervals of means by bootstrap, not Student's t.")
+        bool,
+        typer.Option("--bootstrap", help="Bootstrap the intervals of means (not Student's t)."),
     ] = False,
     picture: Annotated[
         Path | None,
-        typer.Option(help="Draw to this .png, .svg or .pdf: the stability map of the study."),
+        typer.Option(help="Draw the stability map of the study to this .png, .svg or .pdf file."),
     ] = None,
     metric: Annotated[
-        str | None, typer.Option(help="Draw this metric instead, over the axes of --over.")
+        str | None, typer.Option(help="Draw this metric over the axes of --over instead.")
     ] = None,
     over: Annotated[
         str | None,
-        typer.Option(help="One axis: a curve; 'A,B': a map; 'A,per,B': a curve per value of B."),
+        typer.Option(
+            help="Axes of the picture. A: a curve; A,B: a map; A,per,B: a curve per value of B."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Sum a study up: shares and means with their intervals, per group; and draw it.
+    """Summarise a study: shares and means with confidence intervals, per group; and draw it.
 
-    A study that is not finished is summed up as far as it is.
+    For a study that is not finished, the summary covers the runs that are done.
 
-    Examples: cosim study show studies/delay-margin --picture margin.png;
-    cosim study show studies/sea-states --by Hs;
+    \b
+    cosim study show studies/delay-margin --picture margin.png
+    cosim study show studies/sea-states --by Hs
     cosim study show studies/sea-states --metric error --over Hs --picture error.png
     """
     table, manifest = read_table(path)
@@ -173,7 +181,7 @@ def show(
     edge = boundary(table, manifest)
     if (metric is None) != (over is None) or (metric is not None and picture is None):
         raise InputError(
-            "--metric, --over and --picture belong together",
+            "--metric and --over need each other and --picture",
             where="study show",
             hint="--metric gain --over delay --picture gain.png",
         )
@@ -188,8 +196,8 @@ def show(
     answer(as_json, lambda: data, lambda: summary_view(found, edge, picture))
 
 
-def _plan(loaded: LoadedStudy, fmus: Path, flavour: Flavour) -> Plan:
-    return plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour.value)
+def _plan(loaded: LoadedStudy, fmus: Path, flavour: RunFlavour) -> Plan:
+    return plan_of(loaded.study, loaded.base, loaded.place, fmus=fmus, flavour=flavour)
 
 
 def _values(plan: Plan, number: int) -> dict[str, Any]:
@@ -202,7 +210,7 @@ def _with_traces(study: Study, traces: str) -> Study:
         return Study.model_validate(study.model_dump(exclude_unset=True) | {"traces": traces})
     except ValueError as error:
         raise InputError(
-            "not a choice of traces",
+            "not a valid choice of traces",
             where="--traces",
             expected="none, all, failed, or 'worst:N by METRIC'",
             got=repr(traces),

@@ -1,4 +1,4 @@
-"""Studies, for people; `--json` prints none of this."""
+"""Studies, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -9,21 +9,14 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts_table, number, titles_table
+from cosim.cli.terminal import NONE, facts_table, number
 from cosim.study import Boundary, Group as RunGroup, Numbers, Share, StudyResult, Summary
-
-_GOOD = ("finished",)
-
-
-def studies_view(rows: list[dict[str, str]]) -> RenderableType:
-    """Names and titles."""
-    return titles_table("study", "what it asks", rows)
 
 
 def checked_view(data: dict[str, Any]) -> RenderableType:
-    """What a study would do."""
+    """Show what a study would run: axes, metrics, number of runs."""
     table = Table(box=None, pad_edge=False)
-    for column in ("axis", "moves", "first run", "last run"):
+    for column in ("axis", "changes", "first run", "last run"):
         table.add_column(column)
     for axis, places in data["axes"].items():
         ends = (str(data[end][axis])[:24] for end in ("first", "last"))
@@ -35,12 +28,12 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
 
 
 def finished_view(done: StudyResult) -> RenderableType:
-    """How many runs ended how, and where the table is."""
+    """Show the number of runs per status, and where the table is."""
     facts = facts_table()
-    now = f"{done.executed} of them flown now, in {done.seconds:.3g} s"
+    now = f"{done.executed} of them executed now, in {done.seconds:.3g} s"
     facts.add_row("runs", str(done.runs), now)
     for status, count in sorted(done.statuses.items()):
-        label = Text(status.replace("_", " "), style="" if status in _GOOD else "yellow")
+        label = Text(status.replace("_", " "), style="" if status == "finished" else "yellow")
         facts.add_row(label, str(count), "")
     parts: list[RenderableType] = [facts]
     if done.traces:
@@ -54,7 +47,7 @@ def finished_view(done: StudyResult) -> RenderableType:
 
 
 def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) -> RenderableType:
-    """Shares and means per group."""
+    """Show shares and means per group, and the stability boundary."""
     of = "" if found.runs == found.count else f" of {found.count}: the study is not finished"
     head = Text.assemble(
         (found.title, "bold"),
@@ -62,7 +55,7 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
         f"shares Wilson, means {found.method}",
     )
     parts: list[RenderableType] = [head]
-    parts += [_together(found.groups[0])] if not found.by else [_per_group(found)]
+    parts += [_all_runs(found.groups[0])] if not found.by else [_per_group(found)]
     if edge is not None:
         parts.append(_boundary(edge))
     if picture is not None:
@@ -70,7 +63,7 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
     return Group(*parts)
 
 
-def _together(group: RunGroup) -> RenderableType:
+def _all_runs(group: RunGroup) -> RenderableType:
     table = Table(box=None, pad_edge=False)
     table.add_column("metric")
     for column in ("mean or share", "interval", "deviation", "min", "median", "max", "runs"):
@@ -135,10 +128,12 @@ def _boundary(edge: Boundary) -> RenderableType:
         )
     facts = facts_table()
     facts.add_row("exact delay margin", number(edge.exact_margin, 6, "s"), "computed, without loss")
-    facts.add_row("age designed for", number(edge.certified_age, 5, "s"), "certified up to it")
+    facts.add_row(
+        "age that the design allows", number(edge.certified_age, 5, "s"), "certified up to this"
+    )
     for label, holds in (
-        ("the exact margin lies between", edge.agrees),
-        ("all that is certified was stable", edge.certified_inside),
+        ("exact margin inside the measured boundary", edge.agrees),
+        ("all certified delays measured stable", edge.certified_inside),
     ):
         if holds is not None:
             word = Text("yes", style="green") if holds else Text("no", style="red")

@@ -1,4 +1,4 @@
-"""Where people read, and the table of facts that every answer has."""
+"""Consoles, tables and number formats for text output."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ NONE = "–"
 
 
 def facts_table() -> Table:
-    """Label, value, how it was obtained."""
+    """Return an empty table for rows of label, value, and how the value was obtained."""
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold")
     table.add_column(justify="right")
@@ -19,7 +19,7 @@ def facts_table() -> Table:
 
 
 def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
-    """Rows of `name` and `title`, under these two headings."""
+    """Return a table of the `name` and `title` of each row, with these two headings."""
     table = Table(box=None)
     table.add_column(of, style="bold")
     table.add_column(title)
@@ -29,15 +29,15 @@ def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
 
 
 def console(*, error: bool = False) -> Console:
-    """Where people read: standard output, or standard error for progress and messages."""
+    """Return the console for standard output, or for standard error (progress, messages)."""
     return Console(stderr=error, highlight=False)
 
 
 def plain(text: object) -> Text:
-    """Text as it is: what is in a file is no markup and cannot steer the terminal."""
+    """Return text without markup and control characters, so that it cannot steer the terminal."""
     return Text("".join(c if c.isprintable() else "\ufffd" for c in str(text)))
 
 
 def number(value: float | None, digits: int, unit: str = "") -> str:
-    """So many digits and the unit, or a dash."""
+    """Format a value with so many digits and its unit; a dash for None."""
     return NONE if value is None else f"{value:.{digits}g} {unit}".strip()

@@ -1,28 +1,47 @@
-"""Verbs about traces: info, rerun."""
+"""Commands for one trace: info, rerun, report, recover, verify, play, view."""
 
 from __future__ import annotations
 
+import json
+import signal
+import webbrowser
+from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
 from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
 from cosim.cli.run_view import rerun_view
-from cosim.core import CheckFailedError
+from cosim.cli.terminal import console
+from cosim.cli.trace_view import recovery_view, report_view, verification_view
+from cosim.core import CheckFailedError, LossError
 from cosim.replay import rerun as run_again
-from cosim.trace import describe, render
+from cosim.trace import (
+    Player,
+    describe,
+    recover as recover_trace,
+    render,
+    verify as verify_trace,
+    view_in_rerun,
+    write_report,
+)
 
-trace_app = typer.Typer(no_args_is_help=True, help="Look into a trace, or run it again.")
+trace_app = typer.Typer(
+    no_args_is_help=True,
+    help="Read, verify, recover, compare, show, export and rerun recorded traces.",
+)
+
+FileArgument = Annotated[
+    Path, typer.Argument(help="A trace (finished or .partial), or any MCAP file.")
+]
 
 
 @trace_app.command()
-def info(
-    file: Annotated[Path, typer.Argument(help="A trace, finished or .partial, or any MCAP file.")],
-    *,
-    as_json: JsonOption = False,
-) -> None:
-    """Say what a trace holds: run, topics, links, result, content hash."""
+def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
+    """Show what a trace contains: run, topics, links, result, content hash."""
     description = describe(file)
     answer(as_json, lambda: description, lambda: render(description))
 
@@ -30,13 +49,186 @@ def info(
 @trace_app.command()
 def rerun(
     file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
-    out: Annotated[Path | None, typer.Option(help="Keep the new trace here.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to keep the new trace in.")] = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,
 ) -> None:
-    """Rebuild the run from the trace alone, fly it again, and compare (exit 1 if it differs)."""
+    """Repeat a run from its trace alone and compare the two (exit code 1 if they differ)."""
     with progress() as report_progress:
         result = run_again(file, make_fmu_cache(fmus), output=out, progress=report_progress)
     answer(as_json, result.to_json, lambda: rerun_view(result))
     if not result.identical:
         raise typer.Exit(CheckFailedError.exit_code)
+
+
+@trace_app.command()
+def report(
+    file: FileArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="File to write (default: run.html beside the trace run.mcap)."
+        ),
+    ] = None,
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one HTML page about a trace: status, guarantee, path, signals, links, provenance.
+
+    The page contains everything it shows and needs no network, so it can be mailed and archived.
+    After a failed run it begins with the cause.
+
+    \b
+    cosim trace report traces/auv-acoustic.mcap
+    cosim trace report crashed.mcap.partial -o crashed.html --open
+    """
+    written = write_report(file, out)
+    answer(as_json, written.to_json, lambda: report_view(written))
+    if show:
+        webbrowser.open(written.output.absolute().as_uri())
+
+
+@trace_app.command()
+def recover(
+    file: Annotated[
+        Path, typer.Argument(help="A .partial trace, or any MCAP file that is cut off or damaged.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="File to write (default: NAME.recovered.mcap beside FILE)."
+        ),
+    ] = None,
+    *,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite an output file that exists.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a complete trace of what a crash left, and report what was lost.
+
+    Every intact message, metadata record and attachment is kept. A chunk whose checksum does not
+    match is left out. The original file is not changed.
+
+    Exit code 0: nothing was lost; 3: something was lost or may have been, since a file without
+    its end does not show what was still to come.
+
+    \b
+    cosim trace recover traces/auv-acoustic.mcap.partial
+    cosim trace recover damaged.mcap -o mended.mcap --json
+    """
+    with progress() as report_progress:
+        result = recover_trace(file, out, force=force, progress=report_progress)
+    answer(as_json, result.to_json, lambda: recovery_view(result))
+    if result.lost:
+        raise typer.Exit(LossError.exit_code)
+
+
+@trace_app.command()
+def verify(
+    file: FileArgument,
+    fmus: Annotated[
+        Path | None,
+        typer.Option("--fmus", help="Folder in which the FMUs of the run are looked up by hash."),
+    ] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """Check that a trace is complete, unchanged and consistent.
+
+    It checks structure, checksums and indexes; that cosim.run comes first and cosim.result last;
+    and the hashes of the files that the trace names. For links it checks that every message was
+    sent by its sender, delivered at most once, never early and in the link's order, and that the
+    counts agree with the result. For files of other tools it checks the structure alone.
+
+    Exit code 0: all checks pass; 1: a check fails; 3: no check fails, but the file is cut off or
+    has no result.
+
+    \b
+    cosim trace verify traces/auv-acoustic.mcap
+    cosim trace verify traces/auv-acoustic.mcap --fmus fmus --json
+    """
+    found = verify_trace(file, fmus)
+    answer(as_json, found.to_json, lambda: verification_view(found))
+    if found.verdict != "ok":
+        failed = found.verdict == "failed"
+        raise typer.Exit(CheckFailedError.exit_code if failed else LossError.exit_code)
+
+
+@trace_app.command()
+def play(
+    file: FileArgument,
+    *,
+    rate: Annotated[
+        float, typer.Option(help="Speed of playback: recorded seconds per second.")
+    ] = 1.0,
+    port: Annotated[
+        int, typer.Option(help="Port to listen on, on this machine only; 0: any free port.")
+    ] = 8765,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
+    start: Annotated[
+        float, typer.Option(help="Start this many seconds after the first message.")
+    ] = 0.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Play a trace in Foxglove, or in any viewer that uses its protocol.
+
+    All channels are announced at once, and playback starts when a viewer subscribes. The viewer
+    controls play, pause, seek and speed. The server listens on this machine only, until Ctrl-C.
+
+    \b
+    cosim trace play traces/auv-acoustic.mcap --rate 4
+    cosim trace play traces/auv-acoustic.mcap --start 60 --loop --port 0
+    """
+    # both signals end it, also where a shell that started this in the background ignores Ctrl-C
+    before = {n: signal.signal(n, _interrupt) for n in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        with (
+            suppress(KeyboardInterrupt),
+            Player(file, rate=rate, port=port, start_s=start, loop=loop) as player,
+        ):
+            _print_address(player, file, as_json=as_json)
+            player.wait()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@trace_app.command()
+def view(
+    file: FileArgument,
+    *,
+    save: Annotated[
+        Path | None, typer.Option(help="Write an .rrd file instead of opening the viewer.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show a trace in Rerun: path, pose, states, thrust, age, log.
+
+    The viewer runs on this machine, needs no network, and sends no usage statistics.
+
+    \b
+    cosim trace view traces/auv-acoustic.mcap
+    cosim trace view traces/auv-acoustic.mcap --save run.rrd
+    """
+    viewed = view_in_rerun(file, save)
+    answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
+
+
+def _print_address(player: Player, file: Path, *, as_json: bool) -> None:
+    if as_json:
+        data = {"trace": str(file), "url": player.url, "port": player.port, "topics": player.topics}
+        print(json.dumps(data), flush=True)
+        return
+    console().print(
+        Text.assemble(
+            ("playing", "bold"),
+            f" {file} at {player.url}, {len(player.topics)} topics\n"
+            "in Foxglove: Open connection, Foxglove WebSocket, this address; Ctrl-C here ends it",
+        )
+    )
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

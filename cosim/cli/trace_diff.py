@@ -1,4 +1,4 @@
-"""The verb that compares two traces."""
+"""The command that compares two traces: trace diff."""
 
 from __future__ import annotations
 
@@ -8,48 +8,49 @@ from typing import Annotated
 import typer
 
 from cosim.cli.common import JsonOption, answer, progress
-from cosim.cli.diff_view import diff_view
+from cosim.cli.trace_view import diff_view
 from cosim.core import CheckFailedError, InputError
 from cosim.trace import Tolerance, Tolerances, diff as compare, diff_json, draw_diff
 
 
 def diff(
-    a: Annotated[Path, typer.Argument(metavar="A", help="A trace.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Another.")],
+    a: Annotated[Path, typer.Argument(metavar="A", help="The first trace.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The second trace.")],
     absolute: Annotated[
-        float, typer.Option("--abs", help="Largest difference, in the signal's own unit.")
+        float,
+        typer.Option("--abs", help="Largest difference allowed, in the unit of the signal."),
     ] = 0.0,
     relative: Annotated[
-        float, typer.Option("--rel", help="Largest difference, as a share of the larger value.")
+        float,
+        typer.Option("--rel", help="Largest difference allowed, relative to the larger value."),
     ] = 0.0,
     signal: Annotated[
         list[str] | None,
         typer.Option(
             "--signal",
             metavar="NAME=ABS[,REL]",
-            help="Tolerances of one signal, or of a group (plant.eta); may be repeated.",
+            help="Tolerances of one signal or one group (plant.eta); may be repeated.",
         ),
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="Draw the signals that part most: FILE.png, .svg or .pdf.")
+        Path | None,
+        typer.Option(help="Draw the signals that differ most to this .png, .svg or .pdf file."),
     ] = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
-    r"""Say where two traces part: which signal first, when, and by how much.
+    """Compare two traces: which signal differs first, when, and by how much.
 
-    Values agree if they differ by at most ABS, or by at most REL of the larger; without
-    tolerances they must be the same. Rows at other instants (another rate) are compared as
-    they were held. Links, scenario, design and result are compared too; of these, the messages
-    of links count.
+    Values agree if they differ by at most ABS, or by at most REL times the larger value; without
+    tolerances they must be equal. Signals recorded at different instants are compared with
+    sample and hold. Links, scenario, design and result are compared too, but of these only the
+    messages of links affect the exit code.
 
-    Exit code 0: equal within the tolerances; 1: not; 2: bad input.
+    Exit code 0: equal within the tolerances; 1: different; 2: bad input.
 
-    For example:
-
-      cosim trace diff yesterday.mcap today.mcap
-
-      cosim trace diff a.mcap b.mcap --rel 1e-9 --signal plant.eta=1e-6 --picture apart.png
+    \b
+    cosim trace diff yesterday.mcap today.mcap
+    cosim trace diff a.mcap b.mcap --rel 1e-9 --signal plant.eta=1e-6 --picture diff.png
     """
     tolerances = Tolerances(
         Tolerance(absolute, relative), dict(_special(text) for text in signal or ())
@@ -77,5 +78,7 @@ def _special(text: str) -> tuple[str, Tolerance]:
             "not a tolerance", where="--signal", expected="NAME=ABS or NAME=ABS,REL", got=text
         ) from error
     if not name:
-        raise InputError("no signal", where="--signal", expected="NAME=ABS", got=text)
+        raise InputError(
+            "the name of the signal is missing", where="--signal", expected="NAME=ABS", got=text
+        )
     return name, Tolerance(*tolerance)

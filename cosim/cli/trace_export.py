@@ -1,10 +1,9 @@
-"""The verb that writes a trace as tables."""
+"""The command that writes a trace as tables: trace export."""
 
 from __future__ import annotations
 
-import enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.table import Table
@@ -12,59 +11,56 @@ from rich.table import Table
 from cosim.cli.common import JsonOption, answer, progress
 from cosim.trace import WrittenTable, export as write_tables
 
-
-class Format(enum.Enum):
-    """What --to takes."""
-
-    csv = "csv"
-    parquet = "parquet"
+TableFormat = Literal["csv", "parquet"]
 
 
 def export(
     file: Annotated[Path, typer.Argument(help="A trace, or any MCAP file.")],
-    to: Annotated[Format, typer.Option(help="CSV, or Parquet (extra tables).")] = Format.csv,
+    to: Annotated[
+        TableFormat, typer.Option(help="Format of the tables; parquet needs the extra tables.")
+    ] = "csv",
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="The folder; or the file, where there is one table."),
+        typer.Option("--out", "-o", help="Folder to write to; or the file, if there is one table."),
     ] = None,
     topics: Annotated[
-        list[str] | None, typer.Option("--topic", help="This topic; may be repeated.")
+        list[str] | None, typer.Option("--topic", help="Export only this topic; may be repeated.")
     ] = None,
     signals: Annotated[
         list[str] | None,
         typer.Option(
             "--signal",
             "--signals",
-            help="This signal (plant.eta.x) or group (plant.eta); may be repeated.",
+            help="Export only this signal (plant.eta.x) or group (plant.eta); may be repeated.",
         ),
     ] = None,
-    start: Annotated[float | None, typer.Option(help="From this time on, in s.")] = None,
-    end: Annotated[float | None, typer.Option(help="Up to this time, in s.")] = None,
+    start: Annotated[
+        float | None, typer.Option(help="Leave out rows before this time, in s.")
+    ] = None,
+    end: Annotated[float | None, typer.Option(help="Leave out rows after this time, in s.")] = None,
     wide: Annotated[
         bool,
-        typer.Option("--wide", help="One table of all signals, as they were held at each instant."),
+        typer.Option("--wide", help="Write one table of all signals, with sample and hold."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    r"""Write what a trace holds as tables: CSV or Parquet.
+    """Write the signals of a trace as CSV or Parquet tables.
 
-    A table per topic, its rows as they were recorded: time_s of delivery, sent_s, sequence, the
-    signals. With --wide one table: at each instant at which any of the signals has a row, every
-    one has the value in force, the last one delivered up to then. What is absent is empty.
-    Parquet carries units and descriptions with each column, and the run with the table.
+    Without --wide there is one table per topic, with its rows as recorded: time_s (delivered),
+    sent_s (sent), sequence, and the signals. With --wide there is one table: at each instant at
+    which any of the signals was recorded, it has the value in force of every signal, which is the
+    last one delivered. Missing values are empty. Parquet files contain the unit and description
+    of each column, and the description of the run.
 
-    For example:
-
-      cosim trace export traces/auv-acoustic.mcap --to parquet -o tables
-
-      cosim trace export traces/auv-acoustic.mcap --signal plant.eta --signal plant.force --wide
-      -o flight.csv
+    \b
+    cosim trace export traces/auv-acoustic.mcap --to parquet -o tables
+    cosim trace export traces/auv-acoustic.mcap --signal plant.eta --wide -o path.csv
     """
     with progress() as report_progress:
         written = write_tables(
             file,
             out,
-            to.value,
+            to,
             topics=topics,
             signals=signals,
             start=start,
@@ -75,10 +71,10 @@ def export(
     answer(as_json, lambda: _json(file, to, written), lambda: _view(written))
 
 
-def _json(file: Path, to: Format, written: list[WrittenTable]) -> dict[str, Any]:
+def _json(file: Path, to: TableFormat, written: list[WrittenTable]) -> dict[str, Any]:
     return {
         "trace": str(file),
-        "format": to.value,
+        "format": to,
         "files": [
             {
                 "path": str(one.path),

@@ -1,17 +1,24 @@
-"""The verb that feeds recorded signals into an FMU."""
+"""The command that feeds recorded signals into an FMU: trace inject."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from cosim.cli.common import FMUS, TRACES, FmusOption, JsonOption, answer, make_fmu_cache, progress
-from cosim.cli.inject_view import inject_json, inject_view
-from cosim.cli.run import Flavour
+from cosim.cli.common import (
+    FMUS,
+    TRACES,
+    FmusOption,
+    JsonOption,
+    RunFlavour,
+    answer,
+    make_fmu_cache,
+    progress,
+)
+from cosim.cli.trace_view import inject_json, inject_view
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink
@@ -20,104 +27,128 @@ from cosim.scenario import check_writable, link_of, load, nanoseconds
 from cosim.trace import Tolerance, Tolerances
 
 
-class SignalSide(enum.Enum):
-    """What --as takes."""
-
-    delivered = "delivered"
-    sent = "sent"
-
-
 def inject(
-    file: Annotated[Path, typer.Argument(help="The trace with the signals, or any MCAP file.")],
-    into: Annotated[str, typer.Option(help="The FMU: FILE.fmu, or a name of the catalogue.")],
+    file: Annotated[
+        Path, typer.Argument(help="The trace with the recorded signals, or any MCAP file.")
+    ],
+    into: Annotated[
+        str, typer.Option(help="The FMU to run: FILE.fmu, or the name of a built-in FMU.")
+    ],
     signals: Annotated[
         list[str] | None,
-        typer.Option("--map", metavar="SIGNAL=INPUT", help="One signal; may be repeated."),
+        typer.Option(
+            "--map", metavar="SIGNAL=INPUT", help="Feed one signal into an input; may be repeated."
+        ),
     ] = None,
     groups: Annotated[
         list[str] | None,
         typer.Option(
-            "--map-group", metavar="GROUP=GROUP", help="All members: plant.eta=eta; repeatable."
+            "--map-group",
+            metavar="GROUP=GROUP",
+            help="Feed all members of a group (plant.eta=eta); may be repeated.",
         ),
     ] = None,
     side: Annotated[
-        SignalSide,
-        typer.Option("--as", help="What receivers had, when they had it; or what senders sent."),
-    ] = SignalSide.delivered,
+        Literal["delivered", "sent"],
+        typer.Option(
+            "--as",
+            help="delivered: use values as and when they were received; sent: as they were sent.",
+        ),
+    ] = "delivered",
     link: Annotated[
         str | None,
         typer.Option(
             metavar="LINK",
-            help="With --as sent: none; a link of the recorded scenario; or FILE.toml:NAME.",
+            help="With --as sent: send the signals over this link: none; a link of the recorded "
+            "scenario; or FILE.toml:NAME for a link of another scenario.",
         ),
     ] = None,
     sample_time: Annotated[
-        float | None, typer.Option(help="A new packet link: time between messages in s.")
+        float | None,
+        typer.Option(help="With --as sent: use a new packet link with this sample time in s."),
     ] = None,
-    delay: Annotated[float | None, typer.Option(help="A new link: its delay in s.")] = None,
-    jitter: Annotated[float, typer.Option(help="And jitter, uniform up to so many s.")] = 0.0,
-    loss: Annotated[float, typer.Option(help="And share of messages lost, 0 to 1.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="And what its luck depends on.")] = 1,
+    delay: Annotated[
+        float | None,
+        typer.Option(help="Delay of the new link in s; without --sample-time a transport link."),
+    ] = None,
+    jitter: Annotated[
+        float, typer.Option(help="Width of the new link's uniform jitter, in s.")
+    ] = 0.0,
+    loss: Annotated[
+        float, typer.Option(help="Share of messages that the new link loses, 0 to 1.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the new link's random draws.")] = 1,
     as_component: Annotated[
         str | None,
-        typer.Option(help="Recorded component whose inputs, parameters and gain the FMU gets."),
+        typer.Option(
+            help="Give the FMU the inputs, parameters and gain of this recorded component."
+        ),
     ] = None,
     parameters: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="A parameter or start value."),
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="Set a parameter or start value; may be repeated."
+        ),
     ] = None,
     step: Annotated[
         float | None,
-        typer.Option(help="Communication step in s (default: the instants that were recorded)."),
+        typer.Option(help="Communication step in s (default: the recorded instants)."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The new trace (default: traces/...).")
+        Path | None,
+        typer.Option("--out", "-o", help="File of the new trace (default: traces/...)."),
     ] = None,
     compare: Annotated[
         str | None,
         typer.Option(help="Compare the outputs with those of this recorded component."),
     ] = None,
-    absolute: Annotated[float, typer.Option("--abs", help="Tolerance of the comparison.")] = 0.0,
-    relative: Annotated[float, typer.Option("--rel", help="Tolerance of the comparison.")] = 0.0,
+    absolute: Annotated[
+        float, typer.Option("--abs", help="Absolute tolerance of --compare.")
+    ] = 0.0,
+    relative: Annotated[
+        float, typer.Option("--rel", help="Relative tolerance of --compare.")
+    ] = 0.0,
     fmus: FmusOption = FMUS,
     flavour: Annotated[
-        Flavour, typer.Option(help="Which FMU a name of the catalogue means.")
-    ] = Flavour.python,
+        RunFlavour, typer.Option(help="Language of a built-in FMU: python, or native (C).")
+    ] = "python",
     *,
     as_json: JsonOption = False,
 ) -> None:
-    r"""Feed recorded signals into one FMU; what it answers goes to a new trace.
+    """Feed recorded signals into one FMU and record its outputs in a new trace.
 
-    Yesterday's data, another controller: open loop, since what it answers does not act on what
-    was recorded. Without --map, inputs get what the recorded component with the same inputs
-    got. An FMU that flew in the trace starts as it did there; another one with its own
-    parameters, unless --as-component names whose it is to have.
+    The replay is open loop: the outputs do not act on the recorded signals. Without --map, the
+    inputs are those of the recorded component with the same inputs. An FMU of the recorded run
+    starts with its recorded parameters; any other FMU starts with its own, unless
+    --as-component names a recorded component.
 
     Exit code 0: done; 1: --compare found a difference; 2: bad input; 4: the FMU failed.
 
-    For example:
-
-      cosim trace inject traces/auv-acoustic.mcap --into HinfController --compare controller
-
-      cosim trace inject traces/auv-acoustic.mcap --into mine.fmu --map-group plant.eta=eta
-      --as sent --sample-time 0.15 --delay 0.4 --loss 0.1
+    \b
+    cosim trace inject traces/auv-acoustic.mcap --into HinfController --compare controller
+    cosim trace inject traces/auv-acoustic.mcap --into mine.fmu
+      --map-group plant.eta=eta --as sent --sample-time 0.15 --delay 0.4 --loss 0.1
     """
-    place = make_fmu_cache(fmus, Path.cwd(), flavour.value)
+    place = make_fmu_cache(fmus, Path.cwd(), flavour)
     request = InjectionRequest(
         signal_mapping=SignalMapping(
             _pairs("--map", signals), _pairs("--map-group", groups), as_component
         ),
-        side=side.value,
+        side=side,
         link=_link(link, sample_time, delay, jitter, loss, seed),
         step_ns=None if step is None else _step(step),
         compare=compare,
         tolerances=Tolerances(Tolerance(absolute, relative)),
     )
-    if request.link is not None and side is SignalSide.delivered:
-        raise InputError("a new link is for what was sent", where="--link", hint="--as sent")
+    if request.link is not None and side == "delivered":
+        raise InputError(
+            "a link can only be used for signals as they were sent",
+            where="--link",
+            hint="--as sent",
+        )
     target = out or TRACES / f"{file.name.partition('.')[0]}-into-{Path(into).stem}.mcap"
     if target.resolve() == file.resolve():
-        raise InputError("the new trace would replace the old one", where=str(target))
+        raise InputError("the new trace would overwrite the recorded one", where=str(target))
     check_writable(target)
     with progress() as report_progress:
         fmu = place.find(into)
@@ -136,13 +167,15 @@ def _pairs(option: str, texts: list[str] | None) -> list[tuple[str, str]]:
     for text in texts or ():
         name, equals, target = text.partition("=")
         if not (name and equals and target):
-            raise InputError("not a pair", where=option, expected="RECORDED=INPUT", got=text)
+            raise InputError(
+                "not a pair of names", where=option, expected="RECORDED=INPUT", got=text
+            )
         pairs.append((name.strip(), target.strip()))
     return pairs
 
 
 def _values(fmu: FmuDescription, texts: list[str] | None) -> dict[str, Any]:
-    """Values as their variables have them."""
+    """Return values for variables of the FMU, each in the type of its variable."""
     found: dict[str, Any] = {}
     for name, text in _pairs("--set", texts):
         kind = fmu.port(name, where=f"--set, {fmu.path.name}").kind
@@ -172,12 +205,15 @@ def _link(
     loss: float,
     seed: int,
 ) -> PacketLink | TransportLink | str | None:
-    """The link that the options describe; a name: one of the recorded scenario."""
+    """Return the link that the options describe, or the name of a link of the recorded scenario."""
     described = sample_time is not None or delay is not None or jitter or loss
     if named is not None:
         if described:
             raise InputError(
-                "a link is named and described", where="--link", expected="one of both", got=named
+                "--link names a link, and other options describe a new one",
+                where="--link",
+                expected="one or the other",
+                got=named,
             )
         return None if named == "none" else _named(named)
     if not described:
@@ -188,7 +224,7 @@ def _link(
     if sample_time is None:
         if jitter or loss:
             raise InputError(
-                "jitter and loss are those of messages", where="--link", hint="--sample-time"
+                "jitter and loss need a packet link", where="--link", hint="--sample-time"
             )
         return TransportLink("new", nanoseconds(delay or 0.0))
     spread = Jitter("uniform", width_ns=nanoseconds(jitter)) if jitter else Jitter()

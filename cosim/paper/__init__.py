@@ -1,4 +1,4 @@
-"""The paper, claim by claim: what is printed, what comes out, and why they differ."""
+"""The paper, claim by claim: the printed result, the computed one, and why they differ."""
 
 import lazy_loader as _lazy
 

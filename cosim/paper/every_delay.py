@@ -1,4 +1,4 @@
-"""A gain, and a gamma, that hold for every constant delay at once: why Table 2 has no end.
+"""A gain and a gamma that are certified for every constant delay at once (see Table 2).
 
 With V = x'Px + int_{t-d}^t x'Qx (Theorem 1's functional without R, which is where d enters),
 X = P^-1, Qbar = XQX, Y = KX and Lemma 1 for the uncertainty, V' + z'z/gamma - gamma w'w < 0
@@ -10,7 +10,7 @@ follows for every d >= 0 from
     [ *                          *       *         -gamma I        0      ]
     [ *                          *       *         *               -eps I ]
 
-and X > 0. Solved, then proved in fractions for the gain as its doubles, with Y := K X.
+and X > 0. It is solved, then proved in fractions for the gain as its doubles, with Y := K X.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.models import DelaySystem
-from cosim.paper.exact import fractions, is_positive, mirrored
-from cosim.paper.solver import solve
+from cosim.paper.exact import fractions, is_positive
+from cosim.paper.lmi import mirrored, solve, symmetric_expression, unit_block, zeros
 
 _ABOVE_LEAST = (2e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 _DECIMALS = 6
@@ -33,7 +33,7 @@ _DECIMALS = 6
 
 @dataclass(frozen=True)
 class EveryDelay:
-    """What is certified for every constant delay.
+    """A bound of the gain that is certified for every constant delay.
 
     gamma : bound of the gain from w to z, uncertainty included.
     K : (m, n) the gain, as its doubles.
@@ -44,12 +44,12 @@ class EveryDelay:
 
 
 def every_delay(system: DelaySystem, gain: ArrayLike | None = None) -> EveryDelay | None:
-    """The least gamma proved for every delay; None if none is.
+    """Find the least gamma that is proved for every constant delay; None if there is none.
 
     Parameters
     ----------
     system : Eq. (7) with one delay and immediate feedback, uncertainty, w and z.
-    gain : (m, n); None for one to be found.
+    gain : (m, n); None to design one.
     """
     K = None if gain is None else np.array(gain, dtype=np.float64)
     least = _solve(system, K, None)
@@ -75,7 +75,7 @@ def _gain(system: DelaySystem, gamma: float) -> NDArray[np.float64] | None:
 
 
 def _blocks(s: Any, X: Any, Y: Any, Q: Any, eps: Any, gamma: Any) -> list[list[Any]]:
-    """The upper block rows of the module's matrix, for fractions and for cvxpy alike."""
+    """Return the upper block rows of the matrix above, for fractions and for cvxpy."""
     n, q = s["C"].shape
     p, r = s["D"].shape[0], s["H"].shape[0]
     G = s["A"] @ X + s["B"] @ Y
@@ -87,41 +87,40 @@ def _blocks(s: Any, X: Any, Y: Any, Q: Any, eps: Any, gamma: Any) -> list[list[A
             (s["D"] @ X + s["D2"] @ Y).T,
             X @ s["H"].T,
         ],
-        [-Q, _zero(n, q), _zero(n, p), X @ s["H1"].T],
-        [-gamma * _one(q), s["D1"].T, _zero(q, r)],
-        [-gamma * _one(p), _zero(p, r)],
-        [-eps * _one(r)],
+        [-Q, zeros(n, q), zeros(n, p), X @ s["H1"].T],
+        [-gamma * unit_block(q), s["D1"].T, zeros(q, r)],
+        [-gamma * unit_block(p), zeros(p, r)],
+        [-eps * unit_block(r)],
     ]
 
 
 def _matrices(system: DelaySystem) -> dict[str, Any]:
-    s, late = system, system.delays[0]
-    named = {"A": s.A, "B": s.B, "C": s.C, "D": s.D, "D1": s.D1, "D2": s.D2, "E": s.E, "H": s.H}
-    return {**named, "A1": late.A, "H1": late.H}
+    named = {name: getattr(system, name) for name in ("A", "B", "C", "D", "D1", "D2", "E", "H")}
+    return {**named, "A1": system.delays[0].A, "H1": system.delays[0].H}
 
 
 def _solve(
     system: DelaySystem, K: NDArray[np.float64] | None, gamma: float | None
 ) -> dict[str, Any] | None:
-    """The least gamma, or at a given one the widest margin; None where there is neither."""
+    """Solve for the least gamma, or at a given one for the largest margin; None if infeasible."""
     n, m = system.B.shape
     X, Q = (cp.Variable((n, n), symmetric=True) for _ in range(2))
     eps, t = cp.Variable(), cp.Variable()
     Y: Any = cp.Variable((m, n)) if K is None else K @ X
     level: Any = cp.Variable() if gamma is None else gamma
-    whole: Any = cp.bmat(  # type: ignore[attr-defined]  # re-exported by a wildcard
-        mirrored(_blocks(_matrices(system), X, Y, Q, eps, level))
-    )
+    whole = symmetric_expression(_blocks(_matrices(system), X, Y, Q, eps, level))
     rows = np.eye(whole.shape[0])
-    bounds = [(whole + whole.T) / 2 << (0 if gamma is None else -t) * rows]
+    bounds = [whole << (0 if gamma is None else -t) * rows]
     bounds += [X >> 0, X << 1e3 * np.eye(n), t <= 1]
     goal = cp.Minimize(level) if gamma is None else cp.Maximize(t)
     if not solve(goal, bounds) or (gamma is not None and not float(np.asarray(t.value)) > 0):
         return None
+    values = {
+        name: np.asarray(V.value, dtype=np.float64)
+        for name, V in zip("XYQ", (X, Y, Q), strict=True)
+    }
     return {
-        "X": np.asarray(X.value, dtype=np.float64),
-        "Y": np.asarray(Y.value, dtype=np.float64),
-        "Q": np.asarray(Q.value, dtype=np.float64),
+        **values,
         "eps": float(np.asarray(eps.value)),
         "gamma": float(np.asarray(level.value)) if gamma is None else gamma,
     }
@@ -136,11 +135,3 @@ def _proved(
     eps, level = Fraction(point["eps"]), Fraction(gamma)
     whole = np.block(mirrored(_blocks(exact, X, fractions(K) @ X, Q, eps, level)))
     return is_positive(-whole) and is_positive(X)
-
-
-def _zero(rows: int, columns: int) -> Any:
-    return np.zeros((rows, columns), dtype=int)
-
-
-def _one(size: int) -> Any:
-    return np.eye(size, dtype=int)

@@ -1,4 +1,4 @@
-"""Rows of section 5: gamma = 5 at d = 0.3 s, the printed gain, its stability."""
+"""Rows of section 5: gamma = 5 at d = 0.3 s, the printed gain, and its stability."""
 
 from __future__ import annotations
 
@@ -6,14 +6,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import optimize
 
 from cosim.core import Progress
-from cosim.hinf import Analysis, ClosedLoop, Design, NormResult, analyse, close, design, hinf_norm
+from cosim.hinf import (
+    Analysis,
+    ClosedLoop,
+    Design,
+    NormResult,
+    analyse,
+    characteristic_roots,
+    close,
+    design,
+    hinf_norm,
+)
 from cosim.models import DelaySystem, paper_example as printed
 from cosim.paper.every_delay import EveryDelay
 from cosim.paper.row import EXAMPLE, How, Row, Verdict
 from cosim.paper.simulation import simulate
-from cosim.paper.stability import stability_rows
 from cosim.paper.table_2 import ORDER, direct_term
 
 _WORST_END = 40.0
@@ -22,11 +32,11 @@ _WORST_END = 40.0
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """What is known of section 5.
+    """Designs and analyses of section 5.
 
-    least, searched : designs at the printed k1, k2, and at the best that were found.
+    least, searched : designs at the printed k1, k2, and at the best k1, k2 found.
     by_theorem_2 : the printed K at the printed k1, k2.
-    by_theorem_1, bessel_legendre : the printed K by Theorem 1, and by the sharper condition.
+    by_theorem_1, bessel_legendre : the printed K by Theorem 1, and by Bessel-Legendre of `ORDER`.
     """
 
     system: DelaySystem
@@ -38,7 +48,7 @@ class Example:
 
 
 def solve_example(report_progress: Progress) -> Example:
-    """All designs and analyses of section 5."""
+    """Compute all designs and analyses of section 5."""
     system, k1, k2 = printed.system(), (printed.K1,), (printed.K2,)
     K = [printed.PRINTED_K]
     report_progress("section 5, design", 0.0)
@@ -57,7 +67,7 @@ def solve_example(report_progress: Progress) -> Example:
 
 
 def example_rows(known: Example, everywhere: EveryDelay | None) -> list[Row]:
-    """All rows of section 5; `everywhere`: the printed K, certified for every delay."""
+    """Return the rows of section 5; `everywhere`: the printed K at every delay."""
     return [
         _readings(known.system),
         _index(),
@@ -78,8 +88,8 @@ def _readings(s: DelaySystem) -> Row:
         "is one component of the exosystem",
         None,
         Verdict.CORRECTED,
-        "Scalars stand where matrices must, and C has one column where ẇ = Gw has two rows. This "
-        "is the reading here.",
+        "Scalars are printed where matrices are needed, and C has one column where ẇ = Gw has two "
+        "rows. This is the reading used here.",
     )
 
 
@@ -135,7 +145,7 @@ def _gamma(known: Example) -> list[Row]:
             f"{best.gamma:.7g} at k1 = {best.k1[0]:.4g}, k2 = {best.k2[0]:.4g}",
             How.CERTIFIED,
             Verdict.CORRECTED if best.gamma and best.gamma <= 5.001 else Verdict.DOES_NOT,
-            f"Not 5, but as close as one likes; K = ({_numbers(best.K)}). Remark 2, Eq. (19), "
+            f"Not 5, but arbitrarily close to it; K = ({_numbers(best.K)}). Remark 2, Eq. (19), "
             "leaves Y out of its unknowns; it belongs there.",
             printed_value=printed.GAMMA,
             value=best.gamma,
@@ -153,11 +163,11 @@ def _printed_gain(known: Example) -> list[Row]:
             "the gain K",
             K,
             f"at these k1, k2 it is certified for γ = {two.gamma:.6g}, by Theorem 1 for "
-            f"{_six(one.gamma)}, by a sharper condition (order {ORDER}) for {_six(sharp.gamma)}",
+            f"{_six(one.gamma)}, by Bessel-Legendre of order {ORDER} for {_six(sharp.gamma)}",
             How.CERTIFIED,
             Verdict.IMPOSSIBLE,
-            "As a gain derived for γ = 5 by Theorem 2 it cannot be: there is none. Which feasible "
-            "point a solver stops at is not in the text.",
+            "No gain can be derived for γ = 5 by Theorem 2. The text does not say at which "
+            "feasible point the solver stopped.",
             printed_value=printed.GAMMA,
             value=one.gamma,
         ),
@@ -194,15 +204,14 @@ def _worst_run(known: Example) -> Row:
         "w = sin t, F = 0.5 sin t",
         How.MEASURED,
         Verdict.DOES_NOT if run.gain > printed.GAMMA else Verdict.HOLDS,
-        f"√(∫zᵀz / ∫wᵀw) over {_WORST_END:g} s. The paper's disturbance is not the one that shows "
-        "it.",
+        f"√(∫zᵀz / ∫wᵀw) over {_WORST_END:g} s. The paper's own disturbance does not show it.",
         printed_value=printed.GAMMA,
         value=run.gain,
     )
 
 
 def peak_of(loop: ClosedLoop) -> NormResult:
-    """The exact norm of a stable loop."""
+    """Return the exact norm of a stable loop."""
     found = hinf_norm(loop)
     if found is None:
         raise ArithmeticError("expected a stable loop")
@@ -219,3 +228,63 @@ def _entries(matrix: Any) -> str:
 
 def _six(value: float | None) -> str:
     return "no γ" if value is None else f"{value:.6g}"
+
+
+def stability_rows(system: DelaySystem, everywhere: EveryDelay | None) -> list[Row]:
+    """Return the rows on stability, at the printed delay and at every other delay."""
+    loop = close(system, [printed.PRINTED_K])
+    roots = characteristic_roots(loop, 3)
+    radius = largest_radius(loop.A[0], loop.A[1])
+    stable = bool(roots[0].real < 0)
+    holds_everywhere = stable and radius < 1 and everywhere is not None
+    proof = "no proof" if everywhere is None else f"γ = {everywhere.gamma:.7g} certified"
+    return [
+        Row(
+            EXAMPLE,
+            "(i) the closed loop with the printed K",
+            "asymptotically stable at d = 0.3 s",
+            f"rightmost roots {_roots(roots)}",
+            How.COMPUTED,
+            Verdict.HOLDS if stable else Verdict.DOES_NOT,
+            "Exact roots of the nominal loop; with every admissible F(t) it is certified above.",
+            value=float(roots[0].real),
+        ),
+        Row(
+            EXAMPLE,
+            "the closed loop with the printed K at other delays",
+            "stable, at d = 0.3 s",
+            f"stable for every delay: max ρ((jωI - A_K)⁻¹A1) = {radius:.4f} < 1; with any F(t), "
+            f"{proof} for every constant delay",
+            How.COMPUTED if everywhere is None else How.CERTIFIED,
+            Verdict.HOLDS if holds_everywhere else Verdict.DOES_NOT,
+            "The delayed part is weak compared with the rest, so this loop has no greatest delay.",
+            value=radius,
+        ),
+    ]
+
+
+def largest_radius(A: Any, A1: Any) -> float:
+    """Return the maximum over omega >= 0 of the spectral radius of (j omega I - A)^-1 A1."""
+    one = np.eye(A.shape[0])
+
+    def radius(omega: float) -> float:
+        return float(np.abs(np.linalg.eigvals(np.linalg.solve(1j * omega * one - A, A1))).max())
+
+    a, a1 = float(np.linalg.norm(A, 2)), float(np.linalg.norm(A1, 2))
+    grid = np.linspace(0.0, 2 * (a + a1), 401)
+    beyond = a1 / (grid[-1] - a)  # a bound beyond the grid
+    best = int(np.argmax([radius(omega) for omega in grid]))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found: Any = optimize.minimize_scalar(
+        lambda omega: -radius(omega), bounds=(low, high), method="bounded"
+    )
+    return max(radius(float(grid[best])), -float(found.fun), float(beyond))
+
+
+def _roots(roots: Any) -> str:
+    roots_text: list[str] = []
+    for root in roots:
+        text = f"{root.real:.3f}" + (f" ± {abs(root.imag):.3f}j" if abs(root.imag) > 1e-9 else "")
+        if text not in roots_text:
+            roots_text.append(text)
+    return ", ".join(roots_text)

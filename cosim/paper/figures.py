@@ -1,4 +1,4 @@
-"""Figures 1 to 3: rows, and the curves of ours in their place."""
+"""Rows of Figures 1 to 3, and the simulated curves that take the place of Figures 2 and 3."""
 
 from __future__ import annotations
 
@@ -14,29 +14,25 @@ _END, _POINTS = 10.0, 401
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """What Figures 2 and 3 show, simulated here.
+    """The simulated run that takes the place of Figures 2 and 3.
 
     run : from x = (10, 10), F = 0.5 sin t, w = sin t, d = 0.3 s.
-    settled : from then on |x| stays below what w keeps up, a tenth of the initial |x| [s].
+    settled : time after which |x| stays below a tenth of its initial value [s].
     """
 
     run: SimulatedRun
     settled: float
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON values: the curves themselves."""
+        """Return the curves as plain JSON values."""
         f = self.run
-        return {
-            "t": [round(v, 6) for v in f.t.tolist()],
-            "x1": [round(v, 9) for v in f.x[:, 0].tolist()],
-            "x2": [round(v, 9) for v in f.x[:, 1].tolist()],
-            "u": [round(v, 9) for v in f.u.tolist()],
-            "w": [round(v, 9) for v in f.w.tolist()],
-        }
+        drawn = {"x1": f.x[:, 0], "x2": f.x[:, 1], "u": f.u, "w": f.w}
+        times = [round(v, 6) for v in f.t.tolist()]
+        return {"t": times} | {k: [round(v, 9) for v in c.tolist()] for k, c in drawn.items()}
 
 
 def curves() -> Curves:
-    """The run of section 5, its open choices as `figure_rows` says them."""
+    """Simulate the run of section 5, with the choices that `figure_rows` states."""
     run = simulate(
         initial=printed.INITIAL_STATE,
         frequency=1.0,
@@ -50,7 +46,7 @@ def curves() -> Curves:
 
 
 def figure_rows(drawn: Curves) -> list[Row]:
-    """One row per figure."""
+    """Return one row per figure."""
     f = drawn.run
     return [
         Row(
@@ -60,7 +56,7 @@ def figure_rows(drawn: Curves) -> list[Row]:
             f"our drawing: the hull of {TABLE_1['length']:g} m in the earth and body frames",
             None,
             Verdict.NOT_COMPARABLE,
-            "The text has the caption alone, and nothing depends on the picture.",
+            "The text has only the caption, and no result depends on the picture.",
         ),
         Row(
             FIGURES,

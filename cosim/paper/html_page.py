@@ -1,11 +1,13 @@
-"""The report as one HTML page that stands alone: pictures inside, no network."""
+"""The report as one HTML page that contains its pictures and needs no network."""
 
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from cosim.paper import pictures
 from cosim.paper.report import AUTHOR, TITLE, Report
@@ -19,7 +21,6 @@ from cosim.paper.row import (
     Verdict,
 )
 from cosim.paper.table_2 import ORDER
-from cosim.paper.typeset import typeset
 
 _TONES = {
     Verdict.HOLDS: "good",
@@ -28,6 +29,16 @@ _TONES = {
     Verdict.IMPOSSIBLE: "worst",
     Verdict.NOT_COMPARABLE: "open",
 }
+
+_NAMES = {"udot": "u̇", "rdot": "ṙ"}
+_RULES = (
+    # numbers first: 2.40e-6 is no symbol with an index
+    (re.compile(r"(\d)e([+-])0*(\d+)\b"), lambda m: f"{m[1]}×10<sup>{_sign(m[2])}{m[3]}</sup>"),
+    (re.compile(r"([XYZNAD])_(udot|rdot|[uvwr]{2}|r|K)"), lambda m: _index(m[1], m[2])),
+    (re.compile(r"(?<![A-Za-z0-9])([ABDHMkx])(\d)(?=ᵀ|[²⁻]|\b)"), lambda m: _index(m[1], m[2])),
+    (re.compile(r"(S|Ω|Π)(\d\d)"), lambda m: _index(m[1], m[2])),
+    (re.compile(r"(?<![\w>)])-(?=[\d∫IAωXS/])|(?<=\s)-(?=\s)"), lambda _: "−"),
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +50,7 @@ class _Picture:
 
 
 def page(report: Report) -> str:
-    """HTML text, the same for the same report.
+    """Return the report as HTML; the same report gives the same text.
 
     Raises
     ------
@@ -70,11 +81,11 @@ def page(report: Report) -> str:
 
 
 def _pictures(report: Report) -> dict[str, list[_Picture]]:
-    """By section."""
+    """Return the pictures of each section."""
     return {
         EXAMPLE: [
             _Picture(
-                "The gain that is claimed, and the one that is there",
+                "The gain that is claimed, and the actual one",
                 "The nominal loop with the printed K at d = 0.3 s. At high frequency every loop of "
                 "this plant has the gain ‖D1‖ = 5.",
                 _uri(pictures.gain_curve()),
@@ -110,3 +121,19 @@ def _pictures(report: Report) -> dict[str, list[_Picture]]:
 
 def _uri(svg: str) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8")).decode("ascii")
+
+
+def typeset(text: str) -> Markup:
+    """Return a row's text as HTML: k1, A_K, Ω12, 2.4e-6 are set as in a paper."""
+    html = str(escape(text))
+    for pattern, put in _RULES:
+        html = pattern.sub(put, html)
+    return Markup(html)  # noqa: S704 - escaped above, and only tags of ours since
+
+
+def _index(symbol: str, index: str) -> str:
+    return f"{symbol}<sub>{_NAMES.get(index, index)}</sub>"
+
+
+def _sign(text: str) -> str:
+    return "−" if text == "-" else ""

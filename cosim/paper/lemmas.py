@@ -1,7 +1,7 @@
-"""Rows of Lemmas 1 to 3, each held to exact numbers.
+"""Rows of Lemmas 1 to 3, each checked with exact numbers.
 
-An identity is checked at numbers that were drawn; a misprint is shown by numbers at which the
-printed form fails.
+An identity is checked at random numbers; a misprint is shown by numbers at which the printed
+form fails.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cosim.paper.row import THEORY, How, Row, Verdict
 
 
 def lemma_rows() -> list[Row]:
-    """Lemmas 1, 2, 3."""
+    """Return the rows of Lemmas 1 to 3."""
     return [_lemma_1(), *_lemma_2(), *_lemma_3()]
 
 
@@ -58,12 +58,12 @@ def _lemma_1() -> Row:
 
 
 def polynomials(draw: Draw, n: int, degree: int) -> list[Any]:
-    """n polynomials with small integer coefficients: a trajectory x(t)."""
+    """Return n random polynomials with small integer coefficients: a trajectory x(t)."""
     return [flint.fmpq_poly([int(c) for c in row]) for row in draw.matrix(n, degree + 1)]
 
 
 def form(matrix: Exact, x: list[Any]) -> Any:
-    """x'M x for polynomials x."""
+    """Return x' M x for polynomials x."""
     total: Any = flint.fmpq_poly([])
     for i, j in np.ndindex(matrix.shape[0], matrix.shape[1]):
         total += rational(matrix[i, j]) * x[i] * x[j]
@@ -71,18 +71,18 @@ def form(matrix: Exact, x: list[Any]) -> Any:
 
 
 def at(x: list[Any], t: Fraction) -> Exact:
-    """Values of polynomials, as a column."""
+    """Return the values of polynomials at t, as a column."""
     return np.array([[fraction(p(rational(t)))] for p in x], dtype=object)
 
 
 def integral(p: Any, low: Fraction, high: Fraction) -> Fraction:
-    """Of a polynomial."""
+    """Return the integral of a polynomial."""
     whole: Fraction = at([p.integral()], high)[0, 0] - at([p.integral()], low)[0, 0]
     return whole
 
 
 def lemma_2_gap(x: list[Any], X: Exact, M1: Exact, M2: Exact, h: Fraction) -> Fraction:
-    """Right side minus left side of Lemma 2 at t = h, along a polynomial trajectory."""
+    """Return right side minus left side of Lemma 2 at t = h, along a polynomial trajectory."""
     now, then = at(x, h), at(x, Fraction(0))
     xi = np.vstack([now, then])
     first = np.block([[M1.T + M1, -M1.T + M2], [-M1 + M2.T, -M2.T - M2]])
@@ -98,7 +98,7 @@ def _lemma_2() -> list[Row]:
     X, M1, M2 = draw.positive(n), draw.matrix(n, n), draw.matrix(n, n)
     x = polynomials(draw, n, 3)
     gap = lemma_2_gap(x, X, M1, M2, h)
-    # int (x' + X^-1 M xi)' X (x' + X^-1 M xi) ds is what was completed
+    # the completed square is int (x' + X^-1 M xi)' X (x' + X^-1 M xi) ds
     shift = inverse(X) @ (M1 @ at(x, h) + M2 @ at(x, Fraction(0)))
     moved = [p.derivative() + rational(c) for p, c in zip(x, shift.ravel(), strict=True)]
     square = integral(form(X, moved), Fraction(0), h)
@@ -131,7 +131,7 @@ def _lemma_2() -> list[Row]:
 
 
 def lemma_3_counterexample() -> tuple[Exact, Exact, Exact]:
-    """S11, S12, S22 with S < 0, S22 < 0, and a diagonal entry >= 0 in the printed (iii)."""
+    """Return S11, S12, S22 with S < 0, S22 < 0, and a diagonal entry >= 0 in the printed (iii)."""
     for seed in range(1000):
         draw = Draw(seed)
         S11, S12, S22 = -draw.positive(2), draw.matrix(2, 2), -draw.positive(2)
@@ -167,8 +167,8 @@ def _lemma_3() -> list[Row]:
             f"diagonal entry {float(worst):.3g} ≥ 0",
             How.CERTIFIED,
             Verdict.CORRECTED if both else Verdict.DOES_NOT,
-            "The transposes are exchanged; unless S is cut in half, the printed product does not "
-            "even exist. The paper's own use of the lemma is right.",
+            "The transposes are exchanged; unless S12 is square, the printed product does not even "
+            "exist. The paper uses the lemma correctly.",
         ),
     ]
 

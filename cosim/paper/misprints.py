@@ -1,8 +1,8 @@
-"""What Eq. (14) would yield if it were taken as it is printed: loops called stable that are not.
+"""Unstable loops that Eq. (14) accepts as stable if it is taken as printed.
 
-The matrices below are this project's; a solver finds X, Rbar, Qbar for the printed form, they
-are taken as the fractions that they are, and -Omega (as printed) > 0 is proved. The loop's
-rightmost root says what the proof is worth.
+The matrices below are this project's. A solver finds X, Rbar, Qbar for the printed form, and
+-Omega (as printed) > 0 is proved for them in fractions. The rightmost root of the loop shows that
+it is unstable all the same.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from scipy import optimize
 
 from cosim.hinf import ClosedLoop, spectral_abscissa
 from cosim.models import paper_example
-from cosim.paper.exact import Exact, decimals, fractions, is_positive, mirrored
+from cosim.paper.exact import Exact, decimals, fractions, is_positive
+from cosim.paper.lmi import mirrored, solve, symmetric_expression
 from cosim.paper.omega import PRINTED, Data, Reading, Unknowns, omega
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
-from cosim.paper.solver import solve
 
 _LARGEST_X = 1e3
 
 
 @dataclass(frozen=True)
 class Counterexample:
-    """A loop x' = A x + A1 x(t-d) without control, unstable, that a printed form accepts.
+    """An unstable loop x' = A x + A1 x(t-d) without control that a printed form accepts.
 
     name : the misprinted block.
     reading : Eq. (14) with this misprint alone.
@@ -43,7 +43,7 @@ class Counterexample:
 
     @property
     def data(self) -> Data:
-        """The loop in the letters of Eq. (7), with C = D = I and nothing uncertain."""
+        """The loop with the symbols of Eq. (7), with C = D = I and without uncertainty."""
         n = len(self.A)
         one, none = np.eye(n), np.zeros((n, 1))
         return Data(
@@ -85,7 +85,7 @@ COUNTEREXAMPLES = (
 
 
 def misprint_rows() -> list[Row]:
-    """One row per counterexample."""
+    """Return one row per counterexample."""
     return [_row(example) for example in COUNTEREXAMPLES]
 
 
@@ -101,14 +101,13 @@ def _row(example: Counterexample) -> Row:
         f"the rightmost root is {root:+.4f}",
         How.CERTIFIED if accepted else How.COMPUTED,
         Verdict.IMPOSSIBLE if accepted and root > 0 else Verdict.HOLDS,
-        "As printed the theorem accepts a loop that diverges (no control, C = D = I): the "
-        "misprint is not harmless.",
+        "As printed, the theorem accepts a loop that diverges (no control, C = D = I).",
         value=root,
     )
 
 
 def accepts(s: Data, reading: Reading) -> bool:
-    """Whether a solution of that reading of Eq. (14) is proved."""
+    """Return whether this reading of Eq. (14) is proved feasible."""
     _, point = margin(s, reading)
     if point is None:
         return False
@@ -125,17 +124,15 @@ def accepts(s: Data, reading: Reading) -> bool:
 
 
 def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
-    """The largest t with Omega <= -t I, X, Qbar >= t I, X <= 1000 I, t <= 1, and where.
+    """Find the largest t with Omega <= -t I, X, Qbar >= t I, X <= 1000 I, t <= 1, and the point.
 
-    Not a proof; negative: the solver finds no solution.
+    This is not a proof. A negative t means that the solver finds no solution.
     """
     (n, m), t = s.B.shape, cp.Variable()
     X, R, Q = (cp.Variable((n, n), symmetric=True) for _ in range(3))
     Y, eps = cp.Variable((m, n)), cp.Variable()
-    whole: Any = cp.bmat(  # type: ignore[attr-defined]  # re-exported by a wildcard
-        mirrored(omega(s, Unknowns(X, R, Q, Y, eps), reading))
-    )
-    bounds = [(whole + whole.T) / 2 << -t * np.eye(whole.shape[0]), t <= 1]
+    whole = symmetric_expression(omega(s, Unknowns(X, R, Q, Y, eps), reading))
+    bounds = [whole << -t * np.eye(whole.shape[0]), t <= 1]
     bounds += [X >> t * np.eye(n), Q >> t * np.eye(n), X << _LARGEST_X * np.eye(n)]
     if not solve(cp.Maximize(t), bounds):
         return -1.0, None
@@ -144,27 +141,14 @@ def margin(s: Data, reading: Reading) -> tuple[float, Unknowns | None]:
 
 
 def greatest_delay_as_printed(gamma: float, near: float) -> float:
-    """Where Eq. (14) as it is printed ends for section 5 at the printed k1, k2 [s]; computed.
+    """Compute the greatest feasible delay of Eq. (14) as printed, for section 5 [s].
 
-    `near` is where to look first [s].
+    k1, k2 are the printed ones; `near` is a first guess [s].
     """
     s = paper_example
-    data = Data(
-        A=s.A,
-        A1=s.A1,
-        B=s.B,
-        C=s.C,
-        D=s.D,
-        D1=s.D1,
-        D2=s.D2,
-        E=s.E,
-        H=s.H,
-        H1=s.H1,
-        d=s.d,
-        k1=s.K1,
-        k2=s.K2,
-        gamma=gamma,
-    ).each(np.array)
+    letters = ("A", "A1", "B", "C", "D", "D1", "D2", "E", "H", "H1", "d")
+    given = {letter: getattr(s, letter) for letter in letters}
+    data = Data(**given, k1=s.K1, k2=s.K2, gamma=gamma).each(np.array)
 
     def at(d: float) -> float:
         return margin(replace(data, d=d), PRINTED)[0]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -14,15 +16,67 @@ from cosim.models import (
     thrust_map,
     velocity_coefficients,
 )
-from cosim.paper.printed import F_ROWS, MISPRINTS, THRUST_MAP, Misprint, Parameters
 from cosim.paper.row import MODEL, How, Row, Verdict
 
 _AXES = ("surge", "sway", "heave", "yaw")
 _STATE = {"u": "x5", "v": "x6", "w": "x7", "r": "x8"}
 
+Parameters = Mapping[str, Fraction]
+
+F_ROWS = (
+    {"vv": "0.124", "ww": "0.397", "rr": "0.262", "vr": "1.153"},
+    {"ur": "-0.353", "wr": "-0.141", "uv": "-0.149", "vw": "0.095"},
+    {"vv": "-0.041", "rr": "-0.125", "uw": "-0.181", "vr": "0.144"},
+    {"ur": "-0.313", "wr": "0.138", "uv": "-0.031", "vw": "-0.095"},
+)
+"""Rows 5 to 8 of f(x) below Eq. (4): coefficients by product of (u, v, w, r) = (x5, ..., x8)."""
+
+THRUST_MAP = {
+    (0, 0): "1.661e-4",
+    (1, 1): "1.049e-4",
+    (2, 2): "4.29e-5",
+    (3, 3): "4.84e-5",
+    (1, 3): "-2.40e-6",
+    (3, 1): "-2.40e-6",
+}
+"""The matrix between (T_x, T_y, T_z, M_z) and u, above Eq. (4); its other entries are zero."""
+
+
+@dataclass(frozen=True)
+class Misprint:
+    """A misprint in Eq. (3) or Table 1 that the paper's own f(x) shows.
+
+    name : name of the number or term.
+    printed, corrected : the printed and the correct text.
+    undo : puts this misprint back into the corrected parameters of the vehicle.
+    """
+
+    name: str
+    printed: str
+    corrected: str
+    undo: Callable[[Parameters], Parameters]
+
+
+def _with(name: str, value: str) -> Callable[[Parameters], Parameters]:
+    return lambda p: {**p, f"hydro.{name}": Fraction(value)}
+
+
+def _named_vw(p: Parameters) -> Parameters:
+    # a derivative X_vw would belong to the product v w, which Eq. (3) does not have in surge
+    return {**p, "hydro.X_vv": Fraction(0)}
+
+
+MISPRINTS = (
+    Misprint("X_udot in Table 1", "7.6e-3", "-7.6e-3", _with("X_udot", "7.6e-3")),
+    Misprint("N_ur in Table 1", "-1.6e-3", "-1.6e-2", _with("N_ur", "-1.6e-3")),
+    Misprint("the name X_vw in Table 1", "X_vw", "X_vv", _named_vw),
+    Misprint("w r in the sway row of Eq. (3)", "no such term", "L³ Y_wr w r", _with("Y_wr", "0")),
+    Misprint("Y_r r² in the sway row of Eq. (3)", "L⁴ Y_r r²", "L⁴ Y_rdot ṙ", _with("Y_rdot", "0")),
+)
+
 
 def model_rows() -> list[Row]:
-    """Everything of section 2 that numbers can say."""
+    """Return the rows of section 2."""
     p = {name: Fraction(repr(value)) for name, value in TABLE_1.items()}
     return [
         _kinematics(),
@@ -36,14 +90,14 @@ def model_rows() -> list[Row]:
 
 
 def unit_in_last_place(text: str) -> Fraction:
-    """One unit of the last digit of a printed decimal."""
+    """Return one unit of the last digit of a printed decimal."""
     mantissa, _, exponent = text.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return Fraction(10) ** (int(exponent or 0) - decimals)
 
 
 def agrees(value: Fraction, text: str) -> bool:
-    """Whether a value rounds to what is printed."""
+    """Return whether a value rounds to the printed decimal."""
     return abs(value - Fraction(text)) <= unit_in_last_place(text) / 2
 
 
@@ -86,7 +140,7 @@ def _misprint(slip: Misprint, p: Parameters) -> Row:
         for row, product, text in _printed_coefficients()
         if agrees(_value(p, row, product), text) and not agrees(_value(wrong, row, product), text)
     ]
-    # the one that shows it best
+    # the coefficient that shows the misprint best
     row, product, text = max(
         hit, key=lambda at: abs(_value(wrong, at[0], at[1]) / Fraction(at[2]) - 1)
     )
@@ -113,7 +167,7 @@ def _heave(p: Parameters) -> Row:
         f"Z_vv v²: row 7, x6² is {coefficient:.4f}",
         How.COMPUTED,
         Verdict.CORRECTED,
-        "A slip of the name alone: the derivative of v² is Z_vv.",
+        "Only the name is misprinted: the derivative of v² is Z_vv.",
     )
 
 
@@ -137,20 +191,16 @@ def _coefficients(p: Parameters) -> list[Row]:
             names = " and ".join(dict.fromkeys(s.name for s in needs))
             verdict = Verdict.CORRECTED
             why = f"Needs the correction of {names}; without any it is {float(as_printed):.3f}."
-        rows.append(
-            Row(
-                MODEL,
-                f"f(x), row {row + 5} ({_AXES[row]}): {_product(product)}",
-                text,
-                f"{float(value):.4f}",
-                How.COMPUTED,
-                verdict,
-                why,
-                printed_value=float(text),
-                value=float(value),
-            )
-        )
+        what = f"f(x), row {row + 5} ({_AXES[row]}): {_product(product)}"
+        rows.append(_number_row(what, text, float(value), f"{float(value):.4f}", verdict, why))
     return rows
+
+
+def _number_row(
+    what: str, printed: str, value: float, computed: str, verdict: Verdict, why: str
+) -> Row:
+    numbers = {"printed_value": float(printed), "value": value}
+    return Row(MODEL, what, printed, computed, How.COMPUTED, verdict, why, **numbers)
 
 
 def _thrust(p: Parameters) -> list[Row]:
@@ -177,24 +227,14 @@ def _thrust(p: Parameters) -> list[Row]:
             verdict = Verdict.CORRECTED if agrees(-value, text) else Verdict.DOES_NOT
         else:
             verdict = Verdict.HOLDS if agrees(literal, text) else Verdict.CORRECTED
-        rows.append(
-            Row(
-                MODEL,
-                f"thrust map above Eq. (4): entry ({i + 1}, {j + 1})",
-                text,
-                f"{float(value):.{digits}e}",
-                How.COMPUTED,
-                verdict,
-                why,
-                printed_value=float(text),
-                value=float(value),
-            )
-        )
+        what, computed = f"thrust map above Eq. (4): entry ({i + 1}, {j + 1})", float(value)
+        formatted = f"{computed:.{digits}e}"
+        rows.append(_number_row(what, text, computed, formatted, verdict, why))
     return rows
 
 
 def _maclaurin() -> Row:
-    state = (0.3, 0.7, -0.4, 0.2, 0.5)  # psi, u, v, w, r: any will do
+    state = (0.3, 0.7, -0.4, 0.2, 0.5)  # psi, u, v, w, r: arbitrary
 
     def neglected(scale: float) -> float:
         psi, u, v, w, r = (scale * value for value in state)
@@ -207,10 +247,10 @@ def _maclaurin() -> Row:
         MODEL,
         "Maclaurin form of f(x)",
         "f(x) = [0 I; 0 0] x + terms of second order",
-        f"what is left out shrinks with the power {order:.2f} of the state",
+        f"what is neglected shrinks with the power {order:.2f} of the state",
         How.COMPUTED,
         Verdict.HOLDS,
-        "A form complete to second order leaves out third order. The vehicle here flies with "
+        "A form complete to second order neglects third order. The vehicle here is simulated with "
         "cos ψ and sin ψ in full.",
         value=round(order, 4),
     )
@@ -227,7 +267,7 @@ def _vehicle_design() -> Row:
         f"{found.exact_norm:.4g}",
         How.CERTIFIED,
         Verdict.NOT_COMPARABLE,
-        "The example of section 5 is no vehicle. Here E and H are proved over an envelope of "
-        "speeds, and the feedback itself is late.",
+        "The example of section 5 is not a vehicle. Here E and H are proved over an envelope of "
+        "speeds, and the feedback is delayed.",
         value=found.gamma,
     )

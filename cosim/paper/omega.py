@@ -1,6 +1,6 @@
-"""Omega of Theorem 2, Eq. (14), block by block as the paper writes it, and corrected.
+"""Omega of Theorem 2, Eq. (14), block by block: as printed, and corrected.
 
-One formula for fractions (proof) and for cvxpy (solver): nothing here says which it is given.
+One formula serves fractions (proof) and cvxpy (solver).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
+from cosim.paper.lmi import unit_block, zeros
 
 NAMES = ("x", "x_d", "w", "z", "ẋ", "m", "h")
 """The seven block rows of Eq. (14)."""
@@ -17,7 +17,7 @@ NAMES = ("x", "x_d", "w", "z", "ẋ", "m", "h")
 
 @dataclass(frozen=True)
 class Data:
-    """What is given: the matrices of Eq. (7), d, k1, k2, gamma."""
+    """The given quantities: the matrices of Eq. (7), d, k1, k2, gamma."""
 
     A: Any
     A1: Any
@@ -36,19 +36,19 @@ class Data:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Rows of each block of `NAMES`."""
+        """Number of rows of each block of `NAMES`."""
         n, q = self.C.shape
         return (n, n, q, self.D.shape[0], n, n, self.H.shape[0])
 
     def each(self, kind: Callable[[Any], Any]) -> Data:
-        """Every matrix and number as another kind."""
+        """Return a copy with every matrix and number converted by `kind`."""
         values = {name: kind(getattr(self, name)) for name in self.__dataclass_fields__}
         return Data(**{name: v.item() if v.ndim == 0 else v for name, v in values.items()})
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is sought: X, Rbar, Qbar (n, n), Y (m, n), eps."""
+    """The unknowns: X, Rbar, Qbar (n, n), Y (m, n), eps."""
 
     X: Any
     R: Any
@@ -59,7 +59,7 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Reading:
-    """Which of the two misprints are put right."""
+    """Which of the two misprints of Eq. (14) are corrected."""
 
     omega_12: bool = True
     omega_25: bool = True
@@ -70,9 +70,9 @@ PRINTED = Reading(omega_12=False, omega_25=False)
 
 
 def omega(s: Data, v: Unknowns, reading: Reading = CORRECTED) -> list[list[Any]]:
-    """The upper block rows of Omega, from the diagonal on.
+    """Return the upper block rows of Omega, from the diagonal on.
 
-    Printed: Omega_12 has k2 A1 X for k2^-1 A1 X, Omega_25 has A1 for A1'.
+    The paper prints k2 A1 X for k2^-1 A1 X in Omega_12, and A1 for A1' in Omega_25.
     """
     n, _, q, p, _, _, r = s.sizes
     X, R, d, k1, over = v.X, v.R, s.d, s.k1, 1 / s.k2
@@ -91,23 +91,15 @@ def omega(s: Data, v: Unknowns, reading: Reading = CORRECTED) -> list[list[Any]]
         ],
         [
             -(over * over) * v.Q - 2 * over * X,
-            _zero(n, q),
-            _zero(n, p),
+            zeros(n, q),
+            zeros(n, p),
             d * over * (X @ late),
             d * R,
             over * (X @ s.H1.T),
         ],
-        [-s.gamma * _one(q), s.D1.T, d * s.C.T, _zero(q, n), _zero(q, r)],
-        [-s.gamma * _one(p), _zero(p, n), _zero(p, n), _zero(p, r)],
-        [-d * R + d * d * EE, _zero(n, n), _zero(n, r)],
-        [-d * R, _zero(n, r)],
-        [-v.eps * _one(r)],
+        [-s.gamma * unit_block(q), s.D1.T, d * s.C.T, zeros(q, n), zeros(q, r)],
+        [-s.gamma * unit_block(p), zeros(p, n), zeros(p, n), zeros(p, r)],
+        [-d * R + d * d * EE, zeros(n, n), zeros(n, r)],
+        [-d * R, zeros(n, r)],
+        [-v.eps * unit_block(r)],
     ]
-
-
-def _zero(rows: int, columns: int) -> Any:
-    return np.zeros((rows, columns), dtype=int)
-
-
-def _one(size: int) -> Any:
-    return np.eye(size, dtype=int)

@@ -22,7 +22,7 @@ _STYLE = {
     "grid.alpha": 0.25,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    # the same drawing, the same bytes
+    # the same drawing gives the same bytes
     "svg.hashsalt": "auv-cosim",
     "svg.fonttype": "path",
 }
@@ -40,7 +40,7 @@ def _drawn(size: tuple[float, float], draw: Callable[[Any], None], panels: int =
 
 
 def states(curves: Curves) -> str:
-    """Figure 2."""
+    """Draw what takes the place of Figure 2: the state."""
 
     def draw(axes: Any) -> None:
         f = curves.run
@@ -54,7 +54,7 @@ def states(curves: Curves) -> str:
 
 
 def control(curves: Curves) -> str:
-    """Figure 3."""
+    """Draw what takes the place of Figure 3: the control."""
 
     def draw(axes: Any) -> None:
         f = curves.run
@@ -66,7 +66,7 @@ def control(curves: Curves) -> str:
 
 
 def frames() -> str:
-    """Figure 1: the frames and motions of the four degrees of freedom."""
+    """Draw what takes the place of Figure 1: the frames and motions of four degrees of freedom."""
 
     def draw(panels: Any) -> None:
         for axes, side in zip(panels, (_from_above, _from_the_side), strict=True):
@@ -129,7 +129,7 @@ def _arrow(
 
 
 def delays(table: Sequence[Entry]) -> str:
-    """Table 2: what is printed and what comes out."""
+    """Draw Table 2, printed and computed."""
 
     def draw(axes: Any) -> None:
         floor = float(np.linalg.norm(example.D1))
@@ -181,7 +181,7 @@ def delays(table: Sequence[Entry]) -> str:
 
 
 def gain_curve() -> str:
-    """|G(j omega)| of the printed gain against the claim."""
+    """Draw |G(j omega)| of the printed gain and the claimed bound."""
 
     def draw(axes: Any) -> None:
         loop = close(example.system(), [example.PRINTED_K])

@@ -1,4 +1,4 @@
-"""The steps of Theorem 2's proof in fractions, at numbers that were drawn once."""
+"""The steps of Theorem 2's proof in fractions, at random numbers."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, mirrored, zeros
+from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero
+from cosim.paper.lmi import mirrored, zeros
 from cosim.paper.omega import Data, Reading, Unknowns, omega
 from cosim.paper.theorem_1 import Loop, drawn_loop
 
 INPUTS, LEFT, RIGHT = 2, 2, 2
-"""Inputs, columns of E, rows of H."""
+"""Number of inputs, of columns of E, of rows of H."""
 
 
 @dataclass(frozen=True)
 class Proof:
-    """Numbers for the proof of Theorem 2: Theorem 1's, and K, F, eps besides."""
+    """Random numbers for the proof of Theorem 2: those of Theorem 1, and K, F, eps."""
 
     loop: Loop
     data: Data
@@ -36,7 +37,7 @@ class Proof:
 
 
 def drawn_proof() -> Proof:
-    """Sizes that differ, k1 and k2 that are not 1: no slip is hidden by the numbers."""
+    """Draw the numbers; sizes differ and k1, k2 are not 1, so that they hide no misprint."""
     loop, draw = drawn_loop(), Draw(20)
     n, q = loop.C.shape
     p = loop.D.shape[0]
@@ -51,7 +52,7 @@ def drawn_proof() -> Proof:
         E=draw.matrix(n, LEFT),
         H=draw.matrix(RIGHT, n),
         H1=draw.matrix(RIGHT, n),
-        # numbers that doubles hold exactly, for the comparison with the LMI of the design
+        # exact as doubles, for the comparison with the LMI of the design
         d=Fraction(3, 8),
         k1=Fraction(5, 8),
         k2=Fraction(1, 4),
@@ -62,7 +63,7 @@ def drawn_proof() -> Proof:
 
 
 def psi(v: Proof) -> Exact:
-    """Psi below Eq. (16), as printed."""
+    """Return Psi below Eq. (16), as printed."""
     s, P, Q, R, K = v.data, v.loop.P, v.loop.Q, v.loop.R, v.K
     n, _, q, p, _, _, _ = s.sizes
     BK = s.B @ K
@@ -86,7 +87,7 @@ def psi(v: Proof) -> Exact:
 
 
 def lambda_18(v: Proof) -> Exact:
-    """Lambda of Eq. (18), as printed."""
+    """Return Lambda of Eq. (18), as printed."""
     s, P, eps = v.data, v.loop.P, v.eps
     n, _, q, p, _, _, r = s.sizes
     EE = eps * s.E @ s.E.T
@@ -102,7 +103,7 @@ def lambda_18(v: Proof) -> Exact:
 
 
 def congruent(v: Proof) -> Exact:
-    """Eq. (18) between diag(P^-1, P^-1 / k2, I, I, I, R^-1, I)."""
+    """Return T' Lambda T for Eq. (18), T = diag(P^-1, P^-1 / k2, I, I, I, R^-1, I)."""
     s = v.data
     n, _, q, p, _, _, r = s.sizes
     X = inverse(v.loop.P)
@@ -113,7 +114,7 @@ def congruent(v: Proof) -> Exact:
 
 
 def differing_blocks(v: Proof, reading: Reading) -> list[str]:
-    """Names of the blocks of Eq. (14) that are not what the congruence gives."""
+    """Return the names of the blocks of Eq. (14) that differ from the congruence."""
     truth, places = congruent(v), [0, *accumulate(v.data.sizes)]
     bad = []
     for i, row in enumerate(omega(v.data, v.unknowns, reading)):

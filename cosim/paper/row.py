@@ -1,14 +1,14 @@
-"""One claim of the paper beside what comes out when it is computed."""
+"""One claim of the paper, as printed and as computed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
 
 class Verdict(StrEnum):
-    """What can be said of a printed claim."""
+    """The result of comparing a printed claim with the computed one."""
 
     HOLDS = "holds"
     CORRECTED = "holds corrected"
@@ -18,11 +18,11 @@ class Verdict(StrEnum):
 
 
 MEANING = {
-    Verdict.HOLDS: "what is printed comes out, to the digits printed",
-    Verdict.CORRECTED: "it comes out once the misprint named is put right",
-    Verdict.DOES_NOT: "another value comes out",
-    Verdict.IMPOSSIBLE: "it contradicts itself, or what is proved beside it",
-    Verdict.NOT_COMPARABLE: "the text gives nothing that could be compared",
+    Verdict.HOLDS: "the printed result is reproduced, to the printed digits",
+    Verdict.CORRECTED: "it is reproduced once the named misprint is corrected",
+    Verdict.DOES_NOT: "the computed result is another one",
+    Verdict.IMPOSSIBLE: "it contradicts itself, or a proof given here",
+    Verdict.NOT_COMPARABLE: "the text gives nothing to compare with",
 }
 
 
@@ -43,16 +43,15 @@ HOW_MEANING = {
 
 @dataclass(frozen=True)
 class Row:
-    """One claim.
+    """One claim of the paper and the computed result.
 
-    section : where it stands, one of `SECTIONS`.
+    section : one of `SECTIONS`.
     what : the equation, table or figure.
-    printed : what the paper prints.
-    computed : what comes out.
-    how : how that was obtained; None where nothing could be.
-    verdict : the one compared with the other.
-    why : a sentence or two for who has not computed it.
-    printed_value, value : both as numbers, where each is a single one.
+    printed, computed : the claim as the paper prints it, and the computed result.
+    how : how the result was obtained; None if nothing could be computed.
+    verdict : result of the comparison.
+    why : an explanation of one or two sentences.
+    printed_value, value : the two as numbers, if each is a single number.
     """
 
     section: str
@@ -66,18 +65,9 @@ class Row:
     value: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {
-            "section": self.section,
-            "what": self.what,
-            "printed": self.printed,
-            "computed": self.computed,
-            "how": None if self.how is None else str(self.how),
-            "verdict": str(self.verdict),
-            "why": self.why,
-            "printed_value": self.printed_value,
-            "value": self.value,
-        }
+        """Return plain JSON values."""
+        how = None if self.how is None else str(self.how)
+        return asdict(self) | {"how": how, "verdict": str(self.verdict)}
 
 
 MODEL = "Section 2: the vehicle"

@@ -1,7 +1,7 @@
-"""Section 5's loop in time: Eq. (7) with u = K x, integrated with its delay.
+"""Simulation of section 5: Eq. (7) with u = K x, integrated with its delay.
 
-The gain of a run from rest, by (ii) a lower bound of the H-infinity norm, comes out of the same
-integration: the integrals of z'z and w'w are two more states.
+The integrals of z'z and w'w are two more states; they give the gain of the run. From the zero
+state it is a lower bound of the H-infinity norm, by (ii).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _MATRICES = {letter: getattr(example, letter) for letter in _LETTERS}
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun:
-    """A run.
+    """A simulated run.
 
     t : (N,) [s]. x : (N, 2). u : (N,). w : (N,).
-    gain : sqrt(int z'z / int w'w) to the end.
+    gain : sqrt(int z'z / int w'w) over the whole run.
     """
 
     t: NDArray[np.float64]
@@ -48,16 +48,16 @@ def simulate(
     points: int,
     step: float = 0.01,
 ) -> SimulatedRun:
-    """The printed gain at the printed delay, under w = sin(frequency t).
+    """Simulate the printed gain at the printed delay, with w = sin(frequency t).
 
     Parameters
     ----------
     initial : x(t) for t <= 0.
-    frequency : of the disturbance [rad/s].
-    amplitude : of F(t) = amplitude sin(t) I2.
-    end : [s].
-    points : instants that are kept, from 0 to `end`.
-    step : greatest internal step [s].
+    frequency : frequency of the disturbance [rad/s].
+    amplitude : amplitude of F(t) = amplitude sin(t) I2.
+    end : end of the run [s].
+    points : number of instants that are returned, from 0 to `end`.
+    step : largest internal step [s].
     """
     uncertainty = (amplitude, example.F_OMEGA)
 

@@ -1,7 +1,7 @@
-"""Rows of Theorem 1, Eqs. (10)-(13): block by block against the functional, exactly.
+"""Rows of Theorem 1, Eqs. (10)-(13): exact comparison with the functional, block by block.
 
-The functional is written here from its definition, in matrices that pick x, x_d, x', z, w out
-of eta = (x, x_d, w); no block of the paper goes into it.
+The functional is written here from its definition, with matrices that select x, x_d, x', z, w
+from eta = (x, x_d, w); no block of the paper is used for it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import Any
 import flint
 import numpy as np
 
-from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, mirrored, schur, zeros
+from cosim.paper.exact import Draw, Exact, identity, inverse, is_zero, schur
 from cosim.paper.lemmas import at, form, integral, polynomials
+from cosim.paper.lmi import mirrored, zeros
 from cosim.paper.row import THEORY, How, Row, Verdict
 
 _N, _Q, _P = 3, 2, 2
@@ -22,7 +23,7 @@ _N, _Q, _P = 3, 2, 2
 
 @dataclass(frozen=True)
 class Loop:
-    """Numbers for everything in Theorem 1, drawn: A (A_K), A1, C, D (D_K), D1, P, Q, R, M1, M2."""
+    """Random numbers for Theorem 1: A (A_K), A1, C, D (D_K), D1, P, Q, R, M1, M2, d, gamma."""
 
     A: Exact
     A1: Exact
@@ -39,7 +40,7 @@ class Loop:
 
 
 def drawn_loop() -> Loop:
-    """Sizes 3, 2, 2 for x, w, z, so that no transpose goes unnoticed."""
+    """Draw the numbers; sizes 3, 2, 2 for x, w, z show every missing transpose."""
     draw, n = Draw(10), _N
     return Loop(
         A=draw.matrix(n, n),
@@ -58,7 +59,7 @@ def drawn_loop() -> Loop:
 
 
 def functional_form(v: Loop) -> Exact:
-    """V' + z'z / gamma - gamma w'w <= eta' (this) eta, with Lemma 2 for the integral."""
+    """Return M with V' + z'z / gamma - gamma w'w <= eta' M eta, by Lemma 2 for the integral."""
     x, late, w = _pick(0, _N), _pick(_N, _N), _pick(2 * _N, _Q)
     slope = v.A @ x + v.A1 @ late + v.C @ w
     z = v.D @ x + v.D1 @ w
@@ -71,7 +72,7 @@ def functional_form(v: Loop) -> Exact:
 
 
 def theta(v: Loop) -> Exact:
-    """Theta of Eq. (10), as printed."""
+    """Return Theta of Eq. (10), as printed."""
     n, d = _N, v.d
     one, R = identity, v.R
     rows: list[list[Any]] = [
@@ -93,7 +94,7 @@ def theta(v: Loop) -> Exact:
 
 
 def printed_pi(v: Loop) -> dict[str, Exact]:
-    """The blocks of Pi below Eq. (13), as printed."""
+    """Return the blocks of Pi below Eq. (13), as printed."""
     A, A1, R, g = v.A, v.A1, v.R, v.gamma
     d, M1, M2, Ri = v.d, v.M1, v.M2, inverse(v.R)
     return {
@@ -114,7 +115,7 @@ def printed_pi(v: Loop) -> dict[str, Exact]:
 
 
 def theorem_1_rows() -> list[Row]:
-    """Eqs. (10) to (13)."""
+    """Return the rows of Eqs. (10) to (13)."""
     v = drawn_loop()
     truth = functional_form(v)
     start = {"1": 0, "2": _N, "3": 2 * _N}
@@ -148,14 +149,14 @@ def theorem_1_rows() -> list[Row]:
             "γ⁻¹D_KᵀD1",
             How.CERTIFIED,
             Verdict.CORRECTED if bad == ["Π13"] and explained else Verdict.DOES_NOT,
-            "The matrix printed just before it has the term, and Eq. (10) as well: a slip of this "
-            "line alone.",
+            "The matrix printed just before it has the term, and so has Eq. (10): this line alone "
+            "is misprinted.",
         ),
     ]
 
 
 def _derivative() -> Row:
-    """Eq. (11) along a polynomial trajectory: an identity of polynomials."""
+    """Check Eq. (11) along a polynomial trajectory, where it is an identity of polynomials."""
     draw, n, d = Draw(11), 2, Fraction(1, 2)
     P, Q, R = draw.positive(n), draw.positive(n), draw.positive(n)
     x = polynomials(draw, n, 3)

@@ -1,11 +1,12 @@
-"""Rows of Theorem 2's proof, Eqs. (14) and (16)-(18): each step redone in fractions.
+"""Rows of Theorem 2 and its remarks: each step of the proof, Eqs. (14) and (16)-(18), in fractions.
 
-At numbers that were drawn, the congruence of the proof is applied to Eq. (18), and each block
-of the result compared with the one that Eq. (14) prints.
+At random numbers, the congruence of the proof is applied to Eq. (18), and each block of the
+result is compared with the block that Eq. (14) prints.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -18,20 +19,21 @@ from cosim.paper.exact import (
     Exact,
     fraction,
     is_zero,
-    mirrored,
     rational,
     rational_matrix,
     schur,
-    zeros,
 )
+from cosim.paper.example import Example
+from cosim.paper.lmi import mirrored, zeros
 from cosim.paper.omega import CORRECTED, PRINTED, Reading, omega
 from cosim.paper.proof_2 import LEFT, Proof, differing_blocks, drawn_proof, lambda_18, psi
 from cosim.paper.row import THEOREM_2, How, Row, Verdict
+from cosim.paper.table_2 import Entry
 from cosim.paper.theorem_1 import theta
 
 
 def theorem_2_rows() -> list[Row]:
-    """The steps of the proof, and the LMI that is built here."""
+    """Return the rows of the proof's steps and of the LMI that `cosim design` proves."""
     v = drawn_proof()
     blocks = sum(len(row) for row in omega(v.data, v.unknowns))
     printed, corrected = differing_blocks(v, PRINTED), differing_blocks(v, CORRECTED)
@@ -47,7 +49,7 @@ def theorem_2_rows() -> list[Row]:
             f"{blocks - 2 - len(others)} of {blocks - 2} equal the congruence applied to Eq. (18)",
             How.COMPUTED,
             Verdict.HOLDS if not others else Verdict.DOES_NOT,
-            "In fractions, at numbers drawn once.",
+            "In fractions, at one set of random numbers.",
         ),
         Row(
             THEOREM_2,
@@ -66,7 +68,7 @@ def theorem_2_rows() -> list[Row]:
             "d k2⁻¹ X A1ᵀ",
             How.CERTIFIED,
             _slip("Ω25", printed, corrected) if only_12 else Verdict.DOES_NOT,
-            "Row 2 of Eq. (18) holds d A1ᵀ there; the transpose was lost on the way.",
+            "Row 2 of Eq. (18) has d A1ᵀ there; the transpose was lost.",
         ),
         _own_lmi(v),
     ]
@@ -79,9 +81,9 @@ def _slip(name: str, printed: list[str], corrected: list[str]) -> Verdict:
 
 
 def _eq_16(v: Proof) -> Row:
-    """Theta of Theorem 1 at A + dA + BK, A1 + dA1, D + D2 K, M1 = k1 P, M2 = k2 P."""
+    """Compare with Theta of Theorem 1 at A + dA + BK, A1 + dA1, D + D2 K, M1 = k1 P, M2 = k2 P."""
     s, P = v.data, v.loop.P
-    n, _, q, p, _, _, r = s.sizes
+    left, right = _uncertainty(v)
     uncertain = replace(
         v.loop,
         A=s.A + s.E @ v.F @ s.H + s.B @ v.K,
@@ -94,8 +96,6 @@ def _eq_16(v: Proof) -> Row:
         d=s.d,
         gamma=s.gamma,
     )
-    left = np.vstack([P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
-    right = np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
     change = left @ v.F @ right
     agrees = is_zero(theta(uncertain) - psi(v) - change - change.T)
     return Row(
@@ -105,15 +105,21 @@ def _eq_16(v: Proof) -> Row:
         "equal to Θ of Theorem 1 with M1 = k1 P, M2 = k2 P",
         How.COMPUTED,
         Verdict.HOLDS if agrees else Verdict.DOES_NOT,
-        "In fractions, at numbers drawn once.",
+        "In fractions, at one set of random numbers.",
     )
 
 
-def _eq_18(v: Proof) -> Row:
+def _uncertainty(v: Proof) -> tuple[Exact, Exact]:
+    """Return the column and the row of Eq. (16) around F(t)."""
     s = v.data
     n, _, q, p, _, _, r = s.sizes
-    left = np.vstack([v.loop.P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
-    right = np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
+    column = np.vstack([v.loop.P @ s.E, zeros(n + q + p, LEFT), s.d * s.E, zeros(n, LEFT)])
+    return column, np.hstack([s.H, s.H1, zeros(r, q + p + 2 * n)])
+
+
+def _eq_18(v: Proof) -> Row:
+    n, _, q, p, _, _, _ = v.data.sizes
+    left, right = _uncertainty(v)
     eq_17 = psi(v) + v.eps * left @ left.T + right.T @ right / v.eps
     agrees = is_zero(schur(lambda_18(v), 4 * n + q + p) - eq_17)
     return Row(
@@ -123,29 +129,21 @@ def _eq_18(v: Proof) -> Row:
         "its Schur complement is Eq. (17)",
         How.COMPUTED,
         Verdict.HOLDS if agrees else Verdict.DOES_NOT,
-        "In fractions, at numbers drawn once.",
+        "In fractions, at one set of random numbers.",
     )
 
 
 def _own_lmi(v: Proof) -> Row:
-    """`cosim.hinf.exact_lmi`, its rows x_d divided by k2, against the corrected Omega."""
+    """Compare `cosim.hinf.exact_lmi`, its rows x_d divided by k2, with the corrected Omega."""
     s, u = v.data, v.unknowns
 
     def doubles(matrix: Exact) -> Any:
         return matrix.astype(np.float64)
 
     delay = Delay(float(s.d), doubles(s.A1), doubles(s.H1))
-    system = DelaySystem(
-        A=doubles(s.A),
-        B=doubles(s.B),
-        C=doubles(s.C),
-        D=doubles(s.D),
-        D1=doubles(s.D1),
-        D2=doubles(s.D2),
-        E=doubles(s.E),
-        H=doubles(s.H),
-        delays=[delay],
-    )
+    letters = ("A", "B", "C", "D", "D1", "D2", "E", "H")
+    given = {letter: doubles(getattr(s, letter)) for letter in letters}
+    system = DelaySystem(**given, delays=[delay])
     variables = ExactVariables(
         X=rational_matrix(u.X),
         Q=(rational_matrix(u.Q),),
@@ -170,5 +168,48 @@ def _own_lmi(v: Proof) -> Row:
         "equal to Eq. (14) with Ω12 and Ω25 corrected, entry by entry",
         How.COMPUTED,
         Verdict.CORRECTED if agrees else Verdict.DOES_NOT,
-        "In fractions; so every number below is about the theorem that the proof proves.",
+        "In fractions; every number below is therefore about the theorem that the proof proves.",
     )
+
+
+def remark_rows(known: Example, table: Sequence[Entry]) -> list[Row]:
+    """Return the rows of Remarks 1 to 3; at least one column of `table` must be feasible."""
+    entry = next(entry for entry in table if entry.corrected is not None)
+    least = known.least
+    depends = entry.refuted_at is not None
+    refuted = "not refuted above" if entry.refuted_at is None else f"{entry.refuted_at:.5f} s"
+    end = (
+        f"γ = {entry.gamma:g}: certified at {entry.corrected:.5f} s, infeasible (multipliers) at "
+        f"{refuted}"
+    )
+    return [
+        Row(
+            THEOREM_2,
+            "Remark 1: what kind of condition",
+            '"delay-independent"',
+            f"delay-dependent; {end}",
+            How.CERTIFIED,
+            Verdict.CORRECTED if depends else Verdict.DOES_NOT,
+            "d enters Eq. (14), and the title says so.",
+        ),
+        Row(
+            THEOREM_2,
+            "Remark 2, Eq. (19): the least γ",
+            "minimise over X, R̄, Q̄, ε",
+            f"Y too is unknown: γ = {least.gamma:.7g} at d = 0.3 s, certified",
+            How.CERTIFIED,
+            Verdict.CORRECTED,
+            "Without Y among the unknowns there would be no gain to find.",
+            value=least.gamma,
+        ),
+        Row(
+            THEOREM_2,
+            "Remark 3, Eq. (20): the greatest delay",
+            "maximise d over X, R̄, Q̄, ε",
+            f"the end of an interval from 0, Y unknown too; {end}",
+            How.CERTIFIED,
+            Verdict.CORRECTED if depends else Verdict.DOES_NOT,
+            "At fixed k1, k2 what solves Eq. (14) at d solves it at every smaller delay.",
+            value=entry.corrected,
+        ),
+    ]

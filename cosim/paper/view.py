@@ -1,4 +1,4 @@
-"""The report for a terminal."""
+"""The report, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NONE = "–"
 
 
 def paper_view(report: Report) -> RenderableType:
-    """All rows by section, Table 2 in full, and what the verdicts mean."""
+    """Show all rows by section, Table 2 in full, and the meaning of the verdicts."""
     parts: list[RenderableType] = [Text(f"{AUTHOR}, {TITLE}", style="bold"), Text()]
     for name in SECTIONS:
         if name == TABLE:
@@ -56,11 +56,11 @@ def _delays(entries: list[Entry]) -> Table:
         title="Table 2: greatest delay d* [s]",
         title_justify="left",
         title_style="bold",
-        caption="corrected: Eq. (14) put right, at the printed k1, k2; searched: k1, k2 free; "
-        f"sharper: Bessel-Legendre of order {ORDER} for the gain of 'corrected'; all certified",
+        caption="corrected: Eq. (14) corrected, at the printed k1, k2; searched: k1, k2 free; "
+        f"order {ORDER}: Bessel-Legendre of that order for the gain of 'corrected'; all certified",
         caption_justify="left",
     )
-    for column in ("γ", "printed", "corrected", "searched", "sharper", "in truth"):
+    for column in ("γ", "printed", "corrected", "searched", f"order {ORDER}", "in truth"):
         table.add_column(column, justify="right")
     table.add_column("verdict")
     for e in entries:

@@ -1,4 +1,4 @@
-"""Studies: thousands of runs of one scenario, each with other values; on one core or on many.
+"""Studies: many runs of one scenario with different values, on one core or many.
 
 from cosim.study import Study, run_study, read_table, summarise
 

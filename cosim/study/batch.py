@@ -1,4 +1,4 @@
-"""What a worker does: a handful of runs, each into one row of the table, whatever happens."""
+"""The work of a worker: execute a batch of runs and return one row of the table for each."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from typing import NamedTuple
 from cosim.core import ComponentError, CosimError, InputError
 from cosim.hinf import one_thread
 from cosim.scenario import Outcome
+from cosim.study.consistency import changed_error
 from cosim.study.measurement import Value, measure
 from cosim.study.schema import Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 
 REFUSED, FAILED = "refused", "failed"
-"""Statuses beside those of an outcome: the run could not begin; a component or worker failed."""
+"""Statuses in addition to those of an outcome: could not start; a component or worker failed."""
 
 _RUNNERS_KEPT = 2
 
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker has to know of a study; the same for every batch.
+    """What a worker needs to know about a study; the same for every batch.
 
     Attributes
     ----------
-    digest : hash of what the results depend on.
+    digest : hash of everything that the results depend on.
     hashes : SHA-256 by FMU reference.
-    designs : that were made already (`StudyRunner.designs_made`).
-    traces : folder for traces, None where the batch is to leave none.
-    digits : of the numbers in the names of traces.
+    designs : designs that exist already (`StudyRunner.designs_made`).
+    traces : folder for traces; None to record none.
+    digits : number of digits of the run number in the names of traces.
     """
 
     study: Study
@@ -45,15 +46,15 @@ class Job:
     designs: dict[str, str] = field(default_factory=dict)
 
     def trace_of(self, folder: Path, run: int) -> Path:
-        """Where the trace of a run goes."""
+        """Return the path of a run's trace."""
         return folder / f"run-{run:0{self.digits}d}.mcap"
 
 
 class Row(NamedTuple):
-    """What came of one run; `values` one per metric of the study, in its order.
+    """The result of one run; `values` has one value per metric, in the order of the study.
 
-    status : finished, limit_cycle, diverged, failed, or refused for what could not begin.
-    seconds : that it took here; no part of the results.
+    status : finished, limit_cycle, diverged, failed, or refused if it could not start.
+    seconds : wall time of the run; not part of the results.
     """
 
     run: int
@@ -64,13 +65,13 @@ class Row(NamedTuple):
 
 
 _runners: OrderedDict[str, StudyRunner] = OrderedDict()
-# FMUs and the rows they write are one process' affair: one run at a time, however many threads
+# one run at a time in a process, whatever the number of threads: FMUs have global state
 _alone = threading.Lock()
 
 
 @one_thread
 def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
-    """Fly these runs; no error of a run leaves this function."""
+    """Execute these runs; an error of a run becomes its row."""
     with _alone:
         runner = _runner(job)
         return [_row(job, runner, run) for run in runs]
@@ -78,19 +79,19 @@ def run_batch(job: Job, runs: Sequence[int]) -> list[Row]:
 
 @one_thread
 def record_batch(job: Job, runs: Sequence[int]) -> list[str | None]:
-    """Fly these runs again, each into its trace; why there is none where there is none."""
+    """Repeat these runs with a trace each; return the reason for each trace that is missing."""
     with _alone:
         runner = _runner(job)
         return [_recorded(job, runner, run) for run in runs]
 
 
 def register_runner(digest: str, runner: StudyRunner) -> None:
-    """Let this process fly a study with a flyer that it has."""
+    """Make this process use an existing runner for the study with this digest."""
     _runners[digest] = runner
 
 
 def _runner(job: Job) -> StudyRunner:
-    """The flyer of this process for a study, made once."""
+    """Return this process' runner for a study; it is created once."""
     if job.digest not in _runners:
         _runners[job.digest] = StudyRunner(job.study, job.base, job.hashes, job.designs)
         while len(_runners) > _RUNNERS_KEPT:
@@ -100,11 +101,11 @@ def _runner(job: Job) -> StudyRunner:
 
 
 def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value, ...]]:
-    """The outcome of a run and its metrics.
+    """Execute a run; return its outcome and its metrics.
 
     Raises
     ------
-    CosimError : it cannot be flown, or has not what a metric asks for.
+    CosimError : the run cannot be executed, or lacks what a metric needs.
     """
     outcome, completed = runner.execute_run(run)
     figures = outcome.to_json()
@@ -113,13 +114,9 @@ def run_and_measure(runner: StudyRunner, run: int) -> tuple[Outcome, tuple[Value
         try:
             values.append(measure(metric, figures, completed))
         except InputError as error:
-            raise InputError(
-                error.what,
-                where=f"metrics.{name}: {error.where}" if error.where else f"metrics.{name}",
-                expected=error.expected,
-                got=error.got,
-                hint=error.hint,
-            ) from error
+            place = f"metrics.{name}"
+            where = f"{place}: {error.where}" if error.where else place
+            raise changed_error(error, where=where) from error
     return outcome, tuple(values)
 
 
@@ -142,11 +139,11 @@ def _row(job: Job, runner: StudyRunner, run: int) -> Row:
 
 def _recorded(job: Job, runner: StudyRunner, run: int) -> str | None:
     if job.traces is None:
-        return "no folder for traces"
+        return "there is no folder for traces"
     try:
         runner.record(run, job.trace_of(job.traces, run))
     except CosimError as error:
         return error.text()
-    except Exception as error:  # noqa: BLE001 - a trace that cannot be had must not stop others
+    except Exception as error:  # noqa: BLE001 - one trace must not stop the others
         return f"unexpected {type(error).__name__}: {error}"
     return None

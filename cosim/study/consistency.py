@@ -1,4 +1,4 @@
-"""What a study's keys must agree on with each other; each fault with its place in the file."""
+"""Checks that the keys of a study agree with each other; errors name the place in the file."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from cosim.scenario import line_of
 from cosim.study.schema import RESERVED, SampledAxis, Study
 
 Place = Callable[..., str]
-"""Keys on the way to what is wrong -> where that is, for a message."""
+"""Maps the keys that lead to an entry of a study to its place, for messages."""
 
 
 def nowhere(*path: str | int) -> str:
-    """The place in a study that was not read from a file."""
+    """Return the place of an entry in a study that was not read from a file."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
 
 
 def in_file(text: str, file: str) -> Place:
-    """Places in the TOML text of a file."""
+    """Return the function that gives places in the TOML text of a file."""
 
     def place(*path: str | int) -> str:
         line = line_of(text, path)
@@ -29,17 +29,17 @@ def in_file(text: str, file: str) -> Place:
 
 
 def check_consistent(study: Study, place: Place = nowhere) -> None:
-    """See that names are there once, and where they are used.
+    """Check that names are unique and that the names in use exist.
 
     Raises
     ------
     InputError : the first fault.
     """
     _check_columns(study, place)
-    _check_moved(study, place)
+    _check_targets(study, place)
     if study.samples > 1 and not any(isinstance(a, SampledAxis) for a in study.vary):
         raise InputError(
-            "there is nothing to draw",
+            "samples needs an axis to draw values for",
             where=place("samples"),
             expected="an axis of kind 'random' or 'sobol'",
             got=f"samples = {study.samples}",
@@ -59,7 +59,7 @@ def check_consistent(study: Study, place: Place = nowhere) -> None:
 
 
 def _check_columns(study: Study, place: Place) -> None:
-    taken = dict.fromkeys(RESERVED, "every table has it")
+    taken = dict.fromkeys(RESERVED, "every table has this column")
     named: list[tuple[str, tuple[str | int, ...]]] = [
         *((axis.column, ("vary", i)) for i, axis in enumerate(study.vary)),
         *((name, ("metrics", name)) for name in study.metrics),
@@ -72,18 +72,18 @@ def _check_columns(study: Study, place: Place) -> None:
                 expected="another name",
                 got=taken[name],
             )
-        taken[name] = f"{nowhere(*path)} has it"
+        taken[name] = f"{nowhere(*path)} has this name"
 
 
-def _check_moved(study: Study, place: Place) -> None:
+def _check_targets(study: Study, place: Place) -> None:
     moved: dict[str, int] = {}
     for i, axis in enumerate(study.vary):
         for path in axis.places:
             if path in moved:
                 raise InputError(
-                    f"two axes move {path}",
+                    f"two axes change {path}",
                     where=place("vary", i),
-                    got=f"vary[{moved[path]}], and vary[{i}]",
+                    got=f"vary[{moved[path]}] and vary[{i}]",
                 )
             moved[path] = i
 
@@ -91,3 +91,9 @@ def _check_moved(study: Study, place: Place) -> None:
 def _one_of(kind: str, name: str, known: Iterable[Any], where: str) -> None:
     if name not in known:
         raise InputError.unknown(kind, name, known, where=where)
+
+
+def changed_error(error: InputError, **changes: str | None) -> InputError:
+    """Return the same error with other parts, such as another place."""
+    parts = ("where", "expected", "got", "hint")
+    return InputError(error.what, **{part: getattr(error, part) for part in parts} | changes)

@@ -1,4 +1,4 @@
-"""A study from its beginning, or from where it was left, to its table."""
+"""Execute a study, or the rest of it, and write its table."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from cosim.study.table import make_table, pyarrow, write_table
 from cosim.study.workers import Batch, WorkerDied, WorkerPool, in_process
 
 BATCH_S = 2.0
-"""What a batch should take: long against what handing it out costs, short against a coffee."""
+"""Time that a batch should take [s]: much longer than submitting it, short for a user."""
 MAX_AT_ONCE = 1000
-_PIECES = 8  # of a batch under which a worker died
+_PIECES = 8  # that a batch is split into after a worker died
 
-_KILLED = "the process that flew this run died, each time that it was tried"
+_KILLED = "the process that executed this run died at each attempt"
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """A study that is done.
+    """The result of a study that is done.
 
     Attributes
     ----------
-    folder, results : where it is, and its table.
-    runs : number of runs in the table; `executed` of them now, the others before.
+    folder, results : the folder of the study, and its table.
+    runs : number of runs in the table; `executed` of them by this call, the others before.
     statuses : status -> number of runs.
-    traces : kept, by number of the run; a reason where a trace could not be had.
-    seconds : that it took now.
+    traces : number of the run -> None for a kept trace, or why there is none.
+    seconds : wall time of this call.
     """
 
     folder: Path
@@ -52,7 +52,7 @@ class StudyResult:
     seconds: float
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return the object that `--json` prints."""
         return {
             "folder": str(self.folder),
             "results": str(self.results),
@@ -73,19 +73,19 @@ def execute_study(
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> StudyResult:
-    """Fly what is not flown yet, and write the table.
+    """Execute the runs that are not done yet, and write the table.
 
     Parameters
     ----------
     out : folder of the study.
-    pool : opens the workers (`cosim.study.workers`), asked for only if there is work.
-    fresh : begin anew, whatever is there.
+    pool : opens the worker pool (`cosim.study.workers`); called only if there is work.
+    fresh : delete earlier results and start again.
 
     Raises
     ------
-    CosimError : see `Folder.begin`, `trial_run` and `workers`. What is done stays.
+    CosimError : see `Folder.begin`, `trial_run` and `workers`. Runs that are done are kept.
     """
-    pyarrow()  # what would fail at the end is said at the beginning
+    pyarrow()  # if it is missing, fail now and not at the end
     began = time.perf_counter()
     report_progress = progress or silent
     register_runner(plan.job.digest, plan.runner)
@@ -95,14 +95,14 @@ def execute_study(
         before = len(done)
         if before < plan.count:
             if not done:
-                report_progress("one run for a start", 0.0)
+                report_progress("trial run", 0.0)
                 first = trial_run(plan)
                 if first is not None:
                     folder.append([first])
                     done.append(first)
             with pool() as opened:
                 _run_rest(plan, folder, opened, done, report_progress)
-        _complete(plan, done)
+        _check_complete(plan, done)
         table = make_table({**manifest_of(plan), "stability": nominal_loop_figures(plan)}, done)
         write_table(table, folder.results)
         chosen = _chosen(plan.job.study, done)
@@ -126,7 +126,7 @@ def execute_study(
 
 
 class _Queue:
-    """Runs still to be flown, handed out in batches that take about `BATCH_S`."""
+    """The runs that are left, in batches that take about `BATCH_S`."""
 
     def __init__(self, runs: Iterator[int], count: int, workers: int, seconds: float) -> None:
         self._runs, self._left, self._workers = runs, count, workers
@@ -134,18 +134,18 @@ class _Queue:
         self._again: list[Batch] = []
 
     def next_batch(self) -> Batch | None:
-        """The next batch."""
+        """Return the next batch; None if there is none."""
         if self._again:
             return self._again.pop()
         size = int(BATCH_S / max(self._each, 1e-6))
-        # towards the end everybody shall end at about the same time
+        # smaller batches towards the end, so that all workers end at about the same time
         size = max(1, min(size, MAX_AT_ONCE, math.ceil(self._left / (4 * self._workers))))
         batch = list(itertools.islice(self._runs, size))
         self._left -= len(batch)
         return batch or None
 
     def give_back(self, batch: Batch) -> Batch:
-        """Hand a batch out again in pieces, since a worker died under it; or give its only run."""
+        """Queue a batch again in pieces after a worker died; return its run if it has only one."""
         if len(batch) == 1:
             return batch
         size = math.ceil(len(batch) / _PIECES)
@@ -153,7 +153,7 @@ class _Queue:
         return []
 
     def record_durations(self, rows: list[Row]) -> None:
-        """Take note of how long runs take."""
+        """Update the mean duration of a run."""
         mean = sum(row.seconds for row in rows) / len(rows)
         self._each = 0.7 * self._each + 0.3 * mean
 
@@ -161,7 +161,7 @@ class _Queue:
 def _run_rest(
     plan: Plan, folder: Folder, pool: WorkerPool, done: list[Row], report_progress: Progress
 ) -> None:
-    """Every run that is not done, into the journal and into `done`."""
+    """Execute every run that is not done; append the rows to the run log and to `done`."""
     job = _ready(plan, folder)
     known = {row.run for row in done}
     seconds = sum(row.seconds for row in done) / len(done) if done else BATCH_S
@@ -180,7 +180,7 @@ def _run_rest(
             continue
         queue.record_durations(result)
         keep(result)
-    # a worker died under each of these: one at a time, so that no other is to blame
+    # a worker died on each of these: one at a time, so that the cause is certain
     for run in suspects:
         for _, result in pool.run_batches(run_batch, job, _once(run)):
             if isinstance(result, WorkerDied):
@@ -190,8 +190,8 @@ def _run_rest(
                 keep(result)
 
 
-def _complete(plan: Plan, done: list[Row]) -> None:
-    """See that every run is there once: a table with a hole is none."""
+def _check_complete(plan: Plan, done: list[Row]) -> None:
+    """Check that every run is there exactly once."""
     missing = set(range(plan.count)).symmetric_difference(row.run for row in done)
     if missing or len(done) != plan.count:
         raise LossError(
@@ -199,12 +199,12 @@ def _complete(plan: Plan, done: list[Row]) -> None:
             where="study",
             expected=f"{plan.count} runs",
             got=f"{len(done)}, without number {min(missing, default=None)}",
-            hint="the same command goes on",
+            hint="the same command continues",
         )
 
 
 def _ready(plan: Plan, folder: Folder) -> Job:
-    """The job as workers get it: with what this process has made, and the place for traces."""
+    """Return the job for workers, with the designs made here and the folder for traces."""
     all_kept = plan.job.study.traces == "all"
     return replace(
         plan.job,
@@ -214,7 +214,7 @@ def _ready(plan: Plan, folder: Folder) -> Job:
 
 
 def _chosen(study: Study, done: list[Row]) -> list[int]:
-    """The runs whose traces are to be kept."""
+    """Return the runs whose traces are to be kept."""
     ran = [row for row in done if row.status != "refused" and row.reason != _KILLED]
     if study.traces == "all":
         return sorted(row.run for row in ran)
@@ -237,7 +237,7 @@ def _chosen(study: Study, done: list[Row]) -> list[int]:
 def _record(
     plan: Plan, folder: Folder, pool: WorkerPool, chosen: list[int], report_progress: Progress
 ) -> dict[int, str | None]:
-    """Fly the chosen runs again, each into its trace: a run is the same whenever it is flown."""
+    """Repeat the chosen runs, each with a trace; a repeated run gives the same result."""
     job = replace(_ready(plan, folder), traces=folder.traces.absolute())
     kept: dict[int, str | None] = {}
     for batch, result in pool.run_batches(record_batch, job, _once(*chosen)):
@@ -248,6 +248,6 @@ def _record(
 
 
 def _once(*runs: int) -> Callable[[], Batch | None]:
-    """Each of the runs in a batch of its own."""
+    """Return a function that gives each of the runs in a batch of its own."""
     waiting = iter(runs)
     return lambda: None if (run := next(waiting, None)) is None else [run]

@@ -1,4 +1,4 @@
-"""Arithmetic over one variable, as text: what an axis' value becomes in each place it moves."""
+"""Arithmetic expressions of one variable x: what an axis sets each of its places to."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _LONGEST = 200
 
 
 class Expression:
-    """`0.5 * x + 0.01`: numbers, x, pi, e, + - * / **, and the usual functions.
+    """An expression such as `0.5 * x + 0.01`: numbers, x, pi, e, + - * / **, usual functions.
 
     Raises
     ------
-    InputError : text that is none.
+    InputError : the text is not such an expression.
     """
 
     def __init__(self, text: str) -> None:
@@ -52,11 +52,11 @@ class Expression:
         self._tree = tree
 
     def __call__(self, x: Any) -> float:
-        """Its value at x.
+        """Return the value at x.
 
         Raises
         ------
-        InputError : x is no number, or there is no value.
+        InputError : x is not a number, or there is no finite value.
         """
         try:
             value = float(self._value(self._tree, x))

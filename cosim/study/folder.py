@@ -1,11 +1,11 @@
-"""A study on disk: what it is, a line per finished run, and the table when all are there.
+"""The folder of a study: manifest, run log, table and traces.
 
     study.json        what the results depend on, and their provenance
-    journal.jsonl     a line per run, in the order in which they were done
-    results.parquet   all of them, by number, when all are there
-    traces/           of chosen runs
+    journal.jsonl     the run log: a line per finished run, in the order of completion
+    results.parquet   the table of all runs by number, once all are done
+    traces/           the traces of chosen runs
 
-A line that was not finished is as if it had never been begun: its run is flown again.
+An incomplete last line of the run log is removed, and its run is repeated.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.par
 
 
 class Folder:
-    """The folder of one study, open for one process at a time."""
+    """The folder of one study, which one process at a time may use."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -33,22 +33,22 @@ class Folder:
 
     @property
     def results(self) -> Path:
-        """The table."""
+        """Path of the table."""
         return self.path / RESULTS
 
     @property
     def traces(self) -> Path:
-        """Where traces go."""
+        """Folder of the traces."""
         return self.path / TRACES
 
     def begin(self, manifest: dict[str, Any], *, fresh: bool = False) -> None:
-        """Take the folder for the study of this manifest, or go on with it.
+        """Open the folder for the study of this manifest, new or to continue.
 
-        fresh : throw away what is there of a study, this or another.
+        fresh : delete the results of any study in the folder.
 
         Raises
         ------
-        InputError : another study is there, or another process works on it, or it cannot be
+        InputError : the folder has another study, or another process uses it, or it cannot be
             written.
         """
         try:
@@ -59,7 +59,7 @@ class Folder:
                 "the folder of the study cannot be written",
                 where=str(self.path),
                 got=str(error),
-                hint="another place: --out",
+                hint="another folder: --out",
             ) from error
         try:
             _lock(self._run_log, self.path)
@@ -70,14 +70,14 @@ class Folder:
                 raise _another(self.path, before, manifest)  # noqa: TRY301
             if fresh or before is None:
                 self._run_log.truncate(0)
-            # the same study may have another title, or ask for other traces
+            # the same study may have another title, or keep other traces
             _write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
         except BaseException:
             self.close()
             raise
 
     def rows(self) -> list[Row]:
-        """What is done, each run once; a line that was cut off is cut away."""
+        """Return the rows of the run log, each run once; remove an incomplete last line."""
         self._run_log.seek(0)
         text = self._run_log.read()
         whole = text.rfind(b"\n") + 1
@@ -87,13 +87,13 @@ class Folder:
         return list(_rows(text[:whole]))
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Write rows down; when this returns, the end of this process does not lose them."""
+        """Append rows to the run log; they survive the end of this process."""
         lines = [json.dumps([r.run, r.status, r.reason, r.seconds, *r.values]) for r in rows]
         self._run_log.write("".join(f"{line}\n" for line in lines).encode())
         self._run_log.flush()
 
     def close(self) -> None:
-        """Let others at it."""
+        """Release the folder."""
         if self._run_log is not None:
             self._run_log.close()
             self._run_log = None
@@ -111,7 +111,7 @@ class Folder:
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """What `study.json` in a folder says.
+    """Read `study.json` in a folder.
 
     Raises
     ------
@@ -130,11 +130,11 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The runs that the journal in a folder holds, each once, without opening it for more."""
+    """Read the run log in a folder, each run once, without changing it."""
     try:
         text = (path / RUN_LOG).read_bytes()
     except OSError as error:
-        raise InputError("the journal cannot be read", where=str(path), got=str(error)) from error
+        raise InputError("the run log cannot be read", where=str(path), got=str(error)) from error
     return list(_rows(text[: text.rfind(b"\n") + 1]))
 
 
@@ -150,14 +150,14 @@ def _rows(text: bytes) -> Iterator[Row]:
 
 def _lock(run_log: Any, path: Path) -> None:
     try:
-        import fcntl  # noqa: PLC0415 - where there is none, two processes at once stay possible
+        import fcntl  # noqa: PLC0415 - without it, two processes at once are not detected
     except ImportError:
         return
     try:
         fcntl.flock(run_log, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         raise InputError(
-            "another process works on this study", where=str(path), hint="another place: --out"
+            "another process is running this study", where=str(path), hint="another folder: --out"
         ) from error
 
 
@@ -165,16 +165,16 @@ def _another(path: Path, before: dict[str, Any], manifest: dict[str, Any]) -> In
     old, new = before.get("parts", {}), manifest["parts"]
     changed: Sequence[str] = [key for key in new if old.get(key) != new[key]]
     return InputError(
-        "another study is here",
+        "this folder has the results of another study",
         where=str(path),
-        expected=f"the same {', '.join(changed) or 'study'} as when it was begun",
+        expected=f"the same {', '.join(changed) or 'study'} as when the study was started",
         got=f"{before['study'].get('title')!r}, {before['count']} runs",
-        hint="another place: --out; or --fresh, which throws away what is here",
+        hint="another folder: --out; or --fresh, which deletes the results here",
     )
 
 
 def _write_whole(path: Path, content: bytes) -> None:
-    """A file that is there whole, or not at all."""
+    """Write a file that is complete or absent, never partial."""
     partial = path.with_name(path.name + ".partial")
     partial.write_bytes(content)
     partial.replace(path)

@@ -1,4 +1,4 @@
-"""What a study's results come from, and what they depend on: the provenance of its table."""
+"""The provenance of a study's table: what its results come from and depend on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PACKAGES = ("auv-cosim", "fmpy", "numpy", "scipy", "pydantic")
 
 
 def manifest_of(plan: Plan) -> dict[str, Any]:
-    """JSON values; `digest` over what the results depend on, part by part in `parts`."""
+    """Return JSON values; `digest` and `parts` are hashes of what the results depend on."""
     job = plan.job
     study = job.study.model_dump(mode="json", exclude_unset=True)
     return {
@@ -25,10 +25,7 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         "scenario": {"name": job.base.name, "text": job.base.text},
         "fmus": job.hashes,
         "flavour": job.base.flavour,
-        "seeds": {
-            "samples": job.study.seed,
-            "run": job.base.scenario.run.seed,
-        },
+        "seeds": {"samples": job.study.seed, "run": job.base.scenario.run.seed},
         "versions": {
             "python": platform.python_version(),
             **{name: importlib.metadata.version(name) for name in _PACKAGES},

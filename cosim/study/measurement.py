@@ -1,4 +1,4 @@
-"""The figures that a study takes from each run."""
+"""The metrics that a study takes from each run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master import Run
-from cosim.study.figure_lookup import value_at
+from cosim.scenario import inside, kind_of, split
+from cosim.study.consistency import nowhere
 from cosim.study.schema import Metric
 
 _FROM_ZERO_STATE_RUN = (
@@ -22,38 +23,69 @@ _FROM_ZERO_STATE_RUN = (
     "metrics.assumptions.state_inside_envelope",
     "metrics.assumptions.limits_not_reached",
 )
-"""Figures that are those of the run and of its companion from rest together."""
+"""Figures that are taken from the run and its zero-state run together."""
 
 Reals = NDArray[np.float64]
 Value = float | int | bool | str | None
 
 
 def needs_zero_state_run(metrics: Mapping[str, Metric]) -> bool:
-    """Whether any of the figures is taken from the companion run too."""
+    """Return whether any of the figures is taken from the zero-state run too."""
     return any((metric.path or "").startswith(_FROM_ZERO_STATE_RUN) for metric in metrics.values())
 
 
 def measure(metric: Metric, outcome: Mapping[str, Any], run: Run) -> Value:
-    """One figure of a run; None for what does not exist.
+    """Return one figure of a run; None if it does not exist.
 
-    outcome : what `Outcome.to_json` gives.
+    outcome : the data of `Outcome.to_json`.
 
     Raises
     ------
-    InputError : no such figure or signal; or it is no single value.
+    InputError : no such figure or signal; or it is not a single value.
     """
     if metric.path is not None:
         value = value_at(outcome, metric.path)
         if isinstance(value, (dict, list)):
             raise InputError(
-                "a metric is one value",
+                "a metric must be a single value",
                 where=metric.path,
-                expected="a number, a word or a truth",
+                expected="a number, a text, true or false",
                 got=f"a table of {', '.join(map(str, value))}"[:200],
             )
     else:
         value = _reduced(metric, run)
     return _asked(metric, value) if metric.asks else value
+
+
+def value_at(data: Any, path: str) -> Any:
+    """Return the value at a dotted path (`links.uplink.max_age_s`); keys may contain dots.
+
+    Raises
+    ------
+    InputError : there is no such value; the message names similar keys.
+    """
+    here, rest = data, list(split(path))
+    while rest:
+        if here is None:
+            return None
+        if isinstance(rest[0], int):
+            here = inside(here, rest.pop(0), path)
+            continue
+        if not isinstance(here, Mapping):
+            raise InputError(
+                f"{rest[0]!r} is looked up in a value that is not a table",
+                where=path,
+                got=kind_of(here),
+            )
+        # the longest key that fits, as values by `component.variable` are one table
+        for n in range(len(rest), 0, -1):
+            key = nowhere(*rest[:n])
+            if key in here:
+                here, rest = here[key], rest[n:]
+                break
+        else:
+            raise InputError.unknown("figure", nowhere(*rest), here, where=path)
+    return here
 
 
 def _asked(metric: Metric, value: Value) -> bool:
@@ -64,7 +96,9 @@ def _asked(metric: Metric, value: Value) -> bool:
     for bound, within in ((metric.below, float.__lt__), (metric.above, float.__gt__)):
         if bound is not None:
             if not isinstance(value, (int, float)):
-                raise InputError("only numbers have bounds", where=metric.path, got=repr(value))
+                raise InputError(
+                    "below and above need a number", where=metric.path, got=repr(value)
+                )
             if not within(float(value), float(bound)):
                 return False
     return True
@@ -99,7 +133,7 @@ def _mean(t: Reals, e: Reals) -> float:
 
 
 def _growth_rate(t: Reals, e: Reals) -> float | None:
-    """Exponent [1/s]: of the root mean squares of two halves; exact for an exponential."""
+    """Return the exponent [1/s] from the rms of two halves; exact for an exponential."""
     middle = int(np.searchsorted(t, 0.5 * (t[0] + t[-1])))
     if middle < 1 or middle >= t.size - 1:
         return None
@@ -110,7 +144,7 @@ def _growth_rate(t: Reals, e: Reals) -> float | None:
 
 
 def _settling_time(t: Reals, e: Reals, band: float, run: Run) -> float | None:
-    """From the first point on until |e| stays in the band; None if it does not."""
+    """Return the time until |e| stays inside the band; None if it does not."""
     outside = np.flatnonzero(~(np.abs(e) <= band))
     if run.status != "finished" or (outside.size and outside[-1] == t.size - 1):
         return None

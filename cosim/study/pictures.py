@@ -1,4 +1,4 @@
-"""Pictures of a table of results: a curve with its band, a map, and the map of stability."""
+"""Pictures of a table of results: a curve with its confidence band, or a map."""
 
 from __future__ import annotations
 
@@ -21,17 +21,16 @@ _MOST_TICKS = 12
 
 
 def draw(table: Any, manifest: dict[str, Any], target: Path, metric: str, over: list[str]) -> Path:
-    """One metric over one axis (a curve with its band) or over two (a map).
+    """Draw one metric over one axis (a curve with its confidence band) or over two (a map).
 
     Parameters
     ----------
     target : PNG, SVG or PDF file.
-    over : axes; for a curve a second one may be added with `per`: "delay per loss" is
-        ["delay", "per", "loss"].
+    over : axes; ["delay", "per", "loss"] draws a curve over delay per value of loss.
 
     Raises
     ------
-    InputError : no such metric or axis, one that has no numbers, or matplotlib is missing.
+    InputError : no such metric or axis, no numbers in it, or matplotlib is missing.
     """
     study = Study.model_validate(manifest["study"])
     frame = table.to_pandas()
@@ -45,7 +44,7 @@ def draw(table: Any, manifest: dict[str, Any], target: Path, metric: str, over: 
             raise InputError.unknown("axis", name, known, where="picture")
     for name in axes:
         if not np.issubdtype(frame[name].dtype, np.number):
-            raise InputError("only numbers make an axis of a picture", where=name)
+            raise InputError("an axis of a picture needs numbers", where=name)
     values = numbers(frame[metric])
     if np.isfinite(values).sum() == 0:
         raise InputError("there is nothing to draw", where=metric, got="no numbers")
@@ -68,11 +67,11 @@ def draw(table: Any, manifest: dict[str, Any], target: Path, metric: str, over: 
 
 
 def save(figure: Any, target: Path) -> None:
-    """Write a figure.
+    """Write a figure to a file.
 
     Raises
     ------
-    InputError : it cannot be written, or its kind is not known.
+    InputError : it cannot be written, or its format is not known.
     """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -87,14 +86,14 @@ def save(figure: Any, target: Path) -> None:
 
 
 def numbers(column: Any) -> NDArray[np.float64]:
-    """A column as floats: truths as 0 and 1, what is missing or a word as NaN."""
+    """Return a column as floats: true and false as 1 and 0, text and missing values as NaN."""
     return np.array(
         [float(v) if isinstance(v, (bool, int, float)) else np.nan for v in column.tolist()]
     )
 
 
 def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Borders of cells around increasing centres, (n,) -> (n + 1,)."""
+    """Return the borders of cells around increasing centres, (n,) -> (n + 1,)."""
     if centres.size == 1:
         half = 0.5 * abs(centres[0]) or 0.5
         return np.array([centres[0] - half, centres[0] + half])
@@ -104,7 +103,7 @@ def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def grid_of(frame: Any, x: str, y: str, column: str) -> tuple[Any, Any, NDArray[np.float64]]:
-    """The mean of a column in every cell: centres (nx,), (ny,) and values (ny, nx)."""
+    """Return the mean of a column in every cell: centres (nx,), (ny,) and values (ny, nx)."""
     cells = frame.pivot_table(index=y, columns=x, values=column, aggfunc="mean", dropna=False)
     return (
         cells.columns.to_numpy(dtype=float),
@@ -123,21 +122,16 @@ def _curve(axis: Any, frame: Any, x: str, per: str | None, *, truths: bool) -> N
         colour = _COLOURS[place % len(_COLOURS)]
         label = None if per is None else f"{per} = {value}"
         groups = list(part.groupby(x, sort=True))
-        if len(groups) > 0.5 * len(part) and len(part) > 40:  # drawn values: nothing to average
+        if len(groups) > 0.5 * len(part) and len(part) > 40:  # random values: nothing to average
             axis.plot(part[x], part["_value"], ".", ms=4, alpha=0.6, color=colour, label=label)
             continue
-        at: list[float] = []
-        middle: list[float] = []
-        low: list[float] = []
-        high: list[float] = []
+        points = []
         for key, runs in groups:
             values = runs["_value"].to_numpy()
             values = values[np.isfinite(values)]
-            if values.size == 0:
-                continue
-            point = _share(values) if truths else _mean(values)
-            for into, number in zip((at, middle, low, high), (float(key), *point), strict=True):
-                into.append(number)
+            if values.size:
+                points.append((float(key), *(_share(values) if truths else _mean(values))))
+        at, middle, low, high = np.array(points).reshape(-1, 4).T
         axis.fill_between(at, low, high, color=colour, alpha=0.2, lw=0)
         axis.plot(at, middle, "o-", ms=3, lw=1.3, color=colour, label=label)
     if truths:

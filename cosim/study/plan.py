@@ -1,4 +1,4 @@
-"""From a study to the job that workers carry out, with everything checked that can be."""
+"""Check a study and make the job that workers execute."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from typing import Any
 from cosim.core import CosimError, InputError
 from cosim.scenario import design_content, is_file, split
 from cosim.study.batch import Job, Row, run_and_measure
-from cosim.study.consistency import Place, check_consistent, nowhere
+from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
 from cosim.study.varied import check_parameter
 
 _BESIDE = ("title", "description", "traces", "stability")
-"""Keys of a study that no result depends on."""
+"""Keys of a study that do not affect the results."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A study that can be run.
+    """A study that was checked and can be run.
 
     Attributes
     ----------
-    job : what workers get.
-    runner : this process' own.
-    content : what the results depend on, part by part.
+    job : the job for workers.
+    runner : the runner of this process.
+    content : what the results depend on, by parts.
     """
 
     job: Job
@@ -46,12 +46,11 @@ class Plan:
 def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
     """Check the paths of a study and find its FMUs.
 
-    place : where a key stands, for messages.
+    place : gives the place of a key, for messages.
 
     Raises
     ------
-    InputError : a path that leads nowhere, an FMU that is not there, names of metrics and axes
-        that do not exist.
+    InputError : a path, an FMU, or the name of a metric or an axis does not exist.
     """
     check_consistent(study, place)
     runner = StudyRunner(study, base, place=place)
@@ -85,14 +84,13 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
 
 
 def trial_run(plan: Plan) -> Row | None:
-    """Fly the first run and take every metric from it: the row, if it flew.
+    """Execute the first run with all metrics, before any worker starts; return its row.
 
-    Where it does not fly, another one is tried; a study of which none of them flies is not
-    begun.
+    If the first run fails, the last and a middle one are tried; None if one of these succeeds.
 
     Raises
     ------
-    CosimError : a metric that asks for what a run does not have; or why the first does not fly.
+    CosimError : the error of the first run, such as a wrong metric, if all of them fail.
     """
     first: CosimError | None = None
     for run in dict.fromkeys((0, plan.count - 1, plan.count // 2)):
@@ -110,13 +108,13 @@ def trial_run(plan: Plan) -> Row | None:
 
 
 def _check_not_designed(path: str, base: BaseScenario, where: str) -> None:
-    """A gain that the design sets would be moved in vain."""
+    """Refuse to change a gain that the design would overwrite."""
     part = base.scenario.design
     match split(path):
         case ("components", component, "parameters", str(name)):
             if part is not None and component == part.controller and name.startswith("K["):
                 raise InputError(
-                    f"{path} is what the design of the scenario sets",
+                    f"{path} is set by the design of the scenario",
                     where=where,
                     expected="design.gain, or a scenario without [design]",
                     got=name,
@@ -124,7 +122,7 @@ def _check_not_designed(path: str, base: BaseScenario, where: str) -> None:
 
 
 def _check_values(runner: StudyRunner, place: Place) -> None:
-    """See that some run is a scenario: what no run can be is the study's fault, not a run's."""
+    """Check that one of three runs is a valid scenario; otherwise the study is at fault."""
     first: InputError | None = None
     for run in dict.fromkeys((0, runner.points.count - 1, runner.points.count // 2)):
         try:
@@ -134,16 +132,12 @@ def _check_values(runner: StudyRunner, place: Place) -> None:
         else:
             return
     if first is not None:
-        raise InputError(
-            first.what,
-            where=_cause(runner.study, str(first.where), place),
-            expected=first.expected,
-            got=first.got,
-        )
+        where = _cause(runner.study, str(first.where), place)
+        raise changed_error(first, where=where, hint=None)
 
 
 def _cause(study: Study, key: str, place: Place) -> str:
-    """Where a study sets what is wrong with a key of the scenario."""
+    """Return the place in the study that sets a faulty key of the scenario."""
     for path in study.set:
         if key.startswith(".".join(map(str, split(path)))):
             return f"{place('set', path)}: {key}"
@@ -154,7 +148,7 @@ def _cause(study: Study, key: str, place: Place) -> str:
 
 
 def _fmus(study: Study, base: BaseScenario) -> list[str]:
-    """Every FMU that some run may ask for."""
+    """Return every FMU that a run may need."""
     names = {part.fmu for part in base.scenario.components.values()}
     for path, value in study.set.items():
         names |= _named(path, [value])
@@ -178,7 +172,7 @@ def _given(axis: Axis) -> list[Any]:
 
 
 def _system_file(base: BaseScenario) -> str | None:
-    """The text of the system that the design names by a file."""
+    """Return the text of the system file that the design names, if it names one."""
     part = base.scenario.design
     if part is None or part.system is None or not is_file(part):
         return None

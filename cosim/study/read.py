@@ -1,4 +1,4 @@
-"""From a name or a file to a study and the scenario that it varies."""
+"""Load a study by name or from a file, with the scenario that it varies."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cosim.study.schema import Study
 
 @dataclass(frozen=True)
 class LoadedStudy:
-    """A study with the text it was read from, and its scenario.
+    """A study with its source text and its scenario.
 
-    name : the built-in name, or the file's stem.
+    name : the built-in name, or the stem of the file name.
     where : the file, for messages.
     """
 
@@ -29,12 +29,12 @@ class LoadedStudy:
 
     @property
     def place(self) -> Place:
-        """Where a key stands in the file."""
+        """Gives the place of a key in the file."""
         return in_file(self.text, self.where)
 
 
 def builtin_studies() -> list[str]:
-    """Names of the studies that come with the package."""
+    """Return the names of the built-in studies."""
     library = files("cosim.study").joinpath("library")
     return sorted(
         p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml")
@@ -42,7 +42,7 @@ def builtin_studies() -> list[str]:
 
 
 def load_study(name_or_path: str) -> LoadedStudy:
-    """A built-in study by name, or a TOML file by path, and the scenario it names.
+    """Load a built-in study by name, or a TOML file by path, and the scenario it names.
 
     Raises
     ------

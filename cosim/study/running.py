@@ -1,4 +1,4 @@
-"""A study in one call: what the command line and a script start from."""
+"""Run a study with one call, for scripts and the command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cosim.core import InputError, Progress
 from cosim.scenario import LoadedScenario, load
-from cosim.study.consistency import Place, nowhere
+from cosim.study.consistency import Place, changed_error, nowhere
 from cosim.study.execution import StudyResult, execute_study
 from cosim.study.plan import Plan, make_plan
 from cosim.study.read import load_study
@@ -20,7 +20,7 @@ from cosim.study.workers import WorkerPool, cluster, in_process, local
 
 FMUS = Path("fmus")
 STUDY_FLAVOUR = "native"
-"""What flies where nobody says otherwise: a study is about many runs."""
+"""Default flavour of studies: the faster one, as a study has many runs."""
 
 
 def run_study(
@@ -35,22 +35,22 @@ def run_study(
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> StudyResult:
-    """Fly a study, or what is left of it, and write its table.
+    """Execute a study, or the rest of it, and write its table.
 
     Parameters
     ----------
-    study : an object, a built-in name, or the path of a file.
+    study : a Study, the name of a built-in study, or the path of a file.
     out : folder of the study.
-    scenario : what is varied, in place of the one that the study names.
-    workers : processes of this machine: 1 for this one, "all" for as many as there are cores.
-    scheduler : address of a Dask scheduler, in place of `workers`.
+    scenario : the scenario to vary, instead of the one that the study names.
+    workers : number of processes on this machine: 1 for this one, "all" for one per core.
+    scheduler : address of a Dask scheduler, instead of `workers`.
     fmus, flavour : as for `cosim run`.
-    fresh : throw away what the folder holds.
-    progress : called with what is being done and the share that is done.
+    fresh : delete the results in the folder.
+    progress : called with the current step and the share done.
 
     Raises
     ------
-    CosimError : a study that cannot be run; what is done stays, and the same call goes on.
+    CosimError : the study cannot be run; runs that are done are kept, and the same call continues.
     """
     place: Place = nowhere
     if isinstance(study, str):
@@ -70,7 +70,7 @@ def plan_of(
     fmus: Path = FMUS,
     flavour: str = STUDY_FLAVOUR,
 ) -> Plan:
-    """A study and its scenario, checked.
+    """Check a study and its scenario; return the plan of its runs.
 
     Raises
     ------
@@ -83,23 +83,18 @@ def plan_of(
     except InputError as error:
         if "compiler" not in error.what:
             raise
-        raise InputError(
-            error.what,
-            where=error.where,
-            expected=error.expected,
-            got=error.got,
-            hint=f"{error.hint}; or take the python FMUs, which are slower: --flavour python",
-        ) from error
+        hint = f"{error.hint}; or use the python FMUs, which are slower: --flavour python"
+        raise changed_error(error, hint=hint) from error
 
 
 def pool_for(
     workers: int | str, scheduler: str | None = None
 ) -> Callable[[], AbstractContextManager[WorkerPool]]:
-    """Who flies: see `run_study`.
+    """Return what opens the worker pool; for the parameters see `run_study`.
 
     Raises
     ------
-    InputError : not a number of workers.
+    InputError : `workers` is not a number of workers.
     """
     if scheduler is not None:
         return partial(cluster, scheduler)
@@ -116,7 +111,7 @@ def pool_for(
 
 
 def _cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -1,8 +1,9 @@
-"""A study as data: what is varied in a scenario, what is measured in each run, what is kept."""
+"""A study as data: the scenario, the axes that vary it, the metrics, the traces to keep."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -32,15 +33,15 @@ RESERVED = ("run", "status", "reason")
 
 
 class _Part(BaseModel):
-    # strict: "5.0" is no number and true is no 1, as TOML itself has it
+    # strict, as in TOML: "5.0" is not a number, and true is not 1
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class Axis(_Part):
-    """What one axis moves, in whatever way it takes its values.
+    """The places of the scenario that one axis changes.
 
-    Exactly one of: `path`, one place of the scenario; `paths`, several that get the same value;
-    `apply`, places with the expression of `x`, the axis' value, that each gets.
+    Exactly one of: `path`, one place of the scenario; `paths`, several places that get the same
+    value; `apply`, places, each with an expression of `x`, the value of the axis.
     """
 
     name: ColumnName | None = None
@@ -50,37 +51,30 @@ class Axis(_Part):
 
     @model_validator(mode="after")
     def _one_target(self) -> Self:
-        given = [k for k in ("path", "paths", "apply") if getattr(self, k) is not None]
-        if len(given) != 1:
-            raise ValueError(
-                f"one of path, paths and apply says what moves; got {' and '.join(given) or 'none'}"
-            )
+        _exactly_one(self, ("path", "paths", "apply"), "names the places to change")
         for place in self.places:
-            _sound(place)
+            _check(split, place)
         for expression in (self.apply or {}).values():
-            try:
-                Expression(expression)
-            except InputError as error:
-                raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error
+            _check(Expression, expression)
         return self
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The dotted paths that it sets."""
+        """The dotted paths that the axis sets."""
         if self.path is not None:
             return (self.path,)
         return tuple(self.paths or self.apply or ())
 
     @property
     def column(self) -> str:
-        """Its name in the table of results."""
+        """The name of the axis in the table of results."""
         return self.name or self.places[0]
 
 
 class GridAxis(Axis):
-    """Given values, each of them with everything else.
+    """Given values, each combined with all values of the other axes.
 
-    values : any values that stand in a scenario: numbers, strings, tables, a matrix.
+    values : any values of a scenario: numbers, strings, tables, a matrix.
     rows : for `paths`, one value per path in each row (zipped).
     linspace, logspace : [first, last, count], evenly spaced or with even ratios.
     """
@@ -93,12 +87,7 @@ class GridAxis(Axis):
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        keys = ("values", "rows", "linspace", "logspace")
-        given = [k for k in keys if getattr(self, k) is not None]
-        if len(given) != 1:
-            raise ValueError(
-                f"one of {', '.join(keys)} gives the values; got {' and '.join(given) or 'none'}"
-            )
+        _exactly_one(self, ("values", "rows", "linspace", "logspace"), "gives the values")
         for key in ("linspace", "logspace"):
             spaced = getattr(self, key)
             if spaced is not None and (spaced[2] != int(spaced[2]) or spaced[2] < 1):
@@ -113,12 +102,12 @@ class GridAxis(Axis):
 
 
 class SampledAxis(Axis):
-    """Drawn values; all axes of this kind together make the study's `samples` points.
+    """Random values; all axes of this kind together give the study's `samples` points.
 
     kind : "random", independent draws; "sobol", points of a scrambled Sobol sequence, one
         dimension per such axis.
     uniform, loguniform : [low, high]; normal : [mean, standard deviation];
-    integers : [low, high], both included; choice : values, each as likely.
+    integers : [low, high], both included; choice : values with equal probability.
     """
 
     kind: Literal["random", "sobol"]
@@ -130,12 +119,8 @@ class SampledAxis(Axis):
 
     @model_validator(mode="after")
     def _one_distribution(self) -> Self:
-        given = [k for k in DISTRIBUTIONS if getattr(self, k) is not None]
-        if len(given) != 1:
-            raise ValueError(
-                f"one of {', '.join(DISTRIBUTIONS)} says how it is drawn; "
-                f"got {' and '.join(given) or 'none'}"
-            )
+        keys = ("uniform", "loguniform", "normal", "integers", "choice")
+        _exactly_one(self, keys, "gives the distribution")
         for key in ("uniform", "loguniform", "integers"):
             bounds = getattr(self, key)
             if bounds is not None and any(b < a for a, b in pairwise(bounds)):
@@ -147,11 +132,8 @@ class SampledAxis(Axis):
         return self
 
 
-DISTRIBUTIONS = ("uniform", "loguniform", "normal", "integers", "choice")
-
-
 class ReplicatesAxis(Axis):
-    """The same again with other seeds: first, first + 1, ... `count` of them."""
+    """The same run with `count` different seeds: first, first + 1, ..."""
 
     kind: Literal["replicates"]
     path: Text | None = None
@@ -174,13 +156,13 @@ Reduction = Literal[
 
 
 class Metric(_Part):
-    """One figure of a run: `path` into what `cosim run --json` prints, or a signal reduced.
+    """One figure of a run: a `path` into the output of `cosim run --json`, or a reduced signal.
 
     path : "status", "metrics.gain", "final.plant.eta.x", "links.uplink.max_age_s".
-    signal : `component.variable`, or several, whose Euclidean norm is taken at each instant.
-    reduce : of the signal less `to`, over the points from `after` [s] on.
-    within : for settling_time: the band, |signal - to| <= within.
-    below, above, equals : ask whether the figure is that; what does not exist is not.
+    signal : `component.variable`, or several, of which the Euclidean norm is taken.
+    reduce : applied to signal - `to`, over the points from `after` [s] on.
+    within : for settling_time: the band |signal - to| <= within.
+    below, above, equals : make the metric true or false; false if the figure does not exist.
     """
 
     path: Text | None = None
@@ -205,21 +187,21 @@ class Metric(_Part):
         if (self.signal is None) != (self.reduce is None):
             raise ValueError("signal and reduce belong together")
         if (self.within is None) != (self.reduce != "settling_time"):
-            raise ValueError("within is the band of reduce = 'settling_time', and needed there")
+            raise ValueError("within is the band of reduce = 'settling_time' and is required there")
         if self.path is not None:
-            _sound(self.path)
+            _check(split, self.path)
             if self.after or self.to:
                 raise ValueError("after and to belong to a signal")
         return self
 
     @property
     def asks(self) -> bool:
-        """Whether it is a question, answered by true or false."""
+        """Whether the metric is true or false."""
         return any(bound is not None for bound in (self.below, self.above, self.equals))
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The signals it is taken from."""
+        """The signals that the metric is computed from."""
         return (self.signal,) if isinstance(self.signal, str) else tuple(self.signal or ())
 
 
@@ -227,7 +209,7 @@ class StabilityPart(_Part):
     """[stability]: what `cosim study show --picture` draws for a study of delay (and loss).
 
     delay, loss : names of axes; the delay is that of the whole loop [s].
-    stable, gain, certified : names of metrics; `certified` says whether the run kept to the
+    stable, gain, certified : names of metrics; `certified`: whether the run met the
         assumptions of its certificate.
     """
 
@@ -241,10 +223,10 @@ class StabilityPart(_Part):
 class Study(_Part):
     """A whole study.
 
-    scenario : the one that is varied: a built-in name, or a path from the study's folder.
-    set : changes to it that hold for every run, by dotted path.
-    samples, seed : number of points of the sampled axes together, and what they are drawn with.
-    traces : which runs' traces are kept.
+    scenario : the scenario that is varied: a built-in name, or a path from the study's folder.
+    set : changes to the scenario in every run, by dotted path.
+    samples, seed : number of points of all sampled axes, and the seed of their draws.
+    traces : the runs whose traces are kept.
     """
 
     title: Text
@@ -269,18 +251,25 @@ class Study(_Part):
     @classmethod
     def _paths(cls, value: dict[str, Any]) -> dict[str, Any]:
         for path in value:
-            _sound(path)
+            _check(split, path)
         return value
 
     @property
     def worst(self) -> tuple[int, str] | None:
-        """How many of the worst runs keep a trace, and by which metric."""
+        """Number of the worst runs whose traces are kept, and the metric that ranks them."""
         match = _TRACES.match(self.traces)
         return (int(match["n"]), match["by"]) if match and match["n"] else None
 
 
-def _sound(path: str) -> None:
+def _exactly_one(part: BaseModel, keys: tuple[str, ...], purpose: str) -> None:
+    given = [key for key in keys if getattr(part, key) is not None]
+    if len(given) != 1:
+        got = " and ".join(given) or "none"
+        raise ValueError(f"exactly one of {', '.join(keys)} {purpose}; got {got}")
+
+
+def _check(parse: Callable[[str], Any], text: str) -> None:
     try:
-        split(path)
+        parse(text)
     except InputError as error:
         raise ValueError(f"{error.what}: {error.got}; expected {error.expected}") from error

@@ -1,8 +1,8 @@
-"""Where a loop loses its stability as its delay grows: measured, exact, and certified.
+"""The delay at which a loop loses stability: measured, exact, and certified.
 
-Measured: on the grid of a study, per loss, from the last delay up to which every run was stable
-to the first at which one was not. Exact: the delay margin of the nominal loop, from its
-characteristic equation. Certified: the largest age of the measurements that the proof covers.
+Measured: on the grid of a study, per loss, between the last delay up to which every run was stable
+and the next. Exact: the delay margin of the nominal loop, from its characteristic equation.
+Certified: the largest age of measurements that the proof covers.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from cosim.study.schema import StabilityPart, Study
 class Edge:
     """The measured boundary at one loss.
 
-    stable_to : the last delay up to which all runs were stable, None if already the first was
-        not.
-    unstable_from : the next delay; None if no run was unstable.
-    certified_to : the last delay up to which every run kept to what its certificate assumes;
-        None if none did, or it was not asked.
+    stable_to : the last delay up to which all runs were stable; None if there is none.
+    unstable_from : the next delay; None if all runs were stable.
+    certified_to : the last delay up to which every run met the assumptions of its certificate;
+        None if there is none, or no metric `certified`.
     """
 
     loss: float | None
@@ -37,13 +36,13 @@ class Edge:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Everything that the picture of a boundary shows.
+    """The boundaries that the picture shows.
 
-    exact_margin : None where the nominal loop is stable for every delay, or it is not known.
-    certified_age : None where nothing is certified.
-    agrees : whether, without loss, the exact margin lies between the last delay that was
-        measured as stable and the first that was not; None where either is not known.
-    certified_inside : whether every delay that was certified was also measured as stable.
+    exact_margin : None if the nominal loop is stable for every delay, or it is not known.
+    certified_age : None if nothing is certified.
+    agrees : whether, without loss, the exact margin lies between the last stable delay and the
+        first unstable one; None if either is not known.
+    certified_inside : whether every certified run was also measured as stable.
     """
 
     edges: tuple[Edge, ...]
@@ -53,12 +52,12 @@ class Boundary:
     certified_inside: bool | None
 
     def to_json(self) -> dict[str, Any]:
-        """JSON values."""
+        """Return JSON values."""
         return asdict(self)
 
 
 def nominal_loop_figures(plan: Plan) -> dict[str, float | None] | None:
-    """What is known of the loop without flying it; None where the design changes from run to run.
+    """Return what is known of the nominal loop; None if the design changes from run to run.
 
     The proof and the margin are those of the first run's design.
     """
@@ -80,9 +79,9 @@ def nominal_loop_figures(plan: Plan) -> dict[str, float | None] | None:
 
 
 def loop_delay_margin(system: DelaySystem, K: Any) -> float | None:
-    """The delay of the feedback at which the nominal loop loses its stability [s].
+    """Return the delay of the feedback at which the nominal loop loses stability [s].
 
-    A system whose feedback is immediate gets one that is late. None: stable for every delay.
+    A system without feedback delay is given one. None: stable for every delay.
     """
     for i, delay in enumerate(system.delays):
         if delay.feedback:
@@ -92,20 +91,20 @@ def loop_delay_margin(system: DelaySystem, K: Any) -> float | None:
 
 
 def _at_zero(system: DelaySystem, delay_index: int) -> DelaySystem:
-    """The same with the feedback immediate: the margin is the first loss from there."""
+    """Return the system without feedback delay, where the search for the margin starts."""
     delays = list(system.delays)
     delays[delay_index] = Delay(0.0, delays[delay_index].A, feedback=True)
     return _with(system, tuple(delays))
 
 
 def _with(system: DelaySystem, delays: tuple[Delay, ...]) -> DelaySystem:
-    # nothing is uncertain in the nominal loop
+    # the nominal loop has no uncertainty
     plain = tuple(Delay(d.d, d.A, feedback=d.feedback) for d in delays)
     return DelaySystem(system.A, system.B, delays=plain, name=system.name)
 
 
 def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:
-    """The boundary that a table shows; None for a study without [stability]."""
+    """Return the boundary that a table shows; None for a study without [stability]."""
     study = Study.model_validate(manifest["study"])
     part = study.stability
     if part is None:

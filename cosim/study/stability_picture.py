@@ -18,7 +18,7 @@ _STYLE = {"font.size": 9, "axes.axisbelow": True, "hatch.linewidth": 0.7}
 
 
 def draw_stability(table: Any, manifest: dict[str, Any], target: Path) -> Path:
-    """Stability over delay, or over delay and loss, with what is proved and what is exact.
+    """Draw stability over delay, or delay and loss, with the certified and the exact bounds.
 
     Raises
     ------
@@ -29,10 +29,10 @@ def draw_stability(table: Any, manifest: dict[str, Any], target: Path) -> Path:
     part = study.stability
     if found is None or part is None:
         raise InputError(
-            "this study has no picture of its own",
+            "this study does not define a picture",
             where=study.title,
             expected="[stability] in the study",
-            hint="say what to draw: --metric and --over",
+            hint="choose what to draw: --metric and --over",
         )
     frame = table.to_pandas()
     frame = frame.assign(
@@ -78,14 +78,9 @@ def _over_delay(axis: Any, frame: Any, part: StabilityPart, found: Boundary) -> 
             lw=0,
             label=f"measured boundary: {edge.stable_to:.4g} to {edge.unstable_from:.4g} s",
         )
-    _proved_and_exact(axis, found, left=float(frame[part.delay].min()))
-    axis.legend(loc="best", fontsize=8, framealpha=0.9)
-
-
-def _proved_and_exact(axis: Any, found: Boundary, left: float) -> None:
     if found.certified_age is not None:
         axis.axvspan(
-            min(0.0, left),
+            min(0.0, float(frame[part.delay].min())),
             found.certified_age,
             color=GREEN,
             alpha=0.18,
@@ -100,12 +95,13 @@ def _proved_and_exact(axis: Any, found: Boundary, left: float) -> None:
             ls="--",
             label=f"exact delay margin: {found.exact_margin:.4g} s",
         )
+    axis.legend(loc="best", fontsize=8, framealpha=0.9)
 
 
 def _over_delay_and_loss(
     figure: Any, axis: Any, frame: Any, part: StabilityPart, found: Boundary
 ) -> None:
-    """Delay to the right, a row of equal height per loss."""
+    """Draw the delay on the x axis and one row of equal height per loss."""
     loss = part.loss or ""
     x, y, stable = grid_of(frame, part.delay, loss, "_stable")
     bx, by = edges(x), np.arange(y.size + 1) - 0.5
@@ -122,7 +118,7 @@ def _over_delay_and_loss(
             text = f"{100 * (1 - value):.0f} %"
             axis.text(x[column], row, text, ha="center", va="center", fontsize=7)
     if (stable == 0.0).any():
-        axis.fill([], [], color=_LOST, label="not stable, or in that share of the runs")
+        axis.fill([], [], color=_LOST, label="not stable (%: share of the runs)")
     _outline(axis, bx, by, stable >= 1.0, _DARK, "measured boundary: all runs stable to here", 2.4)
     if part.certified:
         _, _, share = grid_of(frame, part.delay, loss, "_kept")
@@ -141,7 +137,7 @@ def _over_delay_and_loss(
 
 def _lines(axis: Any, found: Boundary) -> None:
     for at, colour, style, label in (
-        (found.certified_age, GREEN, ":", "age that is designed for"),
+        (found.certified_age, GREEN, ":", "age that the design allows"),
         (found.exact_margin, "black", "--", "exact delay margin, no loss"),
     ):
         if at is not None:
@@ -151,23 +147,13 @@ def _lines(axis: Any, found: Boundary) -> None:
 def _outline(
     axis: Any, bx: Any, by: Any, inside: Any, colour: str, label: str, width: float
 ) -> None:
-    """The border of a set of cells, along their edges."""
+    """Draw the border of a set of cells."""
     pieces: list[tuple[list[float], list[float]]] = []
-    ny, nx = inside.shape
-    for row in range(ny):
-        for column in range(nx):
-            if not inside[row, column]:
-                continue
-            if column + 1 < nx and not inside[row, column + 1]:
-                pieces.append(([bx[column + 1]] * 2, [by[row], by[row + 1]]))
-            if row + 1 < ny and not inside[row + 1, column]:
-                pieces.append(([bx[column], bx[column + 1]], [by[row + 1]] * 2))
-            if column > 0 and not inside[row, column - 1]:
-                pieces.append(([bx[column]] * 2, [by[row], by[row + 1]]))
-            if row > 0 and not inside[row - 1, column]:
-                pieces.append(([bx[column], bx[column + 1]], [by[row]] * 2))
+    # an edge lies between two cells of which one is inside
+    for row, j in zip(*np.nonzero(inside[:, 1:] != inside[:, :-1]), strict=True):
+        pieces.append(([bx[j + 1]] * 2, [by[row], by[row + 1]]))
+    for i, column in zip(*np.nonzero(inside[1:] != inside[:-1]), strict=True):
+        pieces.append(([bx[column], bx[column + 1]], [by[i + 1]] * 2))
     for place, (px, py) in enumerate(pieces):
-        axis.plot(
-            px, py, color=colour, lw=width, label=label if place == 0 else None,
-            solid_capstyle="projecting", zorder=4,
-        )  # fmt: skip
+        style = {"color": colour, "lw": width, "solid_capstyle": "projecting", "zorder": 4}
+        axis.plot(px, py, label=label if place == 0 else None, **style)

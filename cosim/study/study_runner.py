@@ -1,7 +1,7 @@
-"""Run number i of a study, flown: the one place where a study meets what flies scenarios.
+"""Executes the runs of a study by number.
 
-A process keeps what runs have in common: FMUs that were found and described, designs that were
-made. What a run gives depends on the study and on its number alone.
+The runner keeps what runs have in common: descriptions of FMUs, and designs. The result of a run
+depends on the study and on the run's number alone.
 """
 
 from __future__ import annotations
@@ -40,13 +40,7 @@ _DESIGNS_KEPT = 256
 
 @dataclass(frozen=True)
 class BaseScenario:
-    """What is varied, and where its FMUs are.
-
-    Attributes
-    ----------
-    name, text, folder : of the scenario, as in `LoadedScenario`.
-    fmus, flavour : as in `FmuCache`.
-    """
+    """The scenario that is varied (as in `LoadedScenario`), and its FMUs (as in `FmuCache`)."""
 
     name: str
     scenario: Scenario
@@ -58,25 +52,25 @@ class BaseScenario:
 
 @dataclass(frozen=True)
 class DescribedFmuCache(FmuCache):
-    """A hangar that looks every FMU up once."""
+    """An FMU cache that looks every FMU up only once."""
 
     known: dict[str, FmuDescription] = field(default_factory=dict, compare=False)
 
     def find(self, fmu: str) -> FmuDescription:
-        """An FMU by catalogue name or path."""
+        """Return an FMU by catalogue name or path."""
         if fmu not in self.known:
             self.known[fmu] = super().find(fmu)
         return self.known[fmu]
 
 
 class StudyRunner:
-    """Flies the runs of one study.
+    """Executes the runs of one study.
 
     Parameters
     ----------
-    hashes : SHA-256 by FMU reference, as the one who started the study found them.
-    designs : what `designs_made` of another flyer of the same study gave.
-    place : where a key of the study stands, for messages.
+    hashes : SHA-256 by FMU reference, from the process that started the study.
+    designs : result of `designs_made` of another runner of the same study.
+    place : gives the place of a key of the study, for messages.
     """
 
     def __init__(
@@ -92,28 +86,29 @@ class StudyRunner:
         self.points = Points(study, place("vary", 0))
         self.variations = Variations(study, base.scenario, place)
         self._hashes = hashes or {}
-        # by their hash they are found at once, where by name they are first seen to be up to date
+        # by hash an FMU is found at once; by name the cache first checks that it is up to date
         self.fmu_cache = DescribedFmuCache(base.fmus, base.folder, self._hashes, base.flavour)
         self._zero_state_run = needs_zero_state_run(study.metrics)
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
 
     def execute_run(self, run: int) -> tuple[Outcome, Run]:
-        """Fly one run without a trace.
+        """Execute one run without a trace.
 
         Raises
         ------
-        InputError, NotAchievableError, ComponentError : it cannot be flown.
+        InputError, NotAchievableError, ComponentError : the run cannot be executed.
         """
         prepared = self._prepared(self._loaded(run, ""))
         return execute_unrecorded(prepared, zero_state_run=self._zero_state_run)
 
     def record(self, run: int, trace: Path) -> Outcome:
-        """Fly one run into a trace, which carries its scenario and can be flown again."""
-        return execute_run(self._prepared(self._loaded(run, self._text(run))), trace)
+        """Execute one run with a trace, which contains its scenario and can be rerun."""
+        text = self.variations.scenario(self.points[run]).to_toml()
+        return execute_run(self._prepared(self._loaded(run, text)), trace)
 
     def designs_made(self) -> dict[str, str]:
-        """The designs that were made so far, for others to fly with, as JSON by their demands."""
+        """Return the designs made so far, as JSON by their [design] keys, for other runners."""
         return {
             key: json.dumps(design_to_json(made[1]), allow_nan=False)
             for key, made in self._designs.items()
@@ -121,19 +116,15 @@ class StudyRunner:
         }
 
     def problem_and_design(self, run: int) -> tuple[Problem | None, Design | None]:
-        """What a run's gain is about, and the gain."""
+        """Return the design problem and the design of a run."""
         prepared = self._prepared(self._loaded(run, ""))
         return prepared.problem, prepared.design
 
     def _loaded(self, run: int, text: str) -> LoadedScenario:
-        """The scenario of a run; only a trace carries its text."""
+        """Return the scenario of a run; its text is only needed in a trace."""
         scenario = self.variations.scenario(self.points[run])
         name = f"{self.base.name}, run {run} of a study"
         return LoadedScenario(name, scenario, text, self.base.folder)
-
-    def _text(self, run: int) -> str:
-        """The scenario of a run as TOML."""
-        return self.variations.scenario(self.points[run]).to_toml()
 
     def _prepared(self, loaded: LoadedScenario) -> PreparedScenario:
         for component in loaded.scenario.components.values():
@@ -171,7 +162,7 @@ class StudyRunner:
         found = self.fmu_cache.find(fmu)
         if wanted is not None and found.sha256 != wanted:
             raise InputError(
-                "this FMU is not the one the study was started with",
+                "this FMU is not the one that the study was started with",
                 where=str(found.path),
                 expected=f"SHA-256 {wanted}",
                 got=found.sha256,

@@ -1,7 +1,7 @@
-"""What a table of runs says: shares and means, each with its confidence interval, per group.
+"""Shares and means of a table of runs, each with its confidence interval, per group.
 
-Shares are those of a binomial proportion (Wilson 1927); means those of Student's t, or of the
-bias-corrected bootstrap where the values are far from normal (Efron 1987).
+Intervals of shares are Wilson's for a binomial proportion (1927); those of means are Student's t,
+or the bias-corrected bootstrap (Efron 1987) for values far from normal.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Group:
     Attributes
     ----------
     where : axis -> value; empty for all runs together.
-    runs : how many.
-    shares, numbers : by what they are about.
+    runs : number of runs.
+    shares, numbers : by metric, or by metric and value.
     """
 
     where: dict[str, Any]
@@ -41,7 +41,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Share:
-    """How many of the runs were so, and an interval for the probability."""
+    """Number and share of runs with a property, and an interval for its probability."""
 
     count: int
     of: int
@@ -52,7 +52,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Values of a metric over runs; `missing` runs had none, or none that is finite.
+    """Statistics of a metric over runs; `missing` runs had no finite value.
 
     low, high : interval for the mean; None for fewer than two values.
     """
@@ -70,13 +70,13 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Summary:
-    """A table in figures.
+    """The summary of a table.
 
     Attributes
     ----------
-    runs, count : in the table, and in the study.
-    by : the axes whose values make the groups.
-    method : of the intervals of means.
+    runs, count : number of runs in the table, and in the study.
+    by : the axes that form the groups.
+    method : method of the intervals of means.
     """
 
     title: str
@@ -88,7 +88,7 @@ class Summary:
     groups: tuple[Group, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, for `--json`."""
+        """Return the object that `--json` prints."""
         return {**asdict(self), "complete": self.runs == self.count}
 
 
@@ -104,16 +104,15 @@ def summarise(
 
     Parameters
     ----------
-    by : axes to group by; None for the grid axes, where that makes groups of several runs and
-        not too many of them.
+    by : axes to group by; None for the grid axes, if they give few groups of several runs.
 
     Raises
     ------
-    InputError : no such axis, or a confidence that is none.
+    InputError : no such axis, or the confidence is not between 0 and 1.
     """
     if not 0.0 < confidence < 1.0:
         raise InputError(
-            "not a confidence", where="confidence", expected="0 < p < 1", got=str(confidence)
+            "not a confidence level", where="confidence", expected="0 < p < 1", got=str(confidence)
         )
     study = Study.model_validate(manifest["study"])
     frame = table.to_pandas()
@@ -169,7 +168,7 @@ def _group(
 
 
 def share(count: int, of: int, confidence: float = 0.95) -> Share:
-    """`count` out of `of`, with Wilson's interval."""
+    """Return the share `count` / `of` with Wilson's interval."""
     from scipy import stats  # noqa: PLC0415 - loading it takes half a second
 
     found = stats.binomtest(count, of).proportion_ci(confidence, method="wilson")
@@ -179,7 +178,7 @@ def share(count: int, of: int, confidence: float = 0.95) -> Share:
 def mean_of(
     values: Sequence[float], total: int, confidence: float = 0.95, *, bootstrap: bool = False
 ) -> Numbers:
-    """Mean and spread of the finite ones of `values`, out of `total` runs."""
+    """Return the statistics of the finite `values`, out of `total` runs."""
     x = np.array([float(v) for v in values])
     x = x[np.isfinite(x)]
     if x.size == 0:

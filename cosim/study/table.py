@@ -1,4 +1,4 @@
-"""The results as one table: Arrow, with what they come from in its metadata."""
+"""The results as one Arrow table, with their provenance in its metadata."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ KEY = b"cosim.study"
 
 
 def pyarrow() -> Any:
-    """pyarrow, with its Parquet part; an `InputError` if it is not installed."""
+    """Import pyarrow with its Parquet part; raise InputError if it is not installed."""
     return optional(
         "pyarrow", "pyarrow.parquet", extra="study", what="tables of results need pyarrow"
     )
 
 
 def make_table(manifest: dict[str, Any], rows: Iterable[Row]) -> Any:
-    """Rows in the order of their runs: run, axes, status, reason, metrics."""
+    """Return the table: a row per run, in order; columns run, axes, status, reason, metrics."""
     pa = pyarrow()
     study = Study.model_validate(manifest["study"])
     points = Points(study)
@@ -44,7 +44,7 @@ def make_table(manifest: dict[str, Any], rows: Iterable[Row]) -> Any:
 
 
 def _column(values: Sequence[Any]) -> Any:
-    """Truths, whole numbers, numbers or words, as all of the values are; None is missing."""
+    """Return a column of the type that fits all values; None is missing."""
     pa = pyarrow()
     kinds = {type(v) for v in values if v is not None}
     if kinds <= {bool} and kinds:
@@ -57,20 +57,20 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def write_table(table: Any, path: Path) -> None:
-    """A Parquet file that is there whole, or not at all; the same table, the same bytes."""
+    """Write a complete Parquet file or none; the same table gives the same bytes."""
     partial = path.with_name(path.name + ".partial")
     pyarrow().parquet.write_table(table, partial, compression="zstd")
     partial.replace(path)
 
 
 def read_table(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The table of a study and its manifest, from its folder or from `results.parquet`.
+    """Read the table of a study and its manifest, from its folder or from `results.parquet`.
 
-    A study that is not finished gives what is done.
+    For a study that is not finished, the table has the runs that are done.
 
     Raises
     ------
-    InputError : neither; or a table that no study wrote.
+    InputError : it is neither, or the table was not written by a study.
     """
     if path.is_dir():
         if (path / RESULTS).is_file():

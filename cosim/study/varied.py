@@ -1,4 +1,4 @@
-"""The scenario of one run: the base with what is set for all, and what the axes move."""
+"""The scenario of one run: the base scenario with the study's `set` and the values of the axes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import copy
 import difflib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
@@ -19,75 +18,53 @@ from cosim.study.expression import Expression
 from cosim.study.schema import Axis, GridAxis, Study
 
 
-@dataclass(frozen=True)
-class AxisSetter:
-    """Sets in a scenario what one axis moves."""
-
-    places: tuple[str, ...]
-    expressions: tuple[Expression | None, ...]
-    zipped: bool
-
-    @classmethod
-    def of(cls, axis: Axis) -> AxisSetter:
-        """Of an axis."""
-        texts = axis.apply or {}
-        return cls(
-            axis.places,
-            tuple(Expression(texts[p]) if p in texts else None for p in axis.places),
-            isinstance(axis, GridAxis) and axis.rows is not None,
-        )
-
-    def set_values(self, data: dict[str, Any], value: Any) -> None:
-        """Put the value, or what it becomes, into every place."""
-        for i, (place, expression) in enumerate(zip(self.places, self.expressions, strict=True)):
-            own = value[i] if self.zipped else value
-            put(
-                data,
-                split(place),
-                copy.deepcopy(own) if expression is None else expression(own),
-                place,
-            )
-
-
 class Variations:
-    """From a run's values to its scenario.
+    """Makes the scenario of a run from the values of the axes.
 
     Parameters
     ----------
     base : the scenario that is varied, without the study's `set`.
-    where : a key of the study stands, for messages.
+    where : gives the place of a key of the study, for messages.
 
     Raises
     ------
-    InputError : a path of `set` that leads nowhere, or a value that does not fit there.
+    InputError : a path of `set` does not exist, or its value does not fit.
     """
 
     def __init__(self, study: Study, base: Scenario, where: Place = nowhere) -> None:
-        self._setters = [AxisSetter.of(axis) for axis in study.vary]
+        self._axes = study.vary
+        self._expressions = [
+            {place: Expression(text) for place, text in (axis.apply or {}).items()}
+            for axis in study.vary
+        ]
         data = base.model_dump(by_alias=True, exclude_unset=True)
         self._known = base.model_dump(by_alias=True)
-        self._asked = _of_design(place for setter in self._setters for place in setter.places)
+        self._asked = _of_design(place for axis in study.vary for place in axis.places)
         give_way(data, _of_design(study.set))
         for place, value in study.set.items():
             check_place(self._known, place, where("set", place))
             put(data, split(place), copy.deepcopy(value), place)
-        # what only comes with an axis is not there yet: judged with the first run's values
+        # entries that an axis adds are not there yet: they are checked with the first run's values
         self._data = data
 
     def data(self, values: Iterable[Any]) -> dict[str, Any]:
-        """The scenario with these values of the axes, not validated."""
+        """Return the scenario with these values of the axes, not validated."""
         data = copy.deepcopy(self._data)
         give_way(data, self._asked)
-        for setter, value in zip(self._setters, values, strict=True):
-            setter.set_values(data, value)
+        for axis, expressions, value in zip(self._axes, self._expressions, values, strict=True):
+            zipped = isinstance(axis, GridAxis) and axis.rows is not None
+            for i, place in enumerate(axis.places):
+                own = value[i] if zipped else value
+                known = expressions.get(place)
+                put(data, split(place), copy.deepcopy(own) if known is None else known(own), place)
         return data
 
     def scenario(self, values: Iterable[Any]) -> Scenario:
-        """The same, validated.
+        """Return the scenario with these values of the axes, validated.
 
         Raises
         ------
-        InputError : a value that is not allowed where it is put.
+        InputError : a value is not allowed in its place.
         """
         data = self.data(values)
         try:
@@ -103,11 +80,11 @@ class Variations:
             ) from error
 
     def check_axis(self, axis: Axis, fmus: Mapping[str, FmuDescription], where: str) -> None:
-        """See that every place of an axis is one that a scenario has.
+        """Check that the scenario has every place of an axis.
 
         Raises
         ------
-        InputError : it leads nowhere; says the nearest names.
+        InputError : it has not; the message gives similar names.
         """
         for place in axis.places:
             check_place(self._known, place, where)
@@ -115,24 +92,24 @@ class Variations:
 
 
 def _of_design(places: Iterable[str]) -> set[str]:
-    """Keys of [design] among these places."""
+    """Return the keys of [design] among these places."""
     paths = [split(place) for place in places]
     return {str(path[1]) for path in paths if path[0] == "design" and len(path) > 1}
 
 
 _FREE = ("links", "components")
-"""Tables whose keys are the user's own names."""
+"""Tables whose keys are names that the user chooses."""
 
 
 def check_place(known: Mapping[str, Any], place: str, where: str) -> None:
-    """See that a path leads somewhere in a scenario with all its keys, defaults included.
+    """Check that a path exists in a scenario with all its keys, defaults included.
 
-    Parameters of a component are the FMU's affair (`check_parameter`), and what lies inside a
-    key that has no value yet is judged with the value.
+    Parameters of a component are checked by `check_parameter`, and entries of a key without a
+    value are checked with the value.
 
     Raises
     ------
-    InputError : the first key on the way that does not exist, and those that do.
+    InputError : the first key of the path that does not exist, and the keys that do.
     """
     here: Any = known
     way = ""
@@ -154,7 +131,7 @@ def check_place(known: Mapping[str, Any], place: str, where: str) -> None:
             raise InputError(f"{place} leads nowhere", where=where, expected=f"{way} to be a table")
         if key not in here:
             if way in _FREE and place == f"{way}.{key}":
-                return  # one more, given whole
+                return  # a new entry
             near = difflib.get_close_matches(key, list(here), n=3, cutoff=0.5)
             raise InputError(
                 f"{place} leads nowhere",
@@ -167,11 +144,11 @@ def check_place(known: Mapping[str, Any], place: str, where: str) -> None:
 
 
 def check_parameter(place: str, fmus: Mapping[str, FmuDescription], where: str) -> None:
-    """See that a parameter that a path sets exists in its component's FMU.
+    """Check that the FMU of a component has the parameter that a path sets.
 
     Raises
     ------
-    InputError : it does not; says the nearest names.
+    InputError : it has not; the message gives similar names.
     """
     match split(place):
         case ("components", str(component), "parameters", str(name)) if component in fmus:
@@ -179,7 +156,7 @@ def check_parameter(place: str, fmus: Mapping[str, FmuDescription], where: str) 
 
 
 def as_cell(value: Any) -> Any:
-    """A value of an axis as a cell of the table: numbers, words and truths; the rest as JSON."""
+    """Return a value of an axis as a cell of the table: as it is, or a list or table as JSON."""
     if isinstance(value, (bool, int, float, str)):
         return value
     return json.dumps(value, sort_keys=True)

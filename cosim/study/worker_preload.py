@@ -1,4 +1,4 @@
-"""Loaded by every worker process of this machine: Ctrl-C is the starter's affair.
+"""Loaded by every local worker process: ignores Ctrl-C.
 
 The terminal sends it to all processes; the one that started the study ends the others.
 """
@@ -10,6 +10,6 @@ import signal
 
 
 def dask_setup(_worker: object) -> None:
-    """Called by Dask when a worker starts."""
-    with contextlib.suppress(ValueError):  # elsewhere than in the main thread nobody gets signals
+    """Ignore SIGINT; Dask calls this when a worker starts."""
+    with contextlib.suppress(ValueError):  # only the main thread can set it
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,7 +1,7 @@
-"""Who flies the batches: this process, processes of this machine, or a Dask cluster.
+"""Worker pools: this process, processes of this machine, or a Dask cluster.
 
-Each takes batches as long as there are any and gives back what came of them, in the order in
-which they are done; nothing in a row depends on who flew it.
+A pool takes batches while there are any and yields their results in the order of completion. The
+results do not depend on the pool.
 """
 
 from __future__ import annotations
@@ -20,45 +20,45 @@ from cosim.study.batch import Job
 
 Batch = list[int]
 BatchFunction = Callable[[Job, Batch], list[Any]]
-"""Done in a worker: `run_batch`, or `record_batch`."""
+"""Executed in a worker: `run_batch` or `record_batch`."""
 
-_ATTEMPTS = 2  # deaths of a worker under a batch, after which it is given back
-_AHEAD = 2  # batches in hand per worker: the next is there when one is done
+_ATTEMPTS = 2  # a batch is given back after so many workers died on it
+_AHEAD = 2  # batches submitted per worker, so that none waits for the next
 _PATIENCE_S = 20
-_NO_WORKER = "10 minutes"  # far longer than a worker takes to start: none will come any more
+_NO_WORKER = "10 minutes"  # far longer than a worker takes to start
 _LOOK_S = 1.0
 _INSTALL = "pip install 'auv-cosim[study]'"
 
 
 @dataclass(frozen=True)
 class WorkerDied:
-    """In place of rows: the processes that flew the batch died, again and again."""
+    """Takes the place of rows if each process that executed the batch died."""
 
     attempts: int
 
 
 class WorkerPool(Protocol):
-    """Workers of whatever kind."""
+    """What every worker pool offers."""
 
     size: int
 
     def run_batches(
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
     ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
-        """Do what `next_batch` gives until it gives None."""
+        """Execute batches until `next_batch` returns None; yield each batch and its result."""
 
 
 class InProcessPool:
-    """The own process, one run after the other."""
+    """Executes all runs in this process, one after the other."""
 
     size = 1
 
     def run_batches(
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
     ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
-        """Do what `next_batch` gives until it gives None."""
+        """Execute batches until `next_batch` returns None; yield each batch and its result."""
         while (batch := next_batch()) is not None:
-            # run by run: an interruption costs the one that is under way
+            # run by run, so that an interruption loses only the current run
             for run in batch:
                 yield [run], function(job, [run])
 
@@ -73,7 +73,7 @@ class DaskPool:
     def run_batches(
         self, function: BatchFunction, job: Job, next_batch: Callable[[], Batch | None]
     ) -> Iterator[tuple[Batch, list[Any] | WorkerDied]]:
-        """Do what `next_batch` gives until it gives None."""
+        """Execute batches until `next_batch` returns None; yield each batch and its result."""
         import distributed  # noqa: PLC0415 - optional: the extra `study`
 
         in_hand: dict[str, tuple[Any, Batch]] = {}
@@ -82,7 +82,7 @@ class DaskPool:
         mark = os.urandom(4).hex()
 
         def fill() -> None:
-            # a cluster may grow or shrink while a study goes
+            # a cluster may grow or shrink during a study
             while len(in_hand) < _AHEAD * self.size and (batch := next_batch()) is not None:
                 key = f"{job.study.title[:20]}-{mark}-{next(number)}"
                 future = self._client.submit(function, job, batch, key=key, pure=False)
@@ -114,24 +114,24 @@ def _result(future: Any) -> list[Any] | WorkerDied:
         return WorkerDied(_ATTEMPTS)
     except Exception as error:
         raise ComponentError(
-            "a batch of runs cannot be carried out on the cluster",
+            "a batch of runs cannot be executed on the cluster",
             where="workers",
-            expected="workers with the same auv-cosim, and a scheduler that stays",
+            expected="workers with the same auv-cosim, and a scheduler that keeps running",
             got=f"{type(error).__name__}: {error}"[:400],
-            hint="what is done is kept: the same command goes on",
+            hint="finished runs are kept: the same command continues",
         ) from error
     return rows
 
 
 @contextlib.contextmanager
 def in_process() -> Iterator[WorkerPool]:
-    """The own process alone."""
+    """Open a pool of this process alone."""
     yield InProcessPool()
 
 
 @contextlib.contextmanager
 def local(workers: int) -> Iterator[WorkerPool]:
-    """So many processes of this machine; one that dies is replaced.
+    """Open a pool of so many processes of this machine; a process that dies is replaced.
 
     Raises
     ------
@@ -140,13 +140,13 @@ def local(workers: int) -> Iterator[WorkerPool]:
     dask, distributed = _dask()
     settings = {
         "distributed.scheduler.allowed-failures": _ATTEMPTS - 1,
-        # so long after each death Dask looks once, and gives up a worker that is about to start
-        # again just then, for good; which ones are lost is seen by `_replace_lost`
+        # after this time Dask gives up a dead worker for good, even if it is just starting again;
+        # `_replace_lost` finds lost workers instead
         "distributed.deploy.lost-worker-timeout": "10000 days",
-        # tasks that nobody is there for become errors: a study ends, and can be taken up again
+        # tasks without any worker become errors: the study ends and can be continued
         "distributed.scheduler.no-workers-timeout": _NO_WORKER,
         "distributed.worker.preload": ["cosim.study.worker_preload"],
-        # it keeps an hour of samples of every thread's stack: memory that only grows
+        # the profiler keeps an hour of stack samples, which costs memory
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.limit": "1h",
     }
@@ -168,7 +168,7 @@ def local(workers: int) -> Iterator[WorkerPool]:
 
 
 def _watch(cluster: Any, workers: int) -> None:
-    """Replace lost workers for as long as the cluster is there; on its event loop."""
+    """Replace lost workers while the cluster runs; called on its event loop."""
     status = cluster.status.name
     if status == "running":
         _replace_lost(cluster, workers)
@@ -177,7 +177,7 @@ def _watch(cluster: Any, workers: int) -> None:
 
 
 def _replace_lost(cluster: Any, workers: int) -> None:
-    """Start anew the workers whose nanny, which starts them again, has given up itself."""
+    """Replace workers whose nanny process, which restarts them, has ended itself."""
     lost = [n for n, nanny in cluster.workers.items() if nanny.status.name in ("closed", "failed")]
     for name in lost:
         del cluster.workers[name]
@@ -187,7 +187,7 @@ def _replace_lost(cluster: Any, workers: int) -> None:
 
 @contextlib.contextmanager
 def cluster(address: str) -> Iterator[WorkerPool]:
-    """The workers of the scheduler at an address, `tcp://HOST:PORT`.
+    """Open a pool of the workers of a Dask scheduler, `tcp://HOST:PORT`.
 
     Raises
     ------
@@ -197,13 +197,13 @@ def cluster(address: str) -> Iterator[WorkerPool]:
     with _silent():
         try:
             client = distributed.Client(address, timeout=f"{_PATIENCE_S // 4}s", name="study")
-        except Exception as error:  # many kinds, each of which means that nobody answers
+        except Exception as error:  # of many types, all of which mean that nobody answers
             raise InputError(
                 "no scheduler answers",
                 where=f"--scheduler {address}",
                 expected="the address of a Dask scheduler, as in tcp://127.0.0.1:8786",
                 got=f"{type(error).__name__}: {error}"[:300],
-                hint="start one: dask scheduler, and dask worker with its address",
+                hint="start one with dask scheduler, and workers with dask worker ADDRESS",
             ) from error
         with client:
             try:
@@ -227,14 +227,14 @@ def _dask() -> tuple[Any, Any]:
             "studies on several processes need Dask",
             where="workers",
             got=str(error),
-            hint=f"{_INSTALL}, or take one worker",
+            hint=f"{_INSTALL}, or use one worker",
         ) from error
     return dask, distributed
 
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Dask says on its loggers what a study says in its own words."""
+    """Silence Dask's loggers and warnings: a study reports these events itself."""
     logger = logging.getLogger("distributed")
     before = logger.level
     logger.setLevel(logging.CRITICAL)

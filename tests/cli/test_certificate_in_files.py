@@ -88,7 +88,7 @@ def test_an_fmu_with_another_gain_is_not_proved(
     assert "not proved" in cosim("certificate", "check", fmu, cwd=tmp_path).out
 
 
-def test_a_description_of_fmi_3_is_read_too(fmus: Path, tmp_path: Path) -> None:
+def test_the_certificate_of_an_fmi_3_fmu_is_read(fmus: Path, tmp_path: Path) -> None:
     """There the start stands in the element itself."""
     variables = "".join(
         f'<Float64 name="K[1,{j}]" valueReference="{j}" causality="parameter" start="{value}"/>'
@@ -224,7 +224,7 @@ def test_a_trace_without_a_design_has_none(fmus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("claim", ["", "{", "NaN", "[1]", '{"gamma": "1/0", "delays": 3}'])
-def test_info_bears_any_claim(claim: str, tmp_path: Path) -> None:
+def test_info_accepts_any_claim(claim: str, tmp_path: Path) -> None:
     """What a foreign writer puts there is shown as far as it can be read."""
     run = {"certificate.sha256": "0", "certificate.claim": claim}
     with TraceWriter(tmp_path / "t.mcap", run=run) as writer:

@@ -27,14 +27,14 @@ def test_info_says_what_an_fmu_is(fmus: Path, tmp_path: Path) -> None:
         assert words in seen.out
 
 
-def test_check_of_a_sound_fmu_with_and_without_running_it(fmus: Path, tmp_path: Path) -> None:
+def test_check_of_a_valid_fmu_with_and_without_running_it(fmus: Path, tmp_path: Path) -> None:
     """Exit code 0, notes only; --run adds what was done."""
     path = fmus / "WaveField.fmu"
     quiet = cosim("fmu", "check", path, "--json", cwd=tmp_path)
     assert (quiet.code, quiet.json["valid"], quiet.json["run"]) == (0, True, False)
     ran = cosim("fmu", "check", path, "--run", "--time", "600", cwd=tmp_path)
     assert ran.code == 0
-    assert "sound" in ran.out
+    assert "no errors" in ran.out
     assert "run-done" in ran.out
 
 
@@ -53,7 +53,7 @@ def test_check_that_finds_errors_leaves_with_1(fmus: Path, tmp_path: Path) -> No
     assert codes.index("xml-schema") < codes.index("documentation")
     seen = cosim("fmu", "check", path, cwd=tmp_path)
     assert seen.code == 1
-    assert "not sound" in seen.out
+    assert "not valid" in seen.out
     assert "modelDescription.xml:" in seen.out
 
 
@@ -79,10 +79,10 @@ def test_info_without_a_readable_description_points_to_check(fmus: Path, tmp_pat
     assert cosim("fmu", "check", path, cwd=tmp_path).code == 1
 
 
-def test_help_teaches(tmp_path: Path) -> None:
-    """What it looks at, when a binary is loaded, what the exit codes are."""
+def test_help_of_check_names_options_and_exit_codes(tmp_path: Path) -> None:
+    """The help says when a binary is loaded and what the exit codes are."""
     out = cosim("fmu", "check", "--help", cwd=tmp_path).out
-    for words in ("--run", "--json", "--time", "Exit code 0", "process of its own"):
+    for words in ("--run", "--json", "--time", "Exit code 0", "separate process"):
         assert words in out
     assert "info" in cosim("fmu", "--help", cwd=tmp_path).out
     assert cosim("fmu", "check", "x.fmu", "--time", "0", "--json", cwd=tmp_path).code == 2

@@ -16,7 +16,7 @@ d = 1.0
 """Stable exactly for d < 6.172581371 (published)."""
 
 
-def test_a_design_stands_between_its_nominal_figures(tmp_path: Path) -> None:
+def test_design_reports_nominal_figures(tmp_path: Path) -> None:
     """|D1| = 5 <= exact norm < its proved bound < gamma; its nominal part on request."""
     words = ("design", "paper", "--k1", "0.6", "--k2", "0.2")
     plain = cosim(*words, "--json", cwd=tmp_path).json
@@ -35,7 +35,7 @@ def test_a_design_stands_between_its_nominal_figures(tmp_path: Path) -> None:
         assert message in seen
 
 
-def test_an_analysis_says_how_far_the_delay_may_go(tmp_path: Path) -> None:
+def test_analysis_reports_the_delay_margin(tmp_path: Path) -> None:
     """The benchmark: 6.172581371, whatever is certified; nothing for a loop that is not stable."""
     (tmp_path / "benchmark.toml").write_text(BENCHMARK, "utf-8")
     found = cosim("analyse", "benchmark.toml", "--json", cwd=tmp_path).json

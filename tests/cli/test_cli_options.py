@@ -29,7 +29,7 @@ decay = 0.3
 """
 
 
-def test_everything_at_once_is_proved_and_checked_from_its_file(tmp_path: Path) -> None:
+def test_all_constraints_together_are_proved_and_checked_from_the_file(tmp_path: Path) -> None:
     """Decay, gain, peak: in the JSON, for people, and in the file that is checked again."""
     options = (
         *("--decay", "1", "--gain-limit", "0.5", "--peak-control", "0.6"),
@@ -66,7 +66,7 @@ def test_without_design_constraints_nothing_is_reported(tmp_path: Path) -> None:
     assert [found[name] for name in names] == [None] * 6
 
 
-def test_a_system_of_ones_own_needs_no_k(tmp_path: Path) -> None:
+def test_a_system_file_needs_no_k1_k2(tmp_path: Path) -> None:
     """Weights and decay as its file says; the command line has the last word."""
     (tmp_path / "my-system.toml").write_text(SYSTEM, "utf-8")
     own = cosim("design", "my-system.toml", "--json", cwd=tmp_path)
@@ -98,7 +98,7 @@ def test_a_system_of_ones_own_needs_no_k(tmp_path: Path) -> None:
         (("--decay", "60"), 5, "decay at 60"),
     ],
 )
-def test_what_cannot_be_asked_is_named(
+def test_invalid_constraints_are_named(
     options: tuple[str, ...], code: int, word: str, tmp_path: Path
 ) -> None:
     """Exit code 2 for what makes no sense, 5 for what cannot be had."""

@@ -70,7 +70,7 @@ def readable_rows(folder: Path) -> int:
 @pytest.mark.parametrize(
     "number",
     [signal.SIGINT, signal.SIGTERM, signal.SIGKILL],
-    ids=["Ctrl-C", "told to end", "killed"],
+    ids=["Ctrl-C", "terminated", "killed"],
 )
 def test_interrupted_run_leaves_its_rows(
     number: signal.Signals, fmus: Path, tmp_path: Path
@@ -85,7 +85,7 @@ def test_interrupted_run_leaves_its_rows(
     if number != signal.SIGKILL:
         assert process.returncode == 128 + number
         assert json.loads(out)["error"]["exit_code"] == 128 + number
-        assert ("interrupted" if number == signal.SIGINT else "told to end") in err
+        assert ("interrupted" if number == signal.SIGINT else "terminated") in err
         assert not list(scratch.iterdir()), "temporary folders are left"
         assert Trace(tmp_path / "t.mcap.partial").complete
     else:
@@ -126,7 +126,7 @@ def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("more", [[], ["--json"]], ids=["for people", "for programs"])
-def test_reader_that_leaves_early(tmp_path: Path, more: list[str]) -> None:
+def test_closed_output_pipe_exits_quietly(tmp_path: Path, more: list[str]) -> None:
     """`cosim scenario list | true` prints no traceback; 141 as of SIGPIPE, not 1 (a comparison)."""
     with subprocess.Popen(  # noqa: S603 - the command under test
         [COMMAND, "scenario", "list", *more],

@@ -85,7 +85,7 @@ TRACES = {
 
 
 @pytest.mark.parametrize("kind", TRACES)
-def test_rerun_refuses_what_is_no_whole_trace(kind: str, tmp_path: Path) -> None:
+def test_rerun_refuses_an_incomplete_trace(kind: str, tmp_path: Path) -> None:
     """Missing, empty, something else: bad input; cut or damaged: loss. Never a traceback."""
     code, message = TRACES[kind]
     path = tmp_path / "t.mcap"
@@ -166,7 +166,7 @@ def test_unreadable_file_is_named(tmp_path: Path) -> None:
         pytest.skip("this user may read everything")
 
 
-def test_scenario_that_is_almost_one(tmp_path: Path) -> None:
+def test_scenario_with_a_fault_is_refused(tmp_path: Path) -> None:
     """A mistyped name comes back with the names that exist, nearest first."""
     result = cosim("run", "auv-acoustc", "--json", cwd=tmp_path)
     assert result.code == 2

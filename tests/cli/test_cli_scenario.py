@@ -71,7 +71,7 @@ def test_diagrams_name_every_part(tmp_path: Path) -> None:
         assert words in chart
 
 
-def test_schema_is_a_schema_and_the_list_is_whole(tmp_path: Path) -> None:
+def test_schema_is_valid_and_list_is_complete(tmp_path: Path) -> None:
     """JSON Schema by its own rules; every listed scenario can be shown."""
     schema = cosim("scenario", "schema", cwd=tmp_path).json
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -39,7 +39,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("links", ["annotate", "fmu"])
-def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
+def test_scenario_is_exported_and_imported_again(folder: Path, links: str) -> None:
     """One JSON object each; the scenario that comes back flies."""
     out = cosim(
         *("ssp", "export", "short.toml", "-o", "out.ssp", "--links", links, "--json"),
@@ -64,7 +64,7 @@ def test_scenario_goes_out_and_comes_back(folder: Path, links: str) -> None:
     assert ran.json["links"]["uplink"]["sent"] == 26
 
 
-def test_people_read_what_was_written(folder: Path) -> None:
+def test_text_output_shows_what_was_written(folder: Path) -> None:
     out = cosim("ssp", "export", "short.toml", "--fmus", fmu_store(), cwd=folder)
     assert out.code == 0
     assert "short.ssp" in out.out
@@ -81,11 +81,11 @@ def test_people_read_what_was_written(folder: Path) -> None:
         (("export", "none.toml"), "none.toml"),
         (("export", "paper-exampel"), "no scenario"),
         (("export", "short.toml", "--links", "wires"), "--links"),
-        (("export", "short.toml", "-o", "short.toml"), "write over"),
+        (("export", "short.toml", "-o", "short.toml"), "would overwrite"),
         (("import", "none.ssp"), "none.ssp"),
         (("import", "short.toml", "-o", "new.toml"), "not an SSP archive"),
-        (("import", "short.toml"), "there already"),
-        (("import", "short.toml", "-o", "short.toml"), "write over"),
+        (("import", "short.toml"), "already exists"),
+        (("import", "short.toml", "-o", "short.toml"), "would overwrite"),
         (("import", "short.toml", "--step", "0"), "--step"),
     ],
 )
@@ -97,8 +97,8 @@ def test_bad_use_is_refused_in_one_object(
     assert message in str(done.error)
 
 
-def test_help_teaches(folder: Path) -> None:
+def test_help_shows_examples(folder: Path) -> None:
     for verb in ("export", "import"):
         done = cosim("ssp", verb, "--help", cwd=folder)
         assert done.code == 0
-        assert "Examples" in done.out
+        assert f"cosim ssp {verb} " in done.out

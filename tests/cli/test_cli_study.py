@@ -85,7 +85,7 @@ def test_a_study_is_run_resumed_and_displayed(tmp_path: Path) -> None:
     [
         (("run", "follows.toml", "--workers", "none"), "not a number of workers"),
         (("run", "follows.toml", "--workers", "0"), "not a number of workers"),
-        (("run", "follows.toml", "--traces", "best"), "not a choice of traces"),
+        (("run", "follows.toml", "--traces", "best"), "not a valid choice of traces"),
         (("run", "folows"), "there is no study 'folows'"),
         (("run", "follows.toml", "--scheduler", "tcp://127.0.0.1:9"), "no scheduler answers"),
         (("check", "nowhere.toml"), "cannot be read"),
@@ -109,10 +109,10 @@ def test_options_that_do_not_belong_together_are_refused(tmp_path: Path) -> None
     study(tmp_path)
     cosim("study", "run", "follows.toml", cwd=tmp_path)
     for arguments, words in (
-        (("--metric", "x"), "belong together"),
+        (("--metric", "x"), "need each other"),
         (("--by", "v"), "there is no axis 'v'"),
         (("--by", "u,"), "not a list of names"),
-        (("--picture", "a.png"), "no picture of its own"),
+        (("--picture", "a.png"), "does not define a picture"),
         (("--picture", "a.png", "--metric", "y", "--over", "u"), "there is no metric 'y'"),
         (("--picture", "a.txt", "--metric", "x", "--over", "u"), "cannot be written"),
         (("--confidence", "95"), "not a confidence"),
@@ -122,10 +122,10 @@ def test_options_that_do_not_belong_together_are_refused(tmp_path: Path) -> None
         assert words in result.error["what"]
 
 
-def test_an_interruption_says_what_is_kept_and_how_to_go_on(
+def test_an_interruption_reports_what_is_kept_and_how_to_continue(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Exit code 130; the same command flies the rest."""
+    """Exit code 130; the same command runs the rest."""
     study(tmp_path)
     original = batch.run_and_measure
 
@@ -138,8 +138,8 @@ def test_an_interruption_says_what_is_kept_and_how_to_go_on(
         patched.setattr(batch, "run_and_measure", interrupted)
         stopped = cosim("study", "run", "follows.toml", "--json", cwd=tmp_path)
     assert stopped.code == 130
-    assert stopped.error["got"] == "4 of 6 runs are done, and kept"
-    assert stopped.error["hint"] == "the same command goes on"
+    assert stopped.error["got"] == "4 of 6 runs are done and kept"
+    assert stopped.error["hint"] == "the same command continues"
     part = cosim("study", "show", "studies/follows", cwd=tmp_path)
     assert "4 runs of 6: the study is not finished" in part.out
     assert cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json["executed"] == 2

@@ -26,14 +26,14 @@ def test_scenarios_are_listed(tmp_path: Path) -> None:
     assert all(row["title"] in seen.out for row in rows)
 
 
-def test_the_former_name_of_the_list_is_hidden_and_serves(tmp_path: Path) -> None:
+def test_the_former_name_of_scenario_list_is_hidden_and_works(tmp_path: Path) -> None:
     """`cosim scenarios` gives what `cosim scenario list` gives; help names the latter alone."""
     for options in ([], ["--json"]):
         now = cosim("scenario", "list", *options, cwd=tmp_path)
         assert cosim("scenarios", *options, cwd=tmp_path).out == now.out
     displayed = cosim("--help", cwd=tmp_path).out
     assert "cosim scenario list" in displayed
-    assert not re.search(r"\bscenarios\b", displayed.replace("look at scenarios", ""))
+    assert not re.search(r"\bscenarios\b", displayed.replace("show scenarios", ""))
 
 
 def test_design_of_the_paper(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_design_of_the_paper(tmp_path: Path) -> None:
     assert check_certificate(saved).valid
 
 
-def test_a_design_of_an_order(tmp_path: Path) -> None:
+def test_design_with_bessel_legendre_order(tmp_path: Path) -> None:
     """`--order`: below Theorem 2's gamma, no k1, k2 in the proof, and a file that is checked."""
     arguments = ("design", "paper", "--k1", "0.6", "--k2", "0.2", "--order", "1")
     found = cosim(*arguments, "--json", "--save", "d.json", cwd=tmp_path).json
@@ -99,7 +99,7 @@ def test_info_agrees_with_the_output_of_run(name: str, tmp_path: Path) -> None:
     assert set(reported["links"]) == set(ran["links"])
 
 
-def test_people_read_the_same_figures(tmp_path: Path) -> None:
+def test_text_output_shows_the_same_figures(tmp_path: Path) -> None:
     """Without --json: status, links and assumptions in words."""
     seen = cosim("trace", "info", trace_of("auv-acoustic-naive"), cwd=tmp_path)
     assert seen.code == 0
@@ -143,7 +143,7 @@ def test_percentages_in_the_table_of_a_run_are_those_of_the_record(
 @pytest.mark.parametrize(
     "verb", [[], ["trace"], ["fmu"]], ids=["cosim", "cosim trace", "cosim fmu"]
 )
-def test_no_verb_prints_help(verb: list[str], tmp_path: Path) -> None:
+def test_without_a_command_the_help_is_printed(verb: list[str], tmp_path: Path) -> None:
     """Without any verb the verbs are listed, and nothing is complained about."""
     result = cosim(*verb, cwd=tmp_path)
     assert "Usage" in result.out + result.err

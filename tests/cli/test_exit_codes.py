@@ -65,9 +65,9 @@ main()
 """
 
 
-def test_interruption_while_loading_is_one_too() -> None:
-    """Ctrl-C before anything runs: 130, in words."""
+def test_interruption_while_loading_exits_with_130() -> None:
+    """Ctrl-C before anything runs: exit code 130 and a message."""
     line = [sys.executable, "-c", WHILE_LOADING]
     done = subprocess.run(line, capture_output=True, text=True, check=False)  # noqa: S603 - ours
     assert done.returncode == 130
-    assert done.stderr == "interrupted before anything had begun\n"
+    assert done.stderr == "interrupted while loading, before any work began\n"

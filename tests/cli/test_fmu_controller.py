@@ -122,7 +122,7 @@ def test_the_gain_of_a_run_is_exported_from_its_trace(folder: Path) -> None:
     assert again["certificate_sha256"] == reply["certificate_sha256"]
     refused = cosim("fmu", "controller", "flown.fmu", "--json", cwd=folder)
     assert refused.code == 2
-    assert "would replace" in refused.error["what"]
+    assert "would overwrite" in refused.error["what"]
 
 
 SCENARIO = """
@@ -181,7 +181,7 @@ def test_a_command_at_its_limit_is_an_assumption_not_met(folder: Path) -> None:
     assert run["certificate.gain"].endswith("its FMU starts with it")
 
 
-def test_people_read_what_was_made(folder: Path) -> None:
+def test_text_output_shows_what_was_exported(folder: Path) -> None:
     """Without --json: the file, the bound and the hash."""
     seen = cosim("fmu", "controller", "paper.json", "-o", "seen.fmu", cwd=folder)
     assert seen.code == 0
@@ -221,7 +221,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("arguments", "reply"), REFUSED, ids=str)
-def test_what_cannot_be_packed_is_refused(arguments: list[str], reply: str, folder: Path) -> None:
+def test_what_cannot_be_exported_is_refused(arguments: list[str], reply: str, folder: Path) -> None:
     """Exit 2, in words, and no file."""
     (folder / "text.json").write_text("{", "utf-8")
     (folder / "taken").mkdir(exist_ok=True)

@@ -192,7 +192,7 @@ def test_another_plant_is_not_as_designed(folder: Path) -> None:
 
 @pytest.mark.parametrize("flavour", EVERY)
 @pytest.mark.parametrize("name", ["my-plant", "my-controller"])
-def test_each_is_sound_for_other_eyes_too(folder: Path, name: str, flavour: str) -> None:
+def test_each_fmu_passes_other_checkers(folder: Path, name: str, flavour: str) -> None:
     """`cosim fmu check --run` finds nothing, FMPy's validation neither."""
     path = folder / flavour / f"{name}.fmu"
     checked = cosim("fmu", "check", path, "--run", "--time", "600", "--json", cwd=folder)
@@ -276,7 +276,7 @@ SMALL = {
 
 @pytest.mark.parametrize("flavour", FLAVOURS)
 @pytest.mark.parametrize("name", SMALL)
-def test_what_a_system_does_not_have_is_not_there(tmp_path: Path, name: str, flavour: str) -> None:
+def test_absent_matrices_give_no_variables(tmp_path: Path, name: str, flavour: str) -> None:
     """Sizes of zero, no delays; a solution in closed form: exp, or the method of steps."""
     text, delays = SMALL[name]
     (tmp_path / "s.toml").write_text(f"[system]\n{text}\n", "utf-8")
@@ -329,7 +329,7 @@ def large(n: int, delays: int) -> str:
     return "\n".join(lines)
 
 
-def test_twelve_states_with_three_delays_are_no_burden(tmp_path: Path) -> None:
+def test_twelve_states_with_three_delays_build_and_run(tmp_path: Path) -> None:
     """Some 1500 parameters; the generated C grows with the entries and no faster."""
     sizes = []
     for n in (6, 12):
@@ -343,7 +343,7 @@ def test_twelve_states_with_three_delays_are_no_burden(tmp_path: Path) -> None:
     assert np.isfinite(result["x[12]"]).all()
 
 
-def test_the_names_of_the_built_in_systems_serve(tmp_path: Path) -> None:
+def test_built_in_systems_build_by_name(tmp_path: Path) -> None:
     """`paper` is DelayedPlant under another name: the same variables, numbers, steps."""
     assert cosim("fmu", "build", "paper", cwd=tmp_path).code == 0
     model = read_model_description(str(tmp_path / "paper.fmu"))
@@ -403,7 +403,7 @@ def test_the_page_says_where_each_delay_is(folder: Path) -> None:
     assert "<strong>not</strong> in this FMU" in rows[2][1]
 
 
-def test_people_read_what_was_made(folder: Path) -> None:
+def test_text_output_shows_what_was_exported(folder: Path) -> None:
     """Without --json: the file, its sizes, and where the delays are."""
     seen = cosim("fmu", "build", "my-system.toml", "-o", "seen.fmu", "--name", "Seen", cwd=folder)
     assert seen.code == 0
@@ -411,7 +411,7 @@ def test_people_read_what_was_made(folder: Path) -> None:
         assert word in seen.out
 
 
-def test_help_teaches(tmp_path: Path) -> None:
+def test_help_of_build_explains_parameters(tmp_path: Path) -> None:
     """Names of variables, the flavours, what becomes of a delay of the feedback."""
     out = cosim("fmu", "build", "--help", cwd=tmp_path).out
     for word in ("A1[i,j]", "delay.d1", "native-fmi3", "feedback", "--initial", "--platforms"):
@@ -429,7 +429,7 @@ REFUSED = [
     (["my-system.toml", "--name", "class"], "this is no model name"),
     (["my-system.toml", "--name", "x" * 81], "this is no model name"),
     (["my-system.toml", "-o", "é.fmu"], "gives no model name"),
-    (["my-system.toml", "-o", "my-system.toml"], "would replace"),
+    (["my-system.toml", "-o", "my-system.toml"], "would overwrite"),
     (["my-system.toml", "-o", "/proc/none/x.fmu"], "the FMU cannot be written"),
     (["my-system.toml", "--flavour", "fortran"], "Invalid value"),
     (["my-system.toml", "--platforms", "vax"], "there is no platform"),

@@ -31,7 +31,7 @@ def model() -> dict[str, Row]:
     return named(model_rows())
 
 
-def test_fifteen_of_sixteen_coefficients_come_out(model: dict[str, Row]) -> None:
+def test_fifteen_of_sixteen_coefficients_are_reproduced(model: dict[str, Row]) -> None:
     """All but x5 x6 in yaw, which the print has as -0.031 and Table 1 makes -0.0300."""
     coefficients = [row for what, row in model.items() if what.startswith("f(x), row")]
     assert len(coefficients) == 16
@@ -52,7 +52,7 @@ def test_coefficients_that_no_misprint_touches_hold_as_printed(model: dict[str, 
     assert "N_ur" in model["f(x), row 8 (yaw): x5 x8"].why
 
 
-def test_thrust_map_needs_a_sign_twice(model: dict[str, Row]) -> None:
+def test_thrust_map_has_two_wrong_signs(model: dict[str, Row]) -> None:
     """Both entries off the diagonal are 2.40e-6 with a plus."""
     for entry in ("(2, 4)", "(4, 2)"):
         row = model[f"thrust map above Eq. (4): entry {entry}"]
@@ -90,7 +90,7 @@ def test_counterexample_of_lemma_3_in_floating_point() -> None:
     assert np.linalg.eigvalsh(S11 - S12 @ np.linalg.solve(S22, S12.T)).max() < 0
 
 
-def test_theorem_1_is_the_functional_but_for_one_block() -> None:
+def test_theorem_1_agrees_with_the_functional_except_one_block() -> None:
     """Eq. (10) holds; Pi_13 lacks D_K' D1 / gamma; any other slip would be seen."""
     rows = named(theorem_1_rows())
     assert rows["Theorem 1, Eq. (10)"].verdict is Verdict.HOLDS

@@ -21,12 +21,10 @@ from cosim.models import paper_example as example
 from cosim.paper import Report, Row, Verdict
 from cosim.paper.every_delay import every_delay
 from cosim.paper.figures import curves, figure_rows
-from cosim.paper.html_page import page
+from cosim.paper.html_page import page, typeset
 from cosim.paper.lemmas import lemma_rows
 from cosim.paper.row import EXAMPLE, SECTIONS
-from cosim.paper.table_2 import table_2
-from cosim.paper.table_rows import table_rows
-from cosim.paper.typeset import typeset
+from cosim.paper.table_2 import table_2, table_rows
 from cosim.paper.view import paper_view
 
 VOID = {"meta", "col", "img", "br"}
@@ -63,7 +61,7 @@ def report() -> Report:
     return Report(("One sentence.",), rows, table, drawn)
 
 
-def test_page_stands_alone(report: Report) -> None:
+def test_page_needs_no_other_file(report: Report) -> None:
     """Well-formed, nothing fetched, pictures inside and parseable, every row on it."""
     html = page(report)
     seen = Structure()
@@ -132,7 +130,7 @@ def test_typesetting(plain: str, html: str) -> None:
     assert str(typeset(plain)) == html
 
 
-def test_help_names_the_verb(tmp_path: Path) -> None:
+def test_help_names_the_command(tmp_path: Path) -> None:
     assert re.search(r"\bpaper\b", command("--help", cwd=tmp_path).out)
     assert "--html" in command("paper", "--help", cwd=tmp_path).out
 
@@ -144,7 +142,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, report: Report) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_verb_writes_what_is_asked(tmp_path: Path, report: Report) -> None:
+def test_command_writes_page_and_json(tmp_path: Path, report: Report) -> None:
     """Text, JSON, and a page beside either."""
     assert "Lemma 1" in command("paper", cwd=tmp_path).out
     result = command("paper", "--json", "--html", "new/page.html", cwd=tmp_path)
@@ -153,7 +151,9 @@ def test_verb_writes_what_is_asked(tmp_path: Path, report: Report) -> None:
     assert (tmp_path / "new" / "page.html").read_text("utf-8").startswith("<!doctype html>")
 
 
-def test_what_would_fail_late_fails_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unwritable_page_is_refused_before_the_computation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A page that cannot be written, or not be drawn: said before anything is computed."""
 
     def computed(_report_progress: Any) -> Report:

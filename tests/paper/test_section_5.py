@@ -13,10 +13,10 @@ from cosim.hinf.closed_loop import ClosedLoop
 from cosim.models import paper_example as example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.every_delay import every_delay
+from cosim.paper.example import largest_radius
 from cosim.paper.figures import curves, figure_rows
 from cosim.paper.row import Verdict
 from cosim.paper.simulation import simulate
-from cosim.paper.stability import largest_radius
 from cosim.paper.table_2 import direct_term, table_2
 
 
@@ -45,7 +45,7 @@ def test_a_gain_and_gamma_for_every_delay_survive_uncertainty_and_delay() -> Non
         assert norm.value <= found.gamma
 
 
-def test_what_fails_at_some_delay_is_not_certified_for_every_one() -> None:
+def test_a_gain_that_fails_at_some_delay_is_not_certified_for_every_delay() -> None:
     """A gain that makes the loop unstable, and x' = -x(t-d), stable for d < pi/2 alone."""
     assert every_delay(example.system(), [[-50.0, 0.0]]) is None
     one, none = [[1.0]], [[0.0]]

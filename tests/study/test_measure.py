@@ -70,7 +70,7 @@ def test_the_growth_rate_of_an_exponential_is_its_exponent(rate: float) -> None:
     assert taken(spiral, reduce="growth_rate", after=5.0) == pytest.approx(rate, rel=1e-4)
 
 
-def test_settling_is_when_the_band_is_left_no_more() -> None:
+def test_settling_time_is_when_the_band_is_left_for_the_last_time() -> None:
     """exp(-t) stays within 0.1 from ln 10 on; what never settles, or ends early, has no time."""
     decays = {"p.x": np.exp(-T)}
     settled = taken(decays, reduce="settling_time", within=0.1)
@@ -83,7 +83,7 @@ def test_settling_is_when_the_band_is_left_no_more() -> None:
     assert taken({"p.x": 0 * T}, reduce="settling_time", within=0.1) == 0.0
 
 
-def test_questions_are_answered_by_true_or_false_and_nothing_is_within_no_bound() -> None:
+def test_bounds_give_true_or_false_and_a_missing_value_gives_false() -> None:
     """below and above are strict; what does not exist is not."""
     x = {"p.x": T}
     assert taken(x, reduce="final", below=20.0) is False
@@ -92,13 +92,13 @@ def test_questions_are_answered_by_true_or_false_and_nothing_is_within_no_bound(
     assert taken(x, reduce="final", after=30.0, below=1.0) is False
     run = cast("Run", Recorded({}))
     assert measure(Metric(path="status", equals="finished"), {"status": "finished"}, run) is True
-    with pytest.raises(InputError, match="only numbers have bounds"):
+    with pytest.raises(InputError, match="below and above need a number"):
         measure(Metric(path="status", below=1.0), {"status": "finished"}, run)
 
 
-def test_a_table_is_no_metric() -> None:
+def test_a_table_as_metric_is_refused() -> None:
     """What is in it is said."""
-    with pytest.raises(InputError, match="one value") as refused:
+    with pytest.raises(InputError, match="single value") as refused:
         measure(Metric(path="metrics"), {"metrics": {"gain": 1.0}}, cast("Run", Recorded({})))
     assert "gain" in refused.value.text()
 

@@ -116,7 +116,9 @@ def test_the_trace_of_a_study_run_is_repeated_bit_for_bit(
     assert again.json["identical"] is True
 
 
-def test_a_later_measured_boundary_would_not_agree(native_fmus: Path, tmp_path: Path) -> None:
+def test_a_measured_boundary_beyond_the_margin_does_not_agree(
+    native_fmus: Path, tmp_path: Path
+) -> None:
     """The comparison can fail: with a table that says stable beyond the margin it does."""
     path = executed("delay-margin", native_fmus, tmp_path, {"delay": {"linspace": [0.3, 0.4, 3]}})
     table, manifest = read_table(path)

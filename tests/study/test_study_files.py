@@ -26,17 +26,17 @@ SAYS = {
     "metric-of-both": (10, "either a path or a signal"),
     "metric-without-reduce": (10, "signal and reduce belong together"),
     "misspelt-key": (10, "did you mean values"),
-    "moved-twice": (12, "two axes move run.step"),
+    "moved-twice": (12, "two axes change run.step"),
     "no-axes": (None, "the key 'vary' is missing"),
     "no-kind": (7, "which kind"),
     "no-list": (7, "connections[7].policy leads nowhere"),
     "no-metrics": (None, "the key 'metrics' is missing"),
     "no-such-file": (None, "nowhere.toml"),
-    "no-target": (7, "one of path, paths and apply"),
+    "no-target": (7, "one of path, paths, apply"),
     "reserved-column": (10, "two columns 'status'"),
     "reversed-bounds": (9, "uniform is [low, high]; got [0.2, 0.1]"),
     "same-column": (10, "two columns 'run.step'"),
-    "samples-of-nothing": (3, "nothing to draw"),
+    "samples-of-nothing": (3, "needs an axis to draw"),
     "set-nowhere": (13, "did you mean end"),
     "set-wrong-value": (13, "run.end"),
     "settling-without-band": (10, "within is the band"),
@@ -73,7 +73,7 @@ def planned(name_or_path: str, native_fmus: Path) -> Plan:
 
 
 @pytest.mark.parametrize("path", sorted((HERE / "invalid").iterdir()), ids=lambda p: p.stem)
-def test_what_is_wrong_is_named_with_its_place(path: Path, native_fmus: Path) -> None:
+def test_each_fault_is_named_with_its_place(path: Path, native_fmus: Path) -> None:
     """File, line, key, and the nearest names where there are any."""
     line, words = SAYS[path.stem]
     with pytest.raises(InputError) as refused:
@@ -140,7 +140,7 @@ def test_a_study_that_does_not_exist_names_those_that_do() -> None:
         load_study("nowhere.toml")
 
 
-def test_a_gain_that_the_design_sets_is_not_moved_in_vain(native_fmus: Path) -> None:
+def test_a_gain_that_the_design_sets_cannot_be_varied(native_fmus: Path) -> None:
     """K of the controller flies as it was designed: the study says where to vary it."""
     study = Study(
         title="t",
@@ -150,7 +150,7 @@ def test_a_gain_that_the_design_sets_is_not_moved_in_vain(native_fmus: Path) -> 
     )
     loaded = load("paper-example")
     of = BaseScenario(loaded.name, loaded.scenario, "", loaded.folder, native_fmus.parent, "native")
-    with pytest.raises(InputError, match="is what the design of the scenario sets") as refused:
+    with pytest.raises(InputError, match="is set by the design of the scenario") as refused:
         make_plan(study, of)
     assert "design.gain" in refused.value.text()
 

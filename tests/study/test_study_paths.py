@@ -9,7 +9,7 @@ import pytest
 from cosim.core.errors import InputError
 from cosim.scenario.key_paths import put, split
 from cosim.study.expression import Expression
-from cosim.study.figure_lookup import value_at
+from cosim.study.measurement import value_at
 
 
 def test_paths_are_split_at_dots_outside_quotes() -> None:
@@ -23,7 +23,7 @@ def test_paths_are_split_at_dots_outside_quotes() -> None:
 
 
 @pytest.mark.parametrize("path", ["", ".a", "a.", "a..b", "[0]", "a[b]", 'a."b', "a b]", "a.[0]"])
-def test_what_is_no_path_is_refused(path: str) -> None:
+def test_invalid_paths_are_refused(path: str) -> None:
     """With the path."""
     with pytest.raises(InputError, match="not a path"):
         split(path)
@@ -71,7 +71,7 @@ def test_expressions_are_arithmetic(text: str, x: float, value: float) -> None:
         "abs(x, key=1)", "open('f')", "'a'", "True", "x < 1", "(" * 500 + "x" + ")" * 500,
     ],
 )  # fmt: skip
-def test_anything_else_is_no_expression(text: str) -> None:
+def test_other_text_is_refused_as_expression(text: str) -> None:
     """Whatever Python makes of it."""
     with pytest.raises(InputError, match="not an expression"):
         Expression(text)

@@ -37,7 +37,7 @@ def test_a_grid_is_the_product_the_first_axis_slowest() -> None:
     )
 
 
-def test_spaced_values_are_the_decimals_one_would_write() -> None:
+def test_spaced_values_are_short_decimals() -> None:
     """No 0.30000000000000004 among them; even ratios for logspace."""
     assert list(column(points({"kind": "grid", "linspace": [0.0, 0.7, 8]}), 0)) == [
         0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7,
@@ -56,7 +56,7 @@ def test_spaced_values_are_the_decimals_one_would_write() -> None:
         ({"normal": [3.0, 0.5]}, stats.norm(3, 0.5)),
     ],
 )
-def test_what_is_drawn_has_its_distribution(kind: str, how: dict[str, Any], truth: Any) -> None:
+def test_draws_have_their_distribution(kind: str, how: dict[str, Any], truth: Any) -> None:
     """Kolmogorov and Smirnov do not object; a Sobol sequence is evener than chance."""
     drawn = column(points({"kind": kind, **how}, samples=1024, seed=3), 0)
     distance = stats.kstest(drawn, truth.cdf)
@@ -65,7 +65,7 @@ def test_what_is_drawn_has_its_distribution(kind: str, how: dict[str, Any], trut
         assert distance.statistic < 0.004
 
 
-def test_whole_numbers_and_choices_are_all_met_and_nothing_else() -> None:
+def test_integers_and_choices_give_every_value_and_no_other() -> None:
     """Both ends of `integers` belong to it."""
     found = points(
         {"kind": "random", "integers": [-1, 2]},
@@ -120,7 +120,7 @@ def test_the_least_number_drawn_has_a_normal_value() -> None:
     assert drawn[2] == 1.0
 
 
-def test_more_runs_than_can_be_had_are_refused() -> None:
+def test_too_many_runs_are_refused() -> None:
     """The number is said."""
     axis = {"kind": "grid", "linspace": [0.0, 1.0, 10_000]}
     with pytest.raises(InputError, match="too many runs") as refused:

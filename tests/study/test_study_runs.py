@@ -37,7 +37,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return executed
 
 
-def test_every_run_is_the_closed_form(tmp_path: Path) -> None:
+def test_every_run_agrees_with_the_closed_form(tmp_path: Path) -> None:
     """x at the end for ten values of u, by number of the run; nothing is missing."""
     values = [0.5 * i - 2.0 for i in range(10)]
     done = execute_study(plan(values), tmp_path)
@@ -49,7 +49,7 @@ def test_every_run_is_the_closed_form(tmp_path: Path) -> None:
     assert (done.runs, done.executed, done.statuses) == (10, 10, {"finished": 10})
 
 
-def test_axes_move_what_they_name(tmp_path: Path) -> None:
+def test_axes_change_the_places_they_name(tmp_path: Path) -> None:
     """Zipped rows, an expression in two places, and a fixed change: each run is the closed form."""
     axes = [
         {"kind": "grid", "name": "both", "paths": [U, "run.end"], "rows": [[2.0, 1.0], [3.0, 0.5]]},
@@ -143,14 +143,14 @@ def test_another_study_in_the_folder_is_not_mixed_with(tmp_path: Path) -> None:
     """Refused, with what differs; --fresh takes the folder."""
     execute_study(plan([0.0, 1.0]), tmp_path)
     other = plan([0.0, 2.0])
-    with pytest.raises(InputError, match="another study is here") as refused:
+    with pytest.raises(InputError, match="results of another study") as refused:
         execute_study(other, tmp_path)
     assert "the same study" in refused.value.text()
     execute_study(other, tmp_path, fresh=True)
     assert table(tmp_path)["u"] == [0.0, 2.0]
 
 
-def test_title_and_choice_of_traces_make_no_other_study(tmp_path: Path) -> None:
+def test_title_and_choice_of_traces_do_not_change_the_study(tmp_path: Path) -> None:
     """The two largest x get a trace afterwards; no run is flown for the table."""
     values = [0.0, 3.0, 1.0, 2.0]
     execute_study(plan(values), tmp_path)
@@ -178,12 +178,12 @@ def test_one_process_at_a_time(tmp_path: Path) -> None:
     made = plan([0.0, 1.0])
     with Folder(tmp_path) as first:
         first.begin(manifest_of(made))
-        with pytest.raises(InputError, match="another process works on this study"):
+        with pytest.raises(InputError, match="another process is running this study"):
             execute_study(made, tmp_path)
     execute_study(made, tmp_path)
 
 
-def test_a_table_with_a_hole_is_not_written(
+def test_a_table_with_missing_runs_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Runs that nobody flew are an error, whoever lost them."""
@@ -214,7 +214,7 @@ def test_a_table_with_a_hole_is_not_written(
     [
         ("metrics.gian", "did you mean gain"),
         ("final.tiny.x[2]", r"did you mean tiny.x\[1\]"),
-        ("metrics", "a metric is one value"),
+        ("metrics", "a metric must be a single value"),
         ({"signal": "tiny.y", "reduce": "rms"}, "there is no signal 'y'"),
         ({"signal": "tinny.x[1]", "reduce": "rms"}, "did you mean tiny"),
     ],
@@ -239,7 +239,7 @@ def test_a_study_of_which_no_run_succeeds_reports_why(tmp_path: Path) -> None:
         execute_study(plan([], vary=[axis]), tmp_path)
 
 
-def test_provenance_travels_with_the_table(tmp_path: Path) -> None:
+def test_the_table_contains_its_provenance(tmp_path: Path) -> None:
     """Study, scenario, hashes, versions and seeds are in the file itself."""
     made = plan([0.0, 1.0], seed=17)
     execute_study(made, tmp_path)
@@ -252,12 +252,12 @@ def test_provenance_travels_with_the_table(tmp_path: Path) -> None:
     assert "auv-cosim" in about["versions"]
 
 
-def test_an_fmu_that_was_exchanged_is_another_study(tmp_path: Path) -> None:
+def test_a_changed_fmu_makes_another_study(tmp_path: Path) -> None:
     """Its hash is part of what the results depend on, and workers check it."""
     made = plan([0.0])
     runner = made.runner
     runner._hashes = {"tiny1.fmu": "0" * 64}
-    with pytest.raises(InputError, match="not the one the study was started with"):
+    with pytest.raises(InputError, match="not the one that the study was started with"):
         execute_study(made, tmp_path)
 
 

@@ -104,7 +104,7 @@ def test_workers_are_replaced_when_they_are_lost_and_not_given_up_before(tmp_pat
     assert done.statuses == {"finished": 2}
 
 
-def test_a_study_without_workers_ends_and_can_be_taken_up(
+def test_a_study_that_loses_its_workers_ends_and_can_be_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where none can be started any more, that is said; what is done is kept."""
@@ -112,14 +112,14 @@ def test_a_study_without_workers_ends_and_can_be_taken_up(
     monkeypatch.setattr("cosim.study.workers._LOOK_S", 3600.0)
     with local(1) as pool:
         give_up(pool)
-        with pytest.raises(ComponentError, match="cannot be carried out") as caught:
+        with pytest.raises(ComponentError, match="cannot be executed on the cluster") as caught:
             execute_study(plan([0.0, 1.0]), tmp_path, lambda: contextlib.nullcontext(pool))
     assert "without any running workers" in str(caught.value.got)
     assert execute_study(plan([0.0, 1.0]), tmp_path).statuses == {"finished": 2}
 
 
 @pytest.mark.slow
-def test_many_runs_that_kill_their_workers_stop_no_study(tmp_path: Path) -> None:
+def test_many_runs_that_kill_their_workers_do_not_stop_the_study(tmp_path: Path) -> None:
     """Five of forty: each is a row that says so, all others are the closed form.
 
     In a process of its own, since a study that stops for ever is what is looked for.
@@ -142,7 +142,7 @@ def test_many_runs_that_kill_their_workers_stop_no_study(tmp_path: Path) -> None
     assert [found["x"][i] for i in others] == pytest.approx([truth(values[i]) for i in others])
 
 
-def test_of_a_batch_that_kills_all_but_one_run_are_kept(tmp_path: Path) -> None:
+def test_all_runs_of_a_batch_but_the_one_that_kills_its_worker_are_kept(tmp_path: Path) -> None:
     """Halved down to the one that kills; a crew that dies on it, in this process."""
     executed: list[int] = []
 

@@ -1,0 +1,253 @@
+"""Comparisons, recoveries, checks, reports and injections of traces, as text (and JSON)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.run_view import late_view
+from cosim.cli.terminal import NONE, number, plain
+from cosim.replay import InjectionResult
+from cosim.trace import Change, Diff, Recovery, Report, Verification, diff_json, diff_verdict
+
+_MOST, _MOST_DAMAGE = 25, 20
+_TONES = {"good": "green", "bad": "red", "open": "yellow"}
+_COLOURS = {"ok": "green", "failed": "bold red", "incomplete": "yellow", "not checked": "dim"}
+_WORDS = {
+    "ok": "all checks passed",
+    "failed": "a check FAILED",
+    "incomplete": "no check failed, but the file is not complete",
+}
+
+
+def diff_view(found: Diff) -> RenderableType:
+    """Show the verdict, the differing signals and links, and how the two runs differ."""
+    colour = "green" if found.equal else "red"
+    parts: list[RenderableType] = [Text(diff_verdict(found), style=f"bold {colour}")]
+    if found.identical:
+        parts.append(Text(f"content hash {found.hashes[0]}"))
+        return Group(*parts)
+    parts += _signals(found)
+    parts += [plain(line) for line in _facts(found)]
+    parts += _links(found)
+    parts += _context(found)
+    return Group(*parts)
+
+
+def _signals(found: Diff) -> list[RenderableType]:
+    parted = found.parted
+    alike = len(found.signals) - len(parted)
+    head = f"{len(parted)} of {len(found.signals)} signals differ, {alike} agree"
+    parts: list[RenderableType] = [Text(head)]
+    if not parted:
+        return parts
+    table = Table(box=None, pad_edge=False)
+    table.add_column("signal", overflow="fold", min_width=24)
+    for column in ("differs at", "rows", "of", "largest", "relative", "at"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for signal in parted[:_MOST]:
+        table.add_row(
+            plain(signal.name),
+            number(signal.first_s, 6, "s"),
+            str(signal.differing),
+            f"{signal.compared}{'*' if signal.sample_and_hold else ''}",
+            "unlike" if signal.max_abs is None else number(signal.max_abs, 4, signal.unit or ""),
+            NONE if signal.max_rel is None else number(signal.max_rel, 3),
+            number(signal.max_at_s, 6, "s"),
+        )
+    parts.append(table)
+    if len(parted) > _MOST:
+        parts.append(Text(f"... and {len(parted) - _MOST} more (--json has all)"))
+    if any(signal.sample_and_hold for signal in parted):
+        parts.append(
+            Text("* recorded at other instants: the values in force are compared at all of them")
+        )
+    return parts
+
+
+def _facts(found: Diff) -> list[str]:
+    lines = []
+    for number_, name in ((0, "first"), (1, "second")):
+        if found.only[number_]:
+            lines.append(f"only in the {name} trace: {', '.join(found.only[number_])}")
+    if found.other_bytes:
+        lines.append(f"other messages: {', '.join(found.other_bytes)}")
+    if not found.same_end:
+        lines.append(f"end: t = {found.ends_s[0]:g} s and {found.ends_s[1]:g} s")
+    if any(found.log_lines):
+        lines.append(f"/log: {found.log_lines[0]} and {found.log_lines[1]} lines of its own each")
+    return lines
+
+
+def _links(found: Diff) -> list[RenderableType]:
+    if not found.links:
+        return []
+    table = Table(box=None, pad_edge=False)
+    for column in ("link", "delivered", "dropped", "own", "other times", "by up to", "from"):
+        table.add_column(column, justify="left" if column == "link" else "right")
+    for link in found.links:
+        table.add_row(
+            plain(link.link),
+            _both(link.delivered),
+            _both(link.dropped),
+            _both(link.only),
+            str(link.other_times),
+            number(link.largest_shift_s, 4, "s"),
+            number(link.first_s, 6, "s"),
+        )
+    return [table]
+
+
+def _both(pair: tuple[int, int]) -> str:
+    return f"{pair[0]} / {pair[1]}"
+
+
+def _context(found: Diff) -> list[RenderableType]:
+    parts: list[RenderableType] = []
+    for name, lines in found.context.texts.items():
+        parts.append(plain(f"{name}:"))
+        for line in lines:
+            if not line.startswith(("--- ", "+++ ")):
+                colour = {"+": "green", "-": "red"}.get(line[:1], "dim")
+                parts.append(Text("  ").append_text(plain(line)))
+                parts[-1].stylize(colour)  # type: ignore[union-attr]
+    entries = [change for change in found.context.entries if _informative(change)]
+    if entries:
+        table = Table(box=None, pad_edge=False)
+        for column in ("entry", "first", "second"):
+            table.add_column(column, overflow="fold")
+        for change in entries[:_MOST]:
+            table.add_row(
+                plain(f"{change.where} {change.key}"),
+                plain(change.a if change.a is not None else NONE),
+                plain(change.b if change.b is not None else NONE),
+            )
+        parts.append(table)
+    more = len(found.context.entries) + found.context.left_out - min(len(entries), _MOST)
+    if more:
+        parts.append(Text(f"... and {more} more entries (--json has them)"))
+    return parts
+
+
+def _informative(change: Change) -> bool:
+    """Return whether an entry is worth showing: not a hash, not a matrix of a proof."""
+    silent = ("variables.", "system.", "final.", "certificate.claim")
+    return not change.key.startswith(silent) and not change.key.endswith("sha256")
+
+
+def recovery_view(found: Recovery) -> Table:
+    """Show where the new file is, what it contains and what was lost."""
+    view = Table.grid(padding=(0, 2))
+    view.add_column(style="bold")
+    view.add_column(overflow="fold")
+    if found.complete:
+        view.add_row("complete", plain("nothing to recover"))
+    view.add_row("output", plain(found.output))
+    view.add_row(
+        "kept",
+        f"{found.messages} messages, {found.metadata} metadata records, "
+        f"{found.attachments} attachments",
+    )
+    unknown = "an unknown number of messages" if found.lost else "nothing"
+    lost = unknown if found.lost_messages is None else f"{found.lost_messages} messages"
+    view.add_row("lost", f"{lost if found.lost else 'nothing'}; {found.lost_bytes} bytes unused")
+    view.add_row("run", "has its result" if found.finished else "has no result")
+    for damage in found.damage[:_MOST_DAMAGE]:
+        place = f"byte {damage.position}, {damage.length} bytes"
+        view.add_row("damage", plain(f"{place}: {damage.reason}"))
+    if len(found.damage) > _MOST_DAMAGE:
+        view.add_row("", f"and {len(found.damage) - _MOST_DAMAGE} more")
+    return view
+
+
+def verification_view(found: Verification) -> Group:
+    """Show one line per check, then the verdict."""
+    view = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    view.add_column(style="bold", no_wrap=True)
+    view.add_column(no_wrap=True)
+    view.add_column(overflow="fold")
+    for check in found.checks:
+        verdict = Text(check.verdict, style=_COLOURS[check.verdict])
+        view.add_row(check.name, verdict, plain(check.detail))
+    last = plain(f"{found.path}: {_WORDS[found.verdict]}")
+    last.stylize(_COLOURS[found.verdict])
+    return Group(view, last)
+
+
+def report_view(written: Report) -> Text:
+    """Show where a report was written, the run's status and its guarantee."""
+    text = Text.assemble(
+        "report: ",
+        (str(written.output), "bold"),
+        f" ({written.bytes / 1e6:.1f} MB, {written.charts} charts)\nthe run: {written.status}",
+    )
+    if written.guarantee is not None:
+        check = written.guarantee
+        text.append(f"\n{check.what}", style=_TONES[check.tone]).append(f": {check.why}")
+    return text
+
+
+def inject_json(found: InjectionResult) -> dict[str, Any]:
+    """Return the object that `--json` prints."""
+    compared = None if found.compared is None else diff_json(found.compared)
+    keys = ("equal", "first", "signals", "only")
+    return {
+        "output": str(found.trace),
+        "content_hash": found.content_hash,
+        "fmu": str(found.fmu.path),
+        "fmu_sha256": found.fmu.sha256,
+        "component": found.name,
+        "as_component": found.role,
+        "mapped": {name: f"{s.topic}:{s.column}" for name, s in found.sources.items()},
+        "not_mapped": list(found.unmapped_inputs),
+        "not_used": list(found.unused),
+        "parameters": dict(found.parameters),
+        "parameters_not_set": list(found.not_set),
+        "points": found.points,
+        "end_s": found.end_s,
+        "shift_s": found.shift_s,
+        "status": found.status,
+        "reason": found.reason,
+        "identical": found.identical,
+        "compare": compared and {key: compared[key] for key in keys},
+        "log_after_end": list(found.log_after_end),
+    }
+
+
+def inject_view(found: InjectionResult) -> RenderableType:
+    """Show which inputs were fed with what, what was left out, and the result."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("input", style="bold")
+    table.add_column("fed with")
+    for name, source in found.sources.items():
+        table.add_row(plain(name), plain(f"{source.topic} {source.column}"))
+    parts: list[RenderableType] = [
+        plain(
+            f"{found.fmu.path.name} as {found.name}: {found.status} at t = {found.end_s:g} s, "
+            f"{found.points} communication points"
+        ),
+        table,
+    ]
+    for label, names in (
+        ("inputs at their start values", found.unmapped_inputs),
+        ("recorded inputs that were not used", found.unused),
+        ("recorded parameters that the FMU does not have", found.not_set),
+    ):
+        if names:
+            parts.append(plain(f"{label}: {', '.join(names)}"))
+    own = f"{len(found.parameters)} set" if found.parameters else "the FMU's own"
+    parts.append(plain(f"parameters: {own}"))
+    if found.reason:
+        parts.append(Text(found.reason, style="red"))
+    if found.compared is not None:
+        colour = "green" if found.compared.equal else "red"
+        words = diff_verdict(found.compared)
+        if found.identical:
+            words = "identical: every output is the same, bit for bit"
+        parts.append(Text(f"compared with the recorded outputs: {words}", style=colour))
+    parts += late_view(found.log_after_end)
+    parts.append(plain(f"trace: {found.trace}"))
+    return Group(*parts)
