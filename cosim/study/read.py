@@ -15,11 +15,7 @@ from cosim.study.schema import Study
 
 @dataclass(frozen=True)
 class LoadedStudy:
-    """A study with its source text and its scenario.
-
-    name : the built-in name, or the stem of the file name.
-    where : the file, for messages.
-    """
+    """A study, its name (built-in, or the file's stem), text and file (`where`), its scenario."""
 
     name: str
     study: Study
