@@ -106,7 +106,7 @@ def delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """
     if isinstance(link.delay, DelaySignal):
         raise InputError(
-            "the delay follows a signal, which is known only while the run goes",
+            "the delay follows a signal, which is known only during the run",
             where=f"link {link.name!r}: delay",
             expected="a constant delay or a DelayProfile",
             got=repr(link.delay),

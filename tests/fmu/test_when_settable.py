@@ -174,8 +174,8 @@ def test_event_sets_what_may_be_set_at_points(tmp_path: Path) -> None:
         x = Trace(tmp_path / "t.mcap")["it.x"].values
         assert x[[0, 5, 10]] == pytest.approx([1.0, 1.5, 1.5 + 0.5 * slope], rel=1e-12)
     for name, message in (
-        ("x0", "it.x0 cannot be set while the run goes"),
-        ("c", "it.c cannot be set while the run goes"),
+        ("x0", "it.x0 cannot be set during a run"),
+        ("c", "it.c cannot be set during a run"),
         ("x", "it.x is an output"),
     ):
         (tmp_path / "s.toml").write_text(EVENT.format(name, 2.0))

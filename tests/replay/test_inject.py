@@ -304,14 +304,14 @@ WRONG = {
     "nothing to compare with": (("--compare", "captain"), "there is no recorded component"),
     "no such parameter": (("--map", "pilot.u=u", "--set", "zeta=1"), "zeta"),
     "no number": (("--map", "pilot.u=u", "--set", "u=x"), "not a number"),
-    "a link for what was delivered": (("--map", "pilot.u=u", "--delay", "1"), "what was sent"),
+    "a link for what was delivered": (("--map", "pilot.u=u", "--delay", "1"), "signals as they were sent"),
     "a link that was not recorded": (
         ("--map", "pilot.u=u", "--as", "sent", "--link", "up"),
         "there is no recorded link",
     ),
     "jitter without messages": (
         ("--map", "pilot.u=u", "--as", "sent", "--jitter", "1"),
-        "messages",
+        "need a packet link",
     ),
     "a negative delay": (("--map", "pilot.u=u", "--as", "sent", "--delay", "-1"), "not a time"),
     "a loss of two": (
@@ -320,7 +320,7 @@ WRONG = {
     ),
     "no step": (("--map", "pilot.u=u", "--step", "0"), "not a step"),
     "a step beyond the end": (("--map", "pilot.u=u", "--step", "99"), "step does not fit"),
-    "onto itself": (("--map", "pilot.u=u", "-o", "s.mcap"), "replace"),
+    "onto itself": (("--map", "pilot.u=u", "-o", "s.mcap"), "overwrite"),
 }
 
 

@@ -112,6 +112,6 @@ def test_broken_schema_reports_every_key(fmus: Path, tmp_path: Path) -> None:
     )
     result = cosim("scenario", "check", "keys.toml", "--fmus", fmus.parent, cwd=tmp_path)
     assert result.code == 2
-    assert result.out.splitlines()[-1] == "keys.toml: 4 wrong"
+    assert result.out.splitlines()[-1] == "keys.toml: 4 errors"
     for line in ("keys.toml:1:", "keys.toml:3:", "keys.toml:4:", "keys.toml:7:"):
         assert line in result.out

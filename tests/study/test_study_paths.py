@@ -37,7 +37,7 @@ def test_values_are_put_where_the_path_leads() -> None:
     assert data == {"design": {"gain": [[1.0, 9.0]]}, "links": {"up": {"jitter": {"width": 0.1}}}}
     with pytest.raises(InputError, match="no place 1"):
         put(data, split("design.gain[1][0]"), 1.0, "design.gain[1][0]")
-    with pytest.raises(InputError, match="no table"):
+    with pytest.raises(InputError, match="not inside a table"):
         put(data, split("design.gain.x"), 1.0, "design.gain.x")
 
 
