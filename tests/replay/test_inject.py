@@ -304,7 +304,10 @@ WRONG = {
     "nothing to compare with": (("--compare", "captain"), "there is no recorded component"),
     "no such parameter": (("--map", "pilot.u=u", "--set", "zeta=1"), "zeta"),
     "no number": (("--map", "pilot.u=u", "--set", "u=x"), "not a number"),
-    "a link for what was delivered": (("--map", "pilot.u=u", "--delay", "1"), "signals as they were sent"),
+    "a link for what was delivered": (
+        ("--map", "pilot.u=u", "--delay", "1"),
+        "signals as they were sent",
+    ),
     "a link that was not recorded": (
         ("--map", "pilot.u=u", "--as", "sent", "--link", "up"),
         "there is no recorded link",
