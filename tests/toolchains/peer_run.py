@@ -2,9 +2,8 @@
 
 Every tool stands in `TOOLS` and has a file `by_NAME.py` beside this one: a function from a
 `PeerRun` to the rows of every watched variable, and a last line `serve(run_tool)`. A tool runs in
-its
-own process because each loads native code, prints what it likes, and must not end the tests when
-it falls.
+its own process because each loads native code, prints what it likes, and must not end the tests
+when it falls.
 
 The coupling is the same in all: at each point the outputs are read, then handed to the inputs,
 then every FMU steps (Jacobi), the first hand-over being of the outputs after initialisation.
@@ -17,12 +16,12 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -101,23 +100,34 @@ def run_peer(tool: Tool, peer_run: PeerRun, folder: Path) -> dict[str, NDArray[n
     -------
     Label -> value at the end of each step, shape (steps,).
     """
-    missing = [name for name in tool.modules if not installed(name)]
+    return answered(tool.file, tool.modules, asdict(peer_run), folder)
+
+
+def answered(
+    file: str, modules: Sequence[str], request: Mapping[str, Any], folder: Path
+) -> dict[str, NDArray[np.float64]]:
+    """Run a file of this folder in a process of its own; the rows that it answers a request with.
+
+    request : JSON values, `steps` among them; `modules` : what the file needs, or the test is
+    skipped.
+    """
+    missing = [name for name in modules if not installed(name)]
     if missing:
         pytest.skip(f"needs {', '.join(missing)}: pip install auv-cosim[{EXTRA}]")
     question, answer = folder / "question.json", folder / "answer.json"
-    question.write_text(json.dumps(asdict(peer_run)), "utf-8")
+    question.write_text(json.dumps(request), "utf-8")
     path = os.pathsep.join([str(HERE.parent), *sys.path])
     done = subprocess.run(  # noqa: S603 - a file of this folder
-        [sys.executable, "-m", f"toolchains.{tool.file}", str(question), str(answer)],
+        [sys.executable, "-m", f"toolchains.{file}", str(question), str(answer)],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, f"{tool.file} ended with {done.returncode}:\n{done.stderr}"
+    assert done.returncode == 0, f"{file} ended with {done.returncode}:\n{done.stderr}"
     rows = {name: np.array(row) for name, row in json.loads(answer.read_text("utf-8")).items()}
-    assert {row.shape for row in rows.values()} == {(peer_run.steps,)}
+    assert {row.shape for row in rows.values()} == {(request["steps"],)}
     return rows
 
 
@@ -134,12 +144,20 @@ def installed(name: str) -> bool:
 
 def serve(run_tool: Callable[[PeerRun], Rows]) -> None:
     """Read the request, run it and write the answer, when a tool's file is run."""
+
+    def run(plain: dict[str, Any]) -> Rows:
+        plain["parts"] = {name: Part(**part) for name, part in plain["parts"].items()}
+        for key in ("wires", "watch"):
+            plain[key] = tuple(tuple(row) for row in plain[key])
+        return run_tool(PeerRun(**plain))
+
+    answer_request(run)
+
+
+def answer_request(run: Callable[[dict[str, Any]], Rows]) -> None:
+    """Read the request that `answered` wrote, run it, write the answer and leave."""
     question, answer = map(Path, sys.argv[1:])
-    plain = json.loads(question.read_text("utf-8"))
-    plain["parts"] = {name: Part(**part) for name, part in plain["parts"].items()}
-    for key in ("wires", "watch"):
-        plain[key] = tuple(tuple(row) for row in plain[key])
-    answer.write_text(json.dumps(run_tool(PeerRun(**plain))), "utf-8")
+    answer.write_text(json.dumps(run(json.loads(question.read_text("utf-8")))), "utf-8")
     # the answer is complete: some tools corrupt the heap while their libraries are unloaded (Ecos
     # with PythonFMU aborts there now and then), which is no finding about our FMUs
     os._exit(0)

@@ -6,23 +6,17 @@ watched, and a last line `serve(run_tool)`, as for `toolchains.peer_run`.
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
-from toolchains.peer_run import EXTRA, installed
+from toolchains.peer_run import Rows, answer_request, answered, label
 
-Rows = Mapping[str, list[float]]
-HERE = Path(__file__).parent
+__all__ = ["PEERS", "Archive", "Peer", "Rows", "label", "run_peer", "serve"]
 
 
 class Peer(NamedTuple):
@@ -68,11 +62,6 @@ class Archive:
         return self.step_ns / 1e9
 
 
-def label(element: str, variable: str) -> str:
-    """The name of a row."""
-    return f"{element}.{variable}"
-
-
 def run_peer(peer: Peer, archive: Archive, folder: Path) -> dict[str, NDArray[np.float64]]:
     """Run with a tool; the test is skipped if the tool is not installed.
 
@@ -80,28 +69,14 @@ def run_peer(peer: Peer, archive: Archive, folder: Path) -> dict[str, NDArray[np
     -------
     Label -> value at the end of each step, shape (steps,).
     """
-    missing = [name for name in peer.modules if not installed(name)]
-    if missing:
-        pytest.skip(f"needs {', '.join(missing)}: pip install auv-cosim[{EXTRA}]")
-    question, answer = folder / "question.json", folder / "answer.json"
-    question.write_text(json.dumps(asdict(archive)), "utf-8")
-    done = subprocess.run(  # noqa: S603 - a file of this folder
-        [sys.executable, "-m", f"toolchains.{peer.file}", str(question), str(answer)],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parent), *sys.path])},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, f"{peer.file} ended with {done.returncode}:\n{done.stderr}"
-    rows = {name: np.array(row) for name, row in json.loads(answer.read_text("utf-8")).items()}
-    assert {row.shape for row in rows.values()} == {(archive.steps,)}
-    return rows
+    return answered(peer.file, peer.modules, asdict(archive), folder)
 
 
 def serve(run_tool: Callable[[Archive], Rows]) -> None:
     """Read the request, run it and write the answer, when a tool's file is run."""
-    question, answer = map(Path, sys.argv[1:])
-    plain = json.loads(question.read_text("utf-8"))
-    plain["watch"] = tuple(tuple(row) for row in plain["watch"])
-    answer.write_text(json.dumps(run_tool(Archive(**plain))), "utf-8")
+
+    def run(plain: dict[str, Any]) -> Rows:
+        plain["watch"] = tuple(tuple(row) for row in plain["watch"])
+        return run_tool(Archive(**plain))
+
+    answer_request(run)
