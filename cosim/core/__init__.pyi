@@ -8,6 +8,7 @@ from .errors import (
     StoppedError as StoppedError,
 )
 from .extras import optional as optional
+from .files import write_whole as write_whole
 from .progress import (
     Progress as Progress,
     silent as silent,

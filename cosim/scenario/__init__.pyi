@@ -13,11 +13,9 @@ from .diagram import (
 )
 from .editor_schema import json_schema as json_schema
 from .execute import (
-    PreparedScenario as PreparedScenario,
     check_writable as check_writable,
     execute_run as execute_run,
     execute_unrecorded as execute_unrecorded,
-    prepare as prepare,
 )
 from .extend import (
     give_way as give_way,
@@ -43,6 +41,10 @@ from .outcome import Outcome as Outcome
 from .pinned import (
     design_content as design_content,
     named_design as named_design,
+)
+from .preparation import (
+    PreparedScenario as PreparedScenario,
+    prepare as prepare,
 )
 from .python_api import (
     open_session as open_session,

@@ -32,18 +32,6 @@ from cosim.scenario.script import changes_of, instants_ns
 from cosim.scenario.signals import Signals, along_path, reference_inputs, worst_case_inputs
 from cosim.scenario.units import numbers_of
 
-__all__ = [
-    "FmuCache",
-    "SystemParts",
-    "Wires",
-    "assemble",
-    "delay_sources",
-    "find_fmus",
-    "parts_of",
-    "same_start",
-    "system_of",
-]
-
 Wires = list[tuple[Connection, Path]]
 """Connections, each with its path in the scenario."""
 

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import Progress, silent
-from cosim.scenario.execute import check_writable, execute_run, prepare
+from cosim.scenario.execute import check_writable, execute_run
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from cosim.trace import LabelledTrace, compare_runs, pyplot
 

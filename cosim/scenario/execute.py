@@ -17,13 +17,11 @@ from cosim.scenario.assertions import verdicts_of
 from cosim.scenario.metrics import RunContext, final_values, metrics_of, status_of
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, result_entries
-from cosim.scenario.preparation import PreparedScenario, prepare
+from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.system_run import CompletedRun, run_system
 from cosim.trace import TraceWriter, content_hash, result_of_link
-
-__all__ = ["PreparedScenario", "check_writable", "execute_run", "execute_unrecorded", "prepare"]
 
 
 def execute_run(

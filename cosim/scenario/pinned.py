@@ -8,13 +8,12 @@ next run. The proof of an existing design is checked again, exactly, before it i
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, write_whole
 from cosim.hinf import (
     Design,
     certificate_from_bytes,
@@ -119,10 +118,8 @@ def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, Desi
     if not ours:
         return made, _in_trace(why)
     text = json.dumps({**design_to_json(made), _MADE_FOR: made_for}, indent=1, allow_nan=False)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        beside.write_text(text + "\n", "utf-8")
-        beside.replace(path)
+        write_whole(path, f"{text}\n".encode())
     except OSError as error:
         return made, _in_trace(f"{path}: {error.strerror}")
     return made, DesignSource(f"made for this run ({why}), kept in {path}", str(path), made=True)

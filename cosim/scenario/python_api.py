@@ -9,9 +9,10 @@ from pathlib import Path
 from cosim.core import InputError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.master import EngineName, Observer, Pace, Session
-from cosim.scenario.execute import PreparedScenario, assembled_system, execute_run, prepare
+from cosim.scenario.execute import assembled_system, execute_run
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
+from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.read import load, of_scenario
 from cosim.scenario.schema import Scenario
 

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from cosim.core import InputError
+from cosim.core import InputError, write_whole
 from cosim.study.batch import Row
 
 MANIFEST, RUN_LOG, RESULTS, TRACES = "study.json", "journal.jsonl", "results.parquet", "traces"
@@ -71,7 +71,7 @@ class Folder:
             if fresh or before is None:
                 self._run_log.truncate(0)
             # the same study may have another title, or keep other traces
-            _write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
+            write_whole(self.path / MANIFEST, json.dumps(manifest, indent=1).encode())
         except BaseException:
             self.close()
             raise
@@ -171,10 +171,3 @@ def _another(path: Path, before: dict[str, Any], manifest: dict[str, Any]) -> In
         got=f"{before['study'].get('title')!r}, {before['count']} runs",
         hint="another folder: --out; or --fresh, which deletes the results here",
     )
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file that is complete or absent, never partial."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content)
-    partial.replace(path)

@@ -26,9 +26,10 @@ from rich.table import Table
 from cosim.fmu import FmuSlave
 from cosim.master import EngineName, Run, Session, System
 from cosim.master.engine.calls import exchange_2, step_2
-from cosim.scenario.assembly import FmuCache, assemble
-from cosim.scenario.execute import prepare
+from cosim.scenario.assembly import assemble
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import gain_parameters
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from tests.benchmarks._show import show
 

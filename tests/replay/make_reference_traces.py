@@ -14,8 +14,9 @@ import tempfile
 from pathlib import Path
 from unittest.mock import patch
 
-from cosim.scenario.assembly import FmuCache
-from cosim.scenario.execute import execute_run, prepare
+from cosim.scenario.execute import execute_run
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load, parse
 
 FOLDER = Path(__file__).parents[2] / "traces" / "reference"

@@ -16,9 +16,10 @@ from shared import fmu_store
 from cosim.hinf import design_from_json
 from cosim.replay import rerun
 from cosim.replay.trace_attachments import worst_case_in
-from cosim.scenario.assembly import FmuCache
-from cosim.scenario.execute import execute_run, prepare
+from cosim.scenario.execute import execute_run
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import problem_of
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import parse
 from cosim.trace import DESIGN_ATTACHMENT, SCENARIO_ATTACHMENT, Trace
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cosim.master import Run
-from cosim.scenario.execute import execute_unrecorded, prepare
+from cosim.scenario.execute import execute_unrecorded
 from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import LoadedScenario, parse
 
 SCENARIO = """\

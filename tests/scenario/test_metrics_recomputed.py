@@ -10,9 +10,10 @@ from cli.shell import shared_run, trace_of
 from shared import fmu_store
 
 from cosim.models.auv import STATE, TABLE_1, thrust_map
-from cosim.scenario.assembly import FmuCache
-from cosim.scenario.execute import execute_run, prepare
+from cosim.scenario.execute import execute_run
+from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import problem_of
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import LoadedScenario, load, parse
 from cosim.trace import Table, Trace
 

@@ -17,9 +17,10 @@ from cosim.core.errors import InputError
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.hinf import certificate_bytes, check_certificate, design_from_json, system_by_name
 from cosim.scenario import gain as making
-from cosim.scenario.assembly import FmuCache
-from cosim.scenario.execute import PreparedScenario, execute_unrecorded, prepare
+from cosim.scenario.execute import execute_unrecorded
 from cosim.scenario.extend import open_source
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.python_api import open_session, run
 from cosim.scenario.read import builtin_names, load, loaded_of, with_settings
 from cosim.study.read import builtin_studies, load_study
@@ -462,7 +463,7 @@ def test_design_is_kept_in_the_trace_if_the_folder_is_read_only(
     mine: Path, native_fmus: Path
 ) -> None:
     """The run says that the folder takes no file."""
-    with patch("cosim.scenario.pinned.Path.write_text", side_effect=PermissionError(13, "denied")):
+    with patch("cosim.scenario.pinned.write_whole", side_effect=PermissionError(13, "denied")):
         loaded = load(str(mine))
         found = prepare(loaded, FmuCache(native_fmus.parent, loaded.folder, flavour="native"))
     assert found.source is not None

@@ -18,9 +18,10 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from cosim.core.errors import CosimError
 from cosim.scenario.check import problems_of, schema_problems
 from cosim.scenario.editor_schema import json_schema
-from cosim.scenario.execute import execute_run, prepare
+from cosim.scenario.execute import execute_run
 from cosim.scenario.extend import open_source, source_of
 from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import builtin_names, load, of_scenario, parse
 from cosim.scenario.schema import Scenario
 

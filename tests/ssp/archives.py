@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Run, simulate
-from cosim.scenario.assembly import FmuCache
-from cosim.scenario.execute import prepare
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import LoadedScenario, parse
 from cosim.scenario.ssp.export import Links, SspExport, export_ssp, system_of
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from toolchains.ssp_peer_run import PEERS, Archive, Peer, label, run_peer
 
 from cosim.master import simulate
-from cosim.scenario.assembly import FmuCache
-from cosim.scenario.execute import prepare
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import parse
 from cosim.scenario.ssp.export import Links, export_ssp, system_of
 

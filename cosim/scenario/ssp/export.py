@@ -14,8 +14,8 @@ from cosim.core import InputError
 from cosim.fmu import deterministic_zip
 from cosim.master import System
 from cosim.scenario.assembly import assemble
-from cosim.scenario.execute import PreparedScenario
 from cosim.scenario.fields import Part
+from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.schema import Scenario
 from cosim.scenario.ssp.elements import ArchiveElements, Resources, archive_elements
 from cosim.scenario.ssp.names import SSD
