@@ -42,9 +42,10 @@ def run(
     ] = None,
     fmus: FmusOption = FMUS,
     engine: Annotated[
-        Literal["auto", "python", "compiled"],
+        Literal["auto", "kernel", "python"],
         typer.Option(
-            help="What executes the co-simulation loop; the results are the same, bit for bit."
+            help="What runs the loop: the kernel in C, or Python; the results are the same, "
+            "bit for bit."
         ),
     ] = "auto",
     flavour: Annotated[

@@ -1,3 +1,4 @@
+from .compiled import compiled_library as compiled_library
 from .description import (
     FmuDescription as FmuDescription,
     describe_fmu as describe_fmu,

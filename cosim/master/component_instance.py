@@ -81,7 +81,6 @@ class ComponentInstance:
     outputs_without_feedthrough : outputs that are read before the inputs of the same point.
     outputs_with_feedthrough : outputs that depend on the inputs of the same point.
     driven : inputs that follow a signal, or the state of a link.
-    direct_routes : indices of the routes whose values are set directly from the sender's row.
     """
 
     name: str
@@ -99,16 +98,6 @@ class ComponentInstance:
     comm_points: CommunicationPoints = field(repr=False)
     driven: Mapping[str, Signal | Endpoint] = field(default_factory=dict, repr=False)
     slave: FmuSlave = field(init=False)
-    direct_routes: set[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._settled = 0
-        whole = {g.route: g for g in self.connected_inputs if g.c_type == "f8"}
-        self.direct_routes = {
-            i
-            for i, route in enumerate(self.routes)
-            if route.verbatim and i in whole and whole[i].size == route.targets.size
-        }
 
     @property
     def output_column(self) -> int:
@@ -138,26 +127,11 @@ class ComponentInstance:
         known = [c.name for c in (*self.output_columns, *self.input_columns)]
         raise InputError.unknown(kind, variable, known, where=f"component {self.name!r}")
 
-    def inputs(self, count: int) -> Rows:
-        """Return the connected inputs at the first points, (count, inputs), valid at own points.
-
-        Inputs that are set directly from a sender's row are copied to the rows here.
-        """
-        for i in self.direct_routes:
-            self._copy_inputs(self.routes[i], self._settled, count)
-        self._settled = max(self._settled, count)
+    @property
+    def inputs(self) -> Rows:
+        """Its connected inputs, (points, inputs), a view of the rows."""
         first = self.input_column
-        return self.rows[:count, first : first + len(self.input_columns)]
-
-    def forget(self, count: int) -> None:
-        """Mark the rows from `count` on as not computed yet."""
-        self._settled = min(self._settled, count)
-
-    def copy_from(self, number: int, count: int) -> None:
-        """From `count` on, copy the values of a direct route to the rows at each point."""
-        if number in self.direct_routes:
-            self.inputs(count)
-            self.direct_routes.discard(number)
+        return self.rows[:, first : first + len(self.input_columns)]
 
     def values(self, rows: Any, columns: Sequence[Column]) -> list[list[Any]]:
         """Convert rows of doubles to rows of values of the columns' own types."""
@@ -167,13 +141,6 @@ class ComponentInstance:
             [text[int(v)] if to is str else to(v) for to, v in zip(types, row, strict=True)]
             for row in rows.tolist()
         ]
-
-    def _copy_inputs(self, route: Route, first: int, last: int) -> None:
-        source = slice(int(route.columns[0]), int(route.columns[-1]) + 1)
-        target = slice(int(route.targets[0]), int(route.targets[-1]) + 1)
-        used = route.row[first:last]
-        there = np.flatnonzero(used >= 0)
-        self.rows[first + there, target] = self.rows[used[there], source]
 
 
 _TYPES: Mapping[str, type] = {"float": float, "int": int, "bool": bool, "string": str}

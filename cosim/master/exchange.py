@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 
-WARNING: Final = 1
-"""Greatest status with which a run continues: OK is 0, Warning 1."""
+OK, WARNING = range(2)
+"""Statuses with which a run continues; all others, those that FMI does not know too, end it."""
 TOO_LARGE: Final = 100
 """Not a status of FMI: an integer that a double cannot represent exactly."""
 
@@ -30,6 +30,11 @@ _STEPS: Final = {
     "3.0": "int(*)(void *, double, double, _Bool, uintptr_t, uintptr_t, uintptr_t, uintptr_t)",
 }
 _MOST = 2**53
+
+
+def is_accepted(status: int) -> bool:
+    """Whether a run continues after a call with this status."""
+    return status in (OK, WARNING)
 
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:
@@ -97,7 +102,7 @@ class Exchange:
     def _get(self, row: Rows) -> int:
         status = self._call()
         row[self._columns] = self.scratch
-        if self._wide and status <= WARNING and not self._is_exact():
+        if self._wide and is_accepted(status) and not self._is_exact():
             return TOO_LARGE
         return status
 
@@ -110,7 +115,7 @@ class Exchange:
 
     def _get_texts(self, row: Rows) -> int:
         status = self._call()
-        if status <= WARNING:
+        if is_accepted(status):
             row[self._columns] = [
                 self._texts.number(ctypes.string_at(address).decode("utf-8", "replace"))
                 if address

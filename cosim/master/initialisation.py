@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.core import ComponentError
 from cosim.master.component_instance import ComponentInstance, Rows
-from cosim.master.exchange import WARNING, Exchange
+from cosim.master.exchange import Exchange, is_accepted
 from cosim.master.parts import Endpoint
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
@@ -75,7 +75,7 @@ class _InitialisedComponent:
 
     def __init__(self, instance: ComponentInstance) -> None:
         self._instance = instance
-        self._routes = [route for route in instance.routes if route.row[0] >= 0]
+        self._routes = [route for route in instance.routes if route.in_step.row[0] >= 0]
         numbers = {instance.routes.index(route) for route in self._routes}
         self.connected_inputs = [
             Exchange(instance, group, "set")
@@ -114,5 +114,5 @@ class _InitialisedComponent:
     def _do(self, exchanges: list[Exchange], row: Rows, what: str) -> None:
         for exchange in exchanges:
             status = exchange(row)
-            if status > WARNING:
+            if not is_accepted(status):
                 raise self._instance.slave.refused(f"{what} in initialisation", status)

@@ -6,9 +6,10 @@
         every component steps from t_k to its next point, with constant inputs
 
 (Jacobi; under Gauss-Seidel the components do this one after the other, and each receives the
-outputs at t_{k+1} of those before it.) An engine (`cosim.master.engine`) executes a segment of
-points at a time; after each the observers receive the new rows, and a run out of range ends. The
-length of a segment depends on the machine; nothing that is recorded depends on it.
+outputs at t_{k+1} of those before it.) This is written down as a table of operations
+(`cosim.master.table`), which an engine carries out for a segment of points at a time; after each
+the observers receive the new rows. The length of a segment depends on the machine; nothing that is
+recorded depends on it.
 
 Under Jacobi, outputs computed from new inputs are exchanged at the next point only; this coupling
 delay is reported apart from the delays of the links.
@@ -20,22 +21,17 @@ import time
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.master.engine import (
-    Adjustment,
-    EarlyStop,
-    Engine,
-    EngineChoice,
-    Program,
-    build_engine,
-    fill_unreceived_inputs,
-    make_program,
-)
+from cosim.master.adjustments import Adjustment, Adjustments
+from cosim.master.engine import EngineChoice, build_engine
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
+from cosim.master.table import EarlyStop, make_table
+from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
 
 _SEGMENT_S = 0.05
@@ -57,16 +53,23 @@ class _SegmentLength:
 class Loop:
     """The execution of a run whose slaves are initialised.
 
+    `word` : for the word in progress, int64 (1,); see `cosim.master.table.WORD_BITS`.
+
     Attributes
     ----------
     complete : number of complete rows; the slaves are at the point after them.
     status, reason : as in `Run`; None while the run can continue.
     adjustments : overrides and biases, by column of the rows.
-    may_go_back : saved states of slaves may be restored.
+    table : the operations.
     """
 
     def __init__(
-        self, system: System, wiring: Wiring, dispatch: ObserverDispatch, choice: EngineChoice
+        self,
+        system: System,
+        wiring: Wiring,
+        dispatch: ObserverDispatch,
+        choice: EngineChoice,
+        word: NDArray[np.int64] | None = None,
     ) -> None:
         self._system, self._wiring, self._dispatch = system, wiring, dispatch
         self._choice = choice
@@ -74,15 +77,15 @@ class Loop:
         self._delays = wiring.columns_of_delays(system)
         self._segment = _SegmentLength()
         self._early_stop: EarlyStop | None = None
-        self._in_turns = system.algorithm == "gauss-seidel"
-        self._program: Program
-        self._engine: Engine
+        self._exchanged: int | None = None
+        self.adjustments = Adjustments(wiring.rows.shape[1])
+        word = np.zeros(1, np.int64) if word is None else word
+        self.table = make_table(system, wiring, self.adjustments, word)
+        self._engine = build_engine(choice.name, self.table)
         self.complete = 0
         self.status: RunStatus | None = None
         self.reason: str | None = None
-        self.adjustments: dict[int, Adjustment] = {}
-        self.may_go_back = False
-        self.rebuild()
+        self._dispatch.where = self._where
 
     @property
     def time_ns(self) -> int:
@@ -122,25 +125,38 @@ class Loop:
 
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""
-        self.complete, self.adjustments = complete, dict(adjustments)
+        self.complete, self._exchanged = complete, None
+        self.adjustments.restore(adjustments)
         self.status = self.reason = self._early_stop = None
-        self.rebuild()
-
-    def rebuild(self) -> None:
-        """Build the engine anew for changed `adjustments` or `may_go_back`."""
-        for instance in self._wiring.instances:
-            for number, route in enumerate(instance.routes):
-                if any(int(column) in self.adjustments for column in route.targets):
-                    instance.copy_from(number, self.complete)
-        self._program = make_program(
-            self._system, self._wiring, self.adjustments, may_go_back=self.may_go_back
-        )
-        self._engine = build_engine(self._choice.name, self._program)
         self._dispatch.where = self._where
 
-    def result(self) -> Run:
-        """Return the run so far; its status is "stopped" if it has not ended by itself."""
-        points = self._comm_points.points_ns[: self.complete]
+    def exchange(self, column: int) -> bool:
+        """Exchange values at the point of the slaves; return whether that of `column` is known.
+
+        They are in the row that is next to be complete; the exchange takes place again when the
+        run continues, with what is set or overridden by then. At a point that decides the delay
+        of a message only what is sent there is known, and under Gauss-Seidel no input.
+        """
+        k, table = self.complete, self.table
+        if self.status is not None:
+            return False
+        crossing = k >= self._comm_points.horizon
+        if self._exchanged != k:
+            self._engine.run(0, table.sent if crossing else table.complete, k, k + 1)
+            self._exchanged = k
+        if self._system.algorithm == "gauss-seidel":
+            return column < table.outputs
+        return not crossing or column in table.columns_sent
+
+    def forget_exchange(self) -> None:
+        """Take back the exchange at the point of the slaves: something was set or overridden."""
+        if self._exchanged is not None:
+            self._wiring.reset_inputs(self._exchanged)
+        self._exchanged = None
+
+    def result(self, count: int) -> Run:
+        """Return the first `count` rows; "stopped" if the run has not ended by itself."""
+        points = self._comm_points.points_ns[:count]
         return Run(
             self.status or "stopped",
             self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s",
@@ -153,46 +169,41 @@ class Loop:
     def _advance(self, first: int, last: int) -> None:
         began = time.perf_counter()
         horizon = self._comm_points.horizon
+        self.forget_exchange()
         if first == horizon:
             last = first + 1
             early_stop = self._cross(horizon)
         else:
             last = min(last, horizon)
-            early_stop = self._engine.advance(first, last)
+            early_stop = self._engine.run(0, len(self.table.operations), first, last)
         if self.status is None:
             self.complete = last if early_stop is None else early_stop.complete
         if early_stop is not None:
             self._early_stop = early_stop
             self.status, self.reason = run_status_of(self._system, self._wiring, early_stop)
-            if self._in_turns and early_stop.what != "range" and early_stop.complete > early_stop.k:
-                fill_unreceived_inputs(self._program, self._wiring.instances, early_stop)
+            fill_unreceived_inputs(self.table, early_stop)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
-        # log lines of a step from a point out of range are dropped, like the step
-        self._dispatch.deliver(
-            self.complete, include_after_last=early_stop is None or early_stop.what != "range"
-        )
+        self._dispatch.deliver(self.complete)
         self._segment.took(last - first, time.perf_counter() - began)
         if self.status is not None:
             self._conclude()
 
     def _cross(self, k: int) -> EarlyStop | None:
-        """Execute point k, at which the delay of a message is decided by what is sent there."""
-        early_stop = self._engine.send(k)
+        """Carry out point k, at which the delay of a message is decided by what is sent there."""
+        sent = self.table.sent
+        early_stop = self._engine.run(0, sent, k, k + 1)
         if early_stop is not None:
             return early_stop
-        row = self._wiring.rows[k]
-        outside = ~(np.abs(row[: self._wiring.outputs]) <= self._system.divergence)
-        if not outside.any():
+        row, wiring = self._wiring.rows[k], self._wiring
+        if (np.abs(row[: wiring.outputs]) <= wiring.bounds).all():
             try:
                 self._comm_points.resolve(k, row, self._delays)
             except InputError as error:
                 self.status, self.reason = "failed", error.text()
                 return None
-        horizon = self._comm_points.horizon
-        self._wiring.fill_rows(k, horizon)
-        self._engine.update_routes(k, horizon)
-        return self._engine.receive_and_step(k)
+        wiring.fill_rows(k, self._comm_points.horizon)
+        return self._engine.run(sent, len(self.table.operations), k, k + 1)
 
     def _conclude(self) -> None:
         points, early_stop = self._comm_points.points_ns, self._early_stop
@@ -203,5 +214,5 @@ class Loop:
         self._dispatch.note("master", level, self.reason or "the end is reached")
 
     def _where(self) -> tuple[int, int]:
-        k, complete = self._engine.where()
-        return k + complete, int(self._comm_points.points_ns[k])
+        k, number = self.table.place()
+        return k + (number > self.table.complete), int(self._comm_points.points_ns[k])

@@ -94,7 +94,7 @@ class TraceRecorder(Observer):
             parts += traffic.until(int(self._points[last - 1]), _DELIVERED + number)
         for instance, topic_id, cast in self._receive:
             own, times = self._own(instance, first, last)
-            values = cast(instance.inputs(last)[own])
+            values = cast(instance.inputs[own])
             parts.append(Rows(topic_id, times, values, rank=(_RECEIVED,)))
         self._writer.write_rows(parts)
 

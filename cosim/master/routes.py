@@ -27,6 +27,10 @@ from cosim.network import PacketLink, TransportLink
 Integers = NDArray[np.int64]
 
 
+LOOKING_AHEAD: tuple[Policy, ...] = ("midpoint", "linear")
+"""Policies whose value is not that at the beginning of the step."""
+
+
 class RouteKey(NamedTuple):
     """What connections of one route have in common."""
 
@@ -61,33 +65,23 @@ class Route:
     ----------
     route_key : sender, link and policy.
     columns, targets : columns of the rows that are read and written.
-    row, after, weight : as in `RowsInUse`.
+    in_step : the rows read for the step from each point.
+    at_point : those read for the outputs of the point itself, where they are others: the receiver
+        has direct feedthrough, and its policy looks ahead.
     link : the packet link, or None.
     """
 
     route_key: RouteKey
     columns: NDArray[np.intp]
     targets: NDArray[np.intp]
-    row: Integers
-    after: Integers | None
-    weight: NDArray[np.float64] | None
+    in_step: RowsInUse
     link: PacketLink | None
+    at_point: RowsInUse | None = None
 
     @property
     def source(self) -> str:
         """Name of the sender."""
         return self.route_key.source
-
-    @property
-    def verbatim(self) -> bool:
-        """Whether the values are neighbours in a row of the sender and reach the inputs unaltered.
-
-        Such inputs can be set directly from the sender's row.
-        """
-        altered = self.weight is not None or (
-            self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
-        )
-        return not altered and bool((np.diff(self.columns) == 1).all())
 
 
 RouteFiller = Callable[[int, int], None]

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from cosim.core import ComponentError, InputError
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.engine import EarlyStop, EngineChoice
+from cosim.master.engine import EngineChoice
 from cosim.master.exchange import TOO_LARGE
 from cosim.master.system import System
+from cosim.master.table import EarlyStop
 from cosim.master.wiring import Wiring
 from cosim.network import PacketSchedule
 
@@ -58,7 +59,6 @@ class Run:
             raise InputError.unknown("component", component, names)
         count = self.points_ns.size
         number, _ = instance.place(variable)
-        instance.inputs(count)
         values = instance.rows[:count, number]
         return values if instance.own_points.always else values[instance.own_points.last[:count]]
 

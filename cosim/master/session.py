@@ -9,7 +9,7 @@
         session.restore(before)      # continues bit for bit as before
 
 At any time the rows up to the last complete one are fixed, and every slave is at `time_s`, the
-point after it. What is set takes effect there.
+point after it. Values are those at `time_s`, and what is set takes effect there.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from typing import Any, Self, get_args
 
 from cosim.core import CosimError, InputError
 from cosim.fmu import FmuSlave
+from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.engine import Adjustment, EngineName, choose_engine
+from cosim.master.engine import EngineName, choose_engine
 from cosim.master.initialisation import initialise
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
@@ -46,7 +47,7 @@ class Session:
     ----------
     system : the system to run.
     observers : receive rows and log lines, such as a `TraceRecorder`.
-    engine : "python", "compiled", or "auto": compiled where it pays (`choose_engine`).
+    engine : "kernel", "python", or "auto": the kernel where it can be (`choose_engine`).
 
     Raises
     ------
@@ -67,7 +68,7 @@ class Session:
             for column in (*instance.output_columns, *instance.input_columns)
         )
         self._comm_points = self._wiring.comm_points
-        self._choice = choose_engine(engine, self._comm_points.points_ns.size, texts=texts)
+        self._choice = choose_engine(engine, texts=texts)
         self._dispatch = ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
@@ -158,17 +159,16 @@ class Session:
         return slave.read([variable])[variable]
 
     def value(self, component: str, variable: str) -> Any:
-        """Return the value of an output or connected input in the last complete row."""
-        if self.rows == 0:
-            raise InputError(
-                "no row is complete yet",
-                where=f"{component}.{variable}",
-                hint="step() first, or read() the value from the slave",
-            )
-        instance = self._instance(component)
+        """Return the value of an output or connected input at `time_s`.
+
+        What is exchanged only when the run continues has the value of the last complete row: inputs
+        under Gauss-Seidel, and at a point that decides the delay of a message whatever is not
+        sent there.
+        """
+        loop, instance = self._opened(), self._instance(component)
         number, column = instance.place(variable)
-        instance.inputs(self.rows)
-        k = int(instance.own_points.last[self.rows - 1])
+        row = loop.complete - (not loop.exchange(number))
+        k = int(instance.own_points.last[max(row, 0)])
         return instance.values(instance.rows[k : k + 1, number : number + 1], [column])[0][0]
 
     def set(self, component: str, variable: str, value: Any) -> None:
@@ -186,6 +186,7 @@ class Session:
                 hint="override() it, or set its source",
             )
         instance.slave.write({variable: value})
+        self._opened().forget_exchange()
 
     def override(self, component: str, variable: str, value: float) -> None:
         """Replace an output or connected input by `value`, until it is released."""
@@ -210,6 +211,7 @@ class Session:
         end = float(self.system.comm_schedule.points_ns[-1]) / 1e9
         instance.slave.reset()
         instance.slave.initialise(instance.component.parameters, self.time_s, end)
+        self._opened().forget_exchange()
 
     def note(self, level: str, name: str, message: str) -> None:
         """Log a message to the observers, at the time of the slaves."""
@@ -249,12 +251,10 @@ class Session:
             fingerprint(self.system, self._wiring),
             self._wiring,
             loop.complete,
-            dict(loop.adjustments),
+            loop.adjustments.all(),
             portable=portable,
         )
-        if not loop.may_go_back:  # FMI: from now on each step must announce this to the slaves
-            loop.may_go_back = True
-            loop.rebuild()
+        loop.table.no_way_back[0] = 0  # FMI: each step must announce this to the slaves
         return found
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -271,17 +271,23 @@ class Session:
         snapshot.restore_into(self._wiring)
         loop.go_back(snapshot.complete, snapshot.adjustments)
 
-    def result(self) -> Run:
-        """Return the run so far; its status is "stopped" if it has not ended by itself."""
-        return self._opened().result()
+    def result(self, *, complete: bool = False) -> Run:
+        """Return the run so far; its status is "stopped" if it has not ended by itself.
+
+        It includes the values at `time_s`, where they are known before the run continues (see
+        `value`); `complete` : rows that are complete only, as the observers have them.
+        """
+        loop = self._opened()
+        known = not complete and loop.exchange(self._wiring.rows.shape[1] - 1)
+        return loop.result(loop.complete + known)
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
         loop, column = self._opened(), self._column(component, variable)
         if by is None:
-            loop.adjustments.pop(column, None)
+            loop.adjustments.release(column)
         else:
-            loop.adjustments[column] = by
-        loop.rebuild()
+            loop.adjustments.set(column, by)
+        loop.forget_exchange()
 
     def _column(self, component: str, variable: str) -> int:
         number, column = self._instance(component).place(variable, "output or connected input")
@@ -307,7 +313,7 @@ def simulate(
 
     Parameters
     ----------
-    engine : "python", "compiled", or "auto": compiled where it pays (`choose_engine`).
+    engine : "kernel", "python", or "auto": the kernel where it can be (`choose_engine`).
 
     Raises
     ------

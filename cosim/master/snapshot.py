@@ -14,8 +14,8 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.fmu import FmuState
+from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import Rows
-from cosim.master.engine import Adjustment
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 from cosim.network import DelayProfile
@@ -77,7 +77,6 @@ class Snapshot:
         """Save the state of every slave, and the rows."""
         states: dict[str, FmuState | bytes] = {}
         for instance in wiring.instances:
-            instance.inputs(complete)
             state = instance.slave.snapshot()
             states[instance.name] = state
             if portable:
@@ -107,7 +106,6 @@ class Snapshot:
                 instance.slave.free(state)
             else:
                 instance.slave.restore(saved)
-            instance.forget(self.complete)
         wiring.comm_points.go_back(self.values)
         wiring.reset_rows(0)
         wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]

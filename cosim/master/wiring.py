@@ -1,17 +1,21 @@
 """The rows of a run, and which of them each input reads at each communication point.
 
 Row k of one array contains every value exchanged at point k: the outputs of all components, then
-their connected inputs. A sender writes its columns; a receiver reads the row that its route names.
-Routes are known before the run, except over links whose delay follows a signal.
+their connected inputs. A sender writes its columns; the columns of a receiver are copied from the
+row that its route names. Routes are known before the run, except over links whose delay follows a
+signal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import Port
@@ -27,7 +31,14 @@ from cosim.master.component_instance import (
 from cosim.master.component_points import component_points
 from cosim.master.order import receiving_order
 from cosim.master.parts import Component, Connection, Endpoint, Signal
-from cosim.master.routes import Route, RouteFiller, RouteKey, growing_rows_in_use, rows_in_use
+from cosim.master.routes import (
+    LOOKING_AHEAD,
+    Route,
+    RouteFiller,
+    RouteKey,
+    growing_rows_in_use,
+    rows_in_use,
+)
 from cosim.master.system import System
 from cosim.network import LinkState, PacketLink
 
@@ -40,45 +51,71 @@ class Wiring:
 
     Attributes
     ----------
-    rows : (points, values).
+    all_rows : (points + 1, values): those of the points, and the spare row.
     outputs : how many of the values are outputs; they come first.
+    bounds : largest magnitude of each output in range, (outputs,).
     instances : in the order in which they receive, and under Gauss-Seidel step.
     comm_points : the communication points of the run.
     fills : set the rows of the routes that are not known from the start.
     """
 
-    rows: Rows
+    all_rows: Rows
     outputs: int
+    bounds: NDArray[np.float64]
     instances: tuple[ComponentInstance, ...]
     texts: Texts
     comm_points: CommunicationPoints
     fills: tuple[RouteFiller, ...]
 
+    @property
+    def rows(self) -> Rows:
+        """The rows of the points, (points, values)."""
+        return self.all_rows[:-1]
+
+    @cached_property
+    def by_name(self) -> Mapping[str, ComponentInstance]:
+        """The instances by the names of their components."""
+        return {instance.name: instance for instance in self.instances}
+
     def instance(self, name: str) -> ComponentInstance:
         """Return the instance of a component."""
-        return next(s for s in self.instances if s.name == name)
+        return self.by_name[name]
 
-    def reset_rows(self, row: int) -> None:
-        """Clear the rows from `row` on: inputs have their start values or driven signals."""
-        self.rows[row:] = 0.0
+    def reset_rows(self, first: int) -> None:
+        """Clear the rows from `first` on: inputs have their start values or driven signals."""
+        self.rows[first:] = self._start
+        self.fill_rows(first, self.comm_points.horizon)
+
+    def reset_inputs(self, k: int) -> None:
+        """Give the inputs of row k their start values or driven signals again."""
+        self.rows[k, self.outputs :] = self._start[self.outputs :]
+        self._drive(k, k + 1)
+
+    @cached_property
+    def _start(self) -> Rows:
+        """The row before anything is exchanged: start values of inputs, (values,)."""
+        row = np.zeros(self.all_rows.shape[1])
         for instance in self.instances:
             first = instance.input_column
             for j, column in enumerate(instance.input_columns):
                 port = column.port
                 if column.name in (port.name, element_names(port)[0]):
                     start_value = instance.component.parameters.get(port.name, port.start)
-                    self.rows[row:, first + j : first + j + port.size] = self.texts.doubles(
-                        start_value, port
-                    )
-        self.fill_rows(row, self.comm_points.horizon)
+                    place = first + j
+                    row[place : place + port.size] = self.texts.doubles(start_value, port)
+        return row
 
     def fill_rows(self, first: int, last: int) -> None:
         """Set routes and driven inputs at the points first to last - 1, known by now."""
         for fill in self.fills:
             fill(first, last)
+        self._drive(first, last)
+
+    def _drive(self, first: int, last: int) -> None:
+        """Set the driven inputs at the points first to last - 1."""
         states: dict[str, LinkState] = {}
         for instance in self.instances:
-            for j, column in enumerate(instance.input_columns):
+            for j, column in enumerate(instance.input_columns if instance.driven else ()):
                 cells = self.rows[first:last, instance.input_column + j]
                 source = instance.driven.get(column.name)
                 if source is None or first >= last:
@@ -114,27 +151,30 @@ class Wiring:
         raise ValueError(f"expected the column of an output, got {column}")
 
 
-def wire(system: System) -> Wiring:
-    """Lay out the rows and routes of a system.
+def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros) -> Wiring:
+    """Lay out the rows and routes of a system; `allocate` makes the array of the rows.
 
     Raises
     ------
     InputError : an algebraic loop, named by its components; a policy that a link does not allow.
     """
     order = receiving_order(system)
-    sorted_outputs = {name: _outputs(c) for name, c in system.components.items()}
-    sorted_inputs = {name: _inputs(system, name) for name in system.components}
-    column: dict[tuple[str, Endpoint], int] = {}
-    width = 0
-    for direction, ports in (("out", sorted_outputs), ("in", sorted_inputs)):
-        for name, (members, _) in ports.items():
-            for port in members:
-                column[direction, Endpoint(name, port.name)] = width
-                width += port.size
-    total = sum(port.size for members, _ in sorted_outputs.values() for port in members)
+    turns = {name: turn for turn, name in enumerate(order)}
+    arriving = {name: _Arriving({}, {}) for name in system.components}
+    for end, signal in system.driven.items():
+        arriving[end.component].driven[end.variable] = signal
+    for connection in system.connections:
+        arriving[connection.target.component].add(system, connection)
+    outputs = {name: _outputs(component) for name, component in system.components.items()}
+    inputs = {name: _inputs(system, name, arriving[name]) for name in system.components}
+    columns = _Columns()
+    for name, (ports, _) in outputs.items():
+        columns.add("out", name, ports)
+    total = columns.width
+    for name, (ports, _) in inputs.items():
+        columns.add("in", name, ports)
     comm_points = CommunicationPoints(system)
-    most = comm_points.points_ns.size
-    rows: Rows = np.zeros((most, width))
+    rows = allocate((comm_points.points_ns.size + 1, columns.width))
     own_points = system.own_points
     if comm_points.grows:
         own_points = dict.fromkeys(system.components, component_points(None, comm_points.points_ns))
@@ -142,34 +182,84 @@ def wire(system: System) -> Wiring:
     fills: list[RouteFiller] = []
     instances = {}
     for name, component in system.components.items():
-        outputs, prompt = sorted_outputs[name]
-        inputs, route_keys = sorted_inputs[name]
-        a = column["out", Endpoint(name, outputs[0].name)] if outputs else 0
-        b = a + sum(port.size for port in outputs[:prompt])
-        c = column["in", Endpoint(name, inputs[0].name)] if inputs else 0
+        sent, prompt = outputs[name]
+        received, route_keys = inputs[name]
+        a = columns.first("out", name, sent)
+        b = a + sum(port.size for port in sent[:prompt])
+        c = columns.first("in", name, received)
         instances[name] = ComponentInstance(
             name=name,
             component=component,
             own_points=own_points[name],
-            output_columns=columns_of(outputs),
-            input_columns=columns_of(inputs),
-            outputs=rows[:, a : a + sum(port.size for port in outputs)],
-            outputs_without_feedthrough=_groups(outputs[:prompt], a),
-            connected_inputs=_groups(inputs, c, route_keys),
-            outputs_with_feedthrough=_groups(outputs[prompt:], b),
+            output_columns=columns_of(sent),
+            input_columns=columns_of(received),
+            outputs=rows[:-1, a : a + sum(port.size for port in sent)],
+            outputs_without_feedthrough=_groups(sent[:prompt], a),
+            connected_inputs=_groups(received, c, route_keys),
+            outputs_with_feedthrough=_groups(sent[prompt:], b),
             routes=tuple(
-                _route(system, comm_points, name, route_key, members, column, order, fills)
-                for route_key, members in _connections_by_route(system, name)
+                _route(
+                    system,
+                    comm_points,
+                    name,
+                    route_key,
+                    members,
+                    columns,
+                    fills,
+                    stepped_before=system.algorithm == "gauss-seidel"
+                    and turns[route_key.source] < turns[name],
+                    feeds_through=prompt < len(sent),
+                )
+                for route_key, members in arriving[name].routes.items()
             ),
-            rows=rows,
+            rows=rows[:-1],
             texts=texts,
             comm_points=comm_points,
-            driven=_driven(system, name),
+            driven=arriving[name].driven,
         )
     ordered = tuple(instances[name] for name in order)
-    wiring = Wiring(rows, total, ordered, texts, comm_points, tuple(fills))
+    bounds = np.full(total, system.divergence)
+    wiring = Wiring(rows, total, bounds, ordered, texts, comm_points, tuple(fills))
     wiring.reset_rows(0)
     return wiring
+
+
+class _Arriving(NamedTuple):
+    """What the inputs of a component receive: connections by route, and driven inputs."""
+
+    routes: dict[RouteKey, list[Connection]]
+    driven: dict[str, Signal | Endpoint]
+
+    def add(self, system: System, connection: Connection) -> None:
+        """Add a connection; one from the state of a link drives its input."""
+        source = connection.source
+        if system.is_state(source):
+            self.driven[connection.target.variable] = source
+        else:
+            route_key = RouteKey(source.component, connection.link, connection.policy)
+            self.routes.setdefault(route_key, []).append(connection)
+
+
+class _Columns:
+    """The columns of the rows, by direction and variable."""
+
+    def __init__(self) -> None:
+        self.width = 0
+        self._first: dict[tuple[str, Endpoint], int] = {}
+
+    def add(self, direction: str, component: str, ports: Iterable[Port]) -> None:
+        """Give the variables the next columns."""
+        for port in ports:
+            self._first[direction, Endpoint(component, port.name)] = self.width
+            self.width += port.size
+
+    def first(self, direction: str, component: str, ports: Sequence[Port]) -> int:
+        """Return the first column of neighbouring variables, 0 for none."""
+        return self.of(direction, Endpoint(component, ports[0].name)) if ports else 0
+
+    def of(self, direction: str, end: Endpoint) -> int:
+        """Return the first column of a variable."""
+        return self._first[direction, end]
 
 
 def _outputs(component: Component) -> tuple[list[Port], int]:
@@ -181,27 +271,16 @@ def _outputs(component: Component) -> tuple[list[Port], int]:
     return [*_by_type(prompt), *_by_type(direct)], len(prompt)
 
 
-def _inputs(system: System, name: str) -> tuple[list[Port], list[int | None]]:
+def _inputs(system: System, name: str, arriving: _Arriving) -> tuple[list[Port], list[int | None]]:
     """Return the connected inputs by route and type, and the route of each."""
     ports: list[Port] = []
     route_keys: list[int | None] = []
-    for number, (_, members) in enumerate(_connections_by_route(system, name)):
+    for number, members in enumerate(arriving.routes.values()):
         mine = _by_type([system.port(c.target) for c in members])
         ports += mine
         route_keys += [number] * len(mine)
-    driven = [system.port(Endpoint(name, variable)) for variable in _driven(system, name)]
+    driven = [system.port(Endpoint(name, variable)) for variable in arriving.driven]
     return ports + driven, route_keys + [None] * len(driven)
-
-
-def _driven(system: System, name: str) -> dict[str, Signal | Endpoint]:
-    """Return the inputs of a component that follow a signal, or the state of a link."""
-    found: dict[str, Signal | Endpoint] = {
-        end.variable: signal for end, signal in system.driven.items() if end.component == name
-    }
-    for c in system.connections:
-        if c.target.component == name and system.is_state(c.source):
-            found[c.target.variable] = c.source
-    return found
 
 
 _STATE = {"age": "age_s"}
@@ -213,13 +292,15 @@ def _finite(values: Rows, component: str, variable: str) -> Rows:
     return values
 
 
-def _connections_by_route(system: System, name: str) -> list[tuple[RouteKey, list[Connection]]]:
-    """Return the connections into a component, by sender, link and policy."""
-    route_keys: dict[RouteKey, list[Connection]] = {}
-    for c in system.connections:
-        if c.target.component == name and not system.is_state(c.source):
-            route_keys.setdefault(RouteKey(c.source.component, c.link, c.policy), []).append(c)
-    return list(route_keys.items())
+def _check_in_turns(system: System, name: str, route_key: RouteKey) -> None:
+    if system.algorithm == "gauss-seidel":
+        raise InputError(
+            "an input in the middle of a step and an output that depends on it at once do not go "
+            "together under gauss-seidel",
+            where=f"connection {route_key} to {name}",
+            expected="the policy hold, or algorithm = jacobi",
+            got=route_key.policy,
+        )
 
 
 def _by_type(ports: Sequence[Port]) -> list[Port]:
@@ -250,33 +331,37 @@ def _route(
     name: str,
     route_key: RouteKey,
     members: Iterable[Connection],
-    column: Mapping[tuple[str, Endpoint], int],
-    order: Sequence[str],
+    columns: _Columns,
     fills: list[RouteFiller],
+    *,
+    stepped_before: bool,
+    feeds_through: bool,
 ) -> Route:
-    in_order = sorted(members, key=lambda c: column["in", c.target])
-    before = order.index(route_key.source) < order.index(name)
-    stepped = system.algorithm == "gauss-seidel" and before
+    at_point = None
     if comm_points.grows or route_key.link in comm_points.live:
-        used, fill = growing_rows_in_use(system, comm_points, route_key, stepped_before=stepped)
+        used, fill = growing_rows_in_use(
+            system, comm_points, route_key, stepped_before=stepped_before
+        )
         fills += [fill] if fill is not None else []
     else:
         sender, receiver = system.own_points[route_key.source], system.own_points[name]
-        used = rows_in_use(system, route_key, sender, receiver, stepped_before=stepped)
-    sizes = [range(system.port(c.target).size) for c in in_order]
+        used = rows_in_use(system, route_key, sender, receiver, stepped_before=stepped_before)
+        if feeds_through and route_key.policy in LOOKING_AHEAD:
+            _check_in_turns(system, name, route_key)
+            holding = route_key._replace(policy="hold")
+            at_point = rows_in_use(system, holding, sender, receiver, stepped_before=stepped_before)
     pairs = [
-        (column["out", c.source] + i, column["in", Endpoint(name, c.target.variable)] + i)
-        for c, size in zip(in_order, sizes, strict=True)
-        for i in size
+        (columns.of("out", c.source) + i, columns.of("in", c.target) + i)
+        for c in sorted(members, key=lambda c: columns.of("in", c.target))
+        for i in range(system.port(c.target).size)
     ]
-    columns, targets = np.array(pairs, dtype=np.intp).T
+    sources, targets = np.array(pairs, dtype=np.intp).T
     channel = system.links[route_key.link] if route_key.link is not None else None
     return Route(
         route_key=route_key,
-        columns=columns,
+        columns=sources,
         targets=targets,
-        row=used.row,
-        after=used.after,
-        weight=used.weight,
+        in_step=used,
         link=channel if isinstance(channel, PacketLink) else None,
+        at_point=at_point,
     )

@@ -77,8 +77,8 @@ def _read_row(controller: ComponentInstance, points: Integers) -> Integers:
 
 def _origin_ns(back: Route, forth: Route, read: Integers, points: Integers) -> Integers:
     """Return when the measurement behind the plant's input was taken, per interval; -1: none."""
-    command = np.minimum(back.row[: points.size - 1], points.size - 1)
+    command = np.minimum(back.in_step.row[: points.size - 1], points.size - 1)
     inputs = np.where(command >= 0, read[np.maximum(command, 0)], -1)
-    row = np.where(inputs >= 0, forth.row[np.maximum(inputs, 0)], -1)
+    row = np.where(inputs >= 0, forth.in_step.row[np.maximum(inputs, 0)], -1)
     origin: Integers = np.where(row >= 0, points[np.clip(row, 0, points.size - 1)], -1)
     return origin

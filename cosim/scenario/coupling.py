@@ -47,11 +47,12 @@ def _late_ns(run: Run, system: System, receiver: ComponentInstance, route: Route
         if schedule is None:
             return 0.0
         return _late_message(schedule, sender.own_points.last, points, points[starts], ends)
-    row = np.minimum(route.row[starts], points.size - 1)
+    used = route.in_step
+    row = np.minimum(used.row[starts], points.size - 1)
     origin = points[row].astype(np.float64)
-    if route.weight is not None and route.after is not None:
-        after = np.minimum(route.after[starts], points.size - 1)
-        origin += route.weight[starts] * (points[after] - points[row])
+    if used.weight is not None and used.after is not None:
+        after = np.minimum(used.after[starts], points.size - 1)
+        origin += used.weight[starts] * (points[after] - points[row])
     due = ends if link is None else link.read_ns(ends)
     return float((due - origin).max(initial=0.0))
 

@@ -50,7 +50,7 @@ class LatestValues(Observer):
             return session.row_time_ns / 1e9
         if name in self._places:
             instance, j, is_input = self._places[name]
-            rows = instance.inputs(k + 1) if is_input else instance.outputs
+            rows = instance.inputs if is_input else instance.outputs
             return float(rows[instance.own_points.last[k], j])
         constant = self._scope.constant(name)
         if constant is not None:
@@ -104,7 +104,7 @@ class EventDriver:
             until = self._due[0].time_ns / 1e9 if self._due else None
             stop = (lambda s: self._look(s, watched)) if watched else None
             session.run_until(until, stop=stop, pace=pace)
-        return session.result()
+        return session.result(complete=True)
 
     def _plan(self, time_ns: int, number: int, *, begins: bool) -> None:
         self._turn += 1

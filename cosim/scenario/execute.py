@@ -37,7 +37,7 @@ def execute_run(
 
     An FMU that allows one instance per process is ended before the zero-state run begins.
 
-    `engine` affects speed only: "python", "compiled", or "auto". `pace` slows the run (not the
+    `engine` affects speed only: "kernel", "python", or "auto". `pace` slows the run (not the
     zero-state run) down to wall-clock time; `fsync` as for `TraceWriter`.
 
     Raises

@@ -15,17 +15,16 @@ from __future__ import annotations
 
 import tempfile
 import time
+from ctypes import c_int, c_size_t, c_void_p
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from rich.table import Table
 
-from cosim.fmu import FmuSlave
+from cosim.fmu import FmuSlave, compiled_library
 from cosim.master import EngineName, Run, Session, System
-from cosim.master.engine.calls import exchange_2, step_2
 from cosim.scenario.assembly import assemble
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import gain_parameters
@@ -35,7 +34,8 @@ from tests.benchmarks._show import show
 
 END, STEP, REPEATS = 120.0, 0.01, 15
 PLANT = "plant"
-ENGINES: tuple[EngineName, ...] = ("compiled", "python")
+_SOURCE = Path(__file__).with_name("alone.c")
+ENGINES: tuple[EngineName, ...] = ("kernel", "python")
 
 
 def the_system(folder: Path, end: float = END) -> System:
@@ -63,28 +63,6 @@ def the_loop(system: System, engine: EngineName) -> tuple[float, Run]:
     return spent, run
 
 
-@njit  # type: ignore[untyped-decorator]
-def _run_once(
-    calls: Any,
-    component: int,
-    references: Any,
-    inputs: Any,
-    seconds: Any,
-    sizes: Any,
-    *,
-    stepping: bool,
-) -> int:
-    """Set and step; or set alone. Whether anything was refused."""
-    count, refused = references.size, 0
-    for k in range(sizes.size):
-        values = inputs.ctypes.data + k * inputs.strides[0]
-        if count > 0:
-            refused |= exchange_2(calls[0], component, references.ctypes.data, count, values) > 1
-        if stepping:
-            refused |= step_2(calls[1], component, seconds[k], sizes[k], np.int32(1)) > 1
-    return int(refused)
-
-
 class Alone:
     """A component without the others, flown as it was flown in a run."""
 
@@ -96,7 +74,7 @@ class Alone:
         self._references = np.concatenate(
             [none, *(group.references for group in instance.connected_inputs)]
         )
-        self._inputs = np.ascontiguousarray(instance.inputs(run.points_ns.size))
+        self._inputs = np.ascontiguousarray(instance.inputs[: run.points_ns.size])
         self._seconds = run.points_ns / 1e9
         self._sizes = np.diff(run.points_ns) / 1e9
         self._end: NDArray[np.float64] = instance.outputs[run.points_ns.size - 1]
@@ -113,16 +91,18 @@ class Alone:
     def _run(self, *, stepping: bool) -> tuple[float, dict[str, Any]]:
         with FmuSlave(self._component.description, self._name, lambda *_: None) as slave:
             slave.initialise(self._component.parameters, 0.0, float(self._seconds[-1]))
-            calls = np.array([slave.address("set", "Real"), slave.address("step")])
+            alone = compiled_library("alone", _SOURCE.read_bytes()).alone
+            alone.argtypes = [*[c_void_p] * 4, c_size_t, *[c_void_p] * 3, c_size_t, c_int]
+            given = (slave.address("set", "Real"), slave.address("step"), slave.component)
+            arrays = (self._inputs, self._seconds, self._sizes)
             began = time.process_time()
-            refused = _run_once(
-                calls,
-                slave.component,
-                self._references,
-                self._inputs,
-                self._seconds,
-                self._sizes,
-                stepping=stepping,
+            refused = alone(
+                *given,
+                self._references.ctypes.data,
+                self._references.size,
+                *(array.ctypes.data for array in arrays),
+                self._sizes.size,
+                stepping,
             )
             spent = time.process_time() - began
             if refused:
@@ -134,9 +114,8 @@ def main() -> None:
     """Measure, print."""
     with tempfile.TemporaryDirectory() as folder:
         system = the_system(Path(folder))
-        run = the_loop(system, "compiled")[1]
+        run = the_loop(system, "kernel")[1]
         alone = {name: Alone(system, run, name) for name in system.components}
-        alone[PLANT].seconds()  # compiled now
         least = dict.fromkeys((*ENGINES, *alone), float("inf"))
         for _ in range(REPEATS):
             for engine in ENGINES:

@@ -34,7 +34,7 @@ from tests.benchmarks._tiny import tiny_fmu
 from tests.benchmarks.acoustic import the_system
 from tests.benchmarks.loop import system_of
 
-ENGINES: tuple[EngineName, ...] = ("compiled", "python")
+ENGINES: tuple[EngineName, ...] = ("kernel", "python")
 SETTLING = 100
 _MIB = 1 << 20
 

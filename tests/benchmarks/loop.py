@@ -3,9 +3,9 @@
 Two tiny FMUs in C, N signals each way, a step of 1 ms, held inputs (Jacobi). Variants:
 
 * c_bound: a loop in C for these two FMUs alone; nothing is recorded;
-* compiled, python_engine: this project's engines, no link, every signal recorded in memory;
-* compiled_links_recorded: packet links with jitter and loss both ways, recorded in memory;
-* compiled_links_mcap: the same, with the trace on disk, opening and closing of the file included;
+* kernel, python_loop: this project's engines, no link, every signal recorded in memory;
+* kernel_links_recorded: packet links with jitter and loss both ways, recorded in memory;
+* kernel_links_mcap: the same, with the trace on disk, opening and closing of the file included;
 * fmpy_per_signal, fmpy_batched: the loop that a user writes with fmpy, nothing recorded;
 * other masters, where they are installed, nothing recorded.
 
@@ -190,7 +190,7 @@ def ours_on_disk(fmu: Path, n: int) -> Iterator[float]:
             tempfile.TemporaryDirectory() as scratch,
             TraceWriter(Path(scratch, "run.mcap"), run={}) as writer,
         ):
-            simulate(system, [TraceRecorder(writer, system), watch], engine="compiled")
+            simulate(system, [TraceRecorder(writer, system), watch], engine="kernel")
             writer.finish({})
             spent = time.perf_counter() - watch.began
         yield spent / steps
@@ -216,18 +216,18 @@ class Stopwatch(Observer):
 
 
 Variant = Callable[[Path, int], Any]
-compiled = partial(ours, engine="compiled", steps=40_000, turns=5)
+kernel = partial(ours, engine="kernel", steps=40_000, turns=5)
 VARIANTS: dict[str, Variant] = {
     "c_bound": c_bound,
-    "compiled": compiled,
-    "compiled_links_recorded": partial(compiled, links=True),
-    "compiled_links_mcap": ours_on_disk,
-    "python_engine": partial(ours, engine="python", steps=1_000, turns=30),
+    "kernel": kernel,
+    "kernel_links_recorded": partial(kernel, links=True),
+    "kernel_links_mcap": ours_on_disk,
+    "python_loop": partial(ours, engine="python", steps=1_000, turns=30),
     "fmpy_batched": partial(by_fmpy, batched=True),
     "fmpy_per_signal": partial(by_fmpy, batched=False),
     **{name: partial(ByPeer, name) for name in PEERS},
 }
-SELDOM = {"compiled_links_mcap": 2}
+SELDOM = {"kernel_links_mcap": 2}
 """Variants whose turns are whole runs: one turn in so many."""
 
 

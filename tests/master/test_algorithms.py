@@ -15,7 +15,7 @@ from cosim.core.errors import InputError
 from cosim.master import EngineName, simulate
 from cosim.network import PacketLink, TransportLink
 
-ENGINES: tuple[EngineName, ...] = ("python", "compiled")
+ENGINES: tuple[EngineName, ...] = ("python", "kernel")
 PAIR = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -2.0, "x0": -0.5}}
 LOOP = (("a.x", "b.u"), ("b.x", "a.u"))
 

@@ -25,7 +25,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny_fmu(6, tmp_path_factory.mktemp("tiny"))
 
 
-@pytest.mark.parametrize("engine", ["python", "compiled"])
+@pytest.mark.parametrize("engine", ["python", "kernel"])
 def test_run_is_freed_without_garbage_collection(tiny: Path, tmp_path: Path, engine: Any) -> None:
     """Rows, slaves, engine and recorder are freed when the last reference is dropped."""
     system = system_of(tiny, 6, steps=100, links=True)
@@ -81,7 +81,7 @@ def test_memory_of_a_long_run_is_that_of_its_rows_and_tables(tiny: Path) -> None
     system = system_of(tiny, 6, steps=300_000, links=True)
     gc.collect()
     before = process.memory_info().rss
-    with Session(system, engine="compiled") as session:
+    with Session(system, engine="kernel") as session:
         session.run_until()
         grown = process.memory_info().rss - before
         rows = session.result().instances[0].rows.nbytes

@@ -13,9 +13,10 @@ import pytest
 from coupled import end, ns, section_5
 from mixed import mixed_fmu
 
-import cosim.master.engine.choice as choice_module
+import cosim.master.engine as engine_module
+import cosim.master.kernel as kernel_module
 from cosim.core.errors import InputError
-from cosim.fmu import describe_fmu
+from cosim.fmu import compiled_library, describe_fmu
 from cosim.master import (
     Component,
     Connection,
@@ -28,9 +29,10 @@ from cosim.master import (
     simulate,
 )
 from cosim.master.engine import choose_engine
+from cosim.master.kernel import load_kernel
 from cosim.network import Jitter, PacketLink, TransportLink
 
-ENGINES: tuple[EngineName, EngineName] = ("python", "compiled")
+ENGINES: tuple[EngineName, EngineName] = ("python", "kernel")
 
 
 class Diary(Observer):
@@ -45,7 +47,7 @@ class Diary(Observer):
     def rows_complete(self, first: int, last: int) -> None:
         for k in range(first, last):
             values = [
-                (s.name, s.outputs[k].tolist(), s.inputs(last)[k].tolist()) for s in self._instances
+                (s.name, s.outputs[k].tolist(), s.inputs[k].tolist()) for s in self._instances
             ]
             self.lines.append((k, values))
 
@@ -68,7 +70,7 @@ def both(make: Callable[[], System]) -> Run:
     count = one.points_ns.size
     for a, b in zip(one.instances, other.instances, strict=True):
         assert a.outputs[:count].tobytes() == b.outputs[:count].tobytes()
-        assert a.inputs(count).tobytes() == b.inputs(count).tobytes()
+        assert a.inputs[:count].tobytes() == b.inputs[:count].tobytes()
     return one
 
 
@@ -201,19 +203,23 @@ def test_nan_is_out_of_range_on_both_engines(fmus: Path) -> None:
 
 
 def test_engine_choice_gives_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert choose_engine("python", 10) == ("python", "asked for")
-    assert choose_engine("auto", 10).name == "python"
-    assert "too few" in choose_engine("auto", 10).reason
-    assert choose_engine("auto", 10**6).name == "compiled"
-    monkeypatch.setattr(choice_module, "find_spec", lambda _name: None)
-    assert "extra: fast" in choose_engine("auto", 10**6).reason
-    with pytest.raises(InputError, match=r"auv-cosim\[fast\]"):
-        choose_engine("compiled", 10)
+    assert choose_engine("python") == ("python", "asked for")
+    assert choose_engine("auto") == ("kernel", "numbers only")
+    assert choose_engine("auto", texts=True) == ("python", "Strings are exchanged")
+    with pytest.raises(InputError, match="exchanges numbers only"):
+        choose_engine("kernel", texts=True)
+    monkeypatch.setenv("CC", "no-such-compiler")
+    monkeypatch.setattr(engine_module, "load_kernel", load_kernel.__wrapped__)
+    monkeypatch.setattr(kernel_module, "compiled_library", compiled_library.__wrapped__)
+    assert choose_engine("auto").name == "python"
+    assert "CC=no-such-compiler" in choose_engine("auto").reason
+    with pytest.raises(InputError, match="or take the engine python"):
+        choose_engine("kernel")
 
 
 def test_two_hundred_thousand_steps_agree(mixed: Path) -> None:
     """More than one segment on either engine."""
-    run = simulate(ring(mixed, stop=20_000.0), engine="compiled")
+    run = simulate(ring(mixed, stop=20_000.0), engine="kernel")
     assert run.points_ns.size == 200_001
     assert run.signal("a", "n")[-1] == 200_000
     assert math.isclose(run.signal("b", "u")[-1], 2.0 * math.sin(20_000.0))

@@ -33,7 +33,7 @@ DISCARD, ERROR, FATAL = 2, 3, 4
 WORDS = {DISCARD: "Discard", ERROR: "Error", FATAL: "Fatal"}
 MESSAGE = "the <pump> has lost its prime"
 ORDER = ("first", "middle", "last")
-ENGINES, ALGORITHMS, VERSIONS = ("python", "compiled"), ("jacobi", "gauss-seidel"), ("2.0", "3.0")
+ENGINES, ALGORITHMS, VERSIONS = ("python", "kernel"), ("jacobi", "gauss-seidel"), ("2.0", "3.0")
 
 
 @pytest.fixture(scope="module")

@@ -121,7 +121,7 @@ def test_values_of_every_type_are_exchanged_between_fmi_versions(
     assert run.signal("last", "Float64.row[1,2]").tolist() == [3.0] * 9
 
 
-@pytest.mark.parametrize("engine", ["python", "compiled"])
+@pytest.mark.parametrize("engine", ["python", "kernel"])
 def test_slave_of_fmi3_ends_the_run(fmi3: FmuDescription, engine: Any) -> None:
     """At the end of the step in which it asks; the other one is ended in order."""
     bare = describe_without_texts(fmi3)

@@ -16,7 +16,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scalar_fmu(tmp_path_factory.mktemp("scalar"))
 
 
-@pytest.mark.parametrize("engine", ["python", "compiled"])
+@pytest.mark.parametrize("engine", ["python", "kernel"])
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
 def test_loop_of_initial_values_is_solved(fmu: Path, engine: EngineName, algorithm: str) -> None:
     """x_a = 1 + 0.5 x_b, x_b = 2 - 0.4 x_a: x_a = 5/3, x_b = 4/3."""

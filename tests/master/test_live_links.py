@@ -30,7 +30,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scalar_fmu(tmp_path_factory.mktemp("scalar"))
 
 
-@pytest.fixture(params=["python", "compiled"])
+@pytest.fixture(params=["python", "kernel"])
 def engine(request: pytest.FixtureRequest) -> EngineName:
     name: EngineName = request.param
     return name
@@ -125,7 +125,7 @@ def test_engines_agree_with_losses_copies_and_overtaking(fmu: Path) -> None:
     runs = [
         simulate(ranged(fmu, links=links, algorithm=algorithm), engine=engine)
         for algorithm in ("jacobi", "gauss-seidel")
-        for engine in ("python", "compiled")
+        for engine in ("python", "kernel")
     ]
     assert rows(runs[0]) == rows(runs[1])
     assert rows(runs[2]) == rows(runs[3])

@@ -34,7 +34,7 @@ def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scalar_fmu(tmp_path_factory.mktemp("scalar"))
 
 
-@pytest.fixture(params=["python", "compiled"])
+@pytest.fixture(params=["python", "kernel"])
 def engine(request: pytest.FixtureRequest) -> EngineName:
     name: EngineName = request.param
     return name
@@ -219,15 +219,15 @@ def test_restore_with_a_trace_is_refused(fmu: Path, tmp_path: Path) -> None:
             session.restore(before)
 
 
-def test_read_set_and_the_last_row(fmu: Path, engine: EngineName) -> None:
+def test_values_are_those_at_the_time_of_the_session(fmu: Path, engine: EngineName) -> None:
     system = scalars(fmu, PAIR, (("a.x", "b.u"),), step=0.1, stop=1.0)
     with Session(system, engine=engine) as session:
-        assert session.read("a", "x") == 1.0
-        with pytest.raises(InputError, match="no row is complete"):
-            session.value("a", "x")
+        assert session.read("a", "x") == session.value("a", "x") == 1.0
+        assert session.value("b", "u") == 1.0
         session.step()
-        assert session.value("a", "x") == 1.0
         state = session.read("a", "x")
+        assert session.value("a", "x") == state
+        assert session.value("b", "u") == state
         assert state == pytest.approx(math.exp(-0.1), rel=1e-14)
         session.set("a", "u", 2.0)  # nothing is connected to it
         session.set("a", "a", -2.0)  # tunable
@@ -240,6 +240,26 @@ def test_read_set_and_the_last_row(fmu: Path, engine: EngineName) -> None:
             session.set("a", "aa", 1.0)
         with pytest.raises(InputError, match="no component 'c'"):
             session.read("c", "x")
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_reading_values_changes_no_run(fmu: Path, engine: EngineName, algorithm: str) -> None:
+    """Reading exchanges values at the present point; overrides and biases apply there once."""
+    seen, runs = [], []
+    for reading in (False, True):
+        with Session(linked(fmu, algorithm=algorithm), engine=engine) as session:
+            session.bias("a", "u", 0.25, factor=3.0)
+            while not session.ended:
+                if reading:
+                    seen.append((session.time_ns, session.value("a", "x")))
+                    session.override("b", "u", 7.0)
+                    assert algorithm != "jacobi" or session.value("b", "u") == 7.0
+                    session.release("b", "u")
+                session.step()
+            runs.append(session.result())
+    assert rows(runs[0]) == rows(runs[1])
+    values = dict(zip(runs[0].points_ns.tolist(), runs[0].signal("a", "x").tolist(), strict=True))
+    assert seen == [(time_ns, values[time_ns]) for time_ns, _ in seen]
 
 
 def test_override_bias_release(fmu: Path, engine: EngineName) -> None:

@@ -1,0 +1,64 @@
+"""The engine of a run: the kernel in C, or the loop in Python; the result names it and why."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, Protocol
+
+from cosim.core import InputError
+from cosim.master.kernel import KernelLoop, load_kernel
+from cosim.master.plain_loop import PlainLoop
+from cosim.master.table import EarlyStop, Table
+
+EngineName = Literal["auto", "kernel", "python"]
+
+
+class EngineChoice(NamedTuple):
+    """The engine of a run and why it was chosen."""
+
+    name: str
+    reason: str
+
+
+class Engine(Protocol):
+    """Carries out a table of operations."""
+
+    def run(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
+        """Carry out operations begin to end - 1 at points first to last - 1."""
+
+
+def choose_engine(asked: EngineName, *, texts: bool = False) -> EngineChoice:
+    """Choose the engine of a run; `texts`: it exchanges Strings.
+
+    Raises
+    ------
+    InputError : the kernel is asked for, but it cannot be compiled, or Strings are exchanged.
+    """
+    if asked == "python":
+        return EngineChoice("python", "asked for")
+    if texts and asked == "kernel":
+        raise InputError(
+            "the kernel exchanges numbers only",
+            where="engine",
+            expected="no outputs or connected inputs of type String",
+            hint="take the engine python, or auto",
+        )
+    if texts:
+        return EngineChoice("python", "Strings are exchanged")
+    try:
+        load_kernel()
+    except InputError as error:
+        if asked == "kernel":
+            raise InputError(
+                "the kernel cannot be compiled",
+                where="engine",
+                expected=error.expected,
+                got=error.got,
+                hint=f"{error.hint or 'a C compiler'}; or take the engine python",
+            ) from error
+        return EngineChoice("python", f"the kernel needs a C compiler: {error.got}")
+    return EngineChoice("kernel", "asked for" if asked == "kernel" else "numbers only")
+
+
+def build_engine(name: str, table: Table) -> Engine:
+    """Build the engine of this name for a table."""
+    return KernelLoop(table) if name == "kernel" else PlainLoop(table)

@@ -1,0 +1,258 @@
+/* The loop of a co-simulation: carries out a table of operations at each communication point.
+
+   `plain_loop.py` is the specification: it carries out the same table, bit for bit. Compiled
+   without contraction of floating-point operations, and called through one function, `run`. */
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(__SSE2__) || defined(_M_X64)
+#include <xmmintrin.h>
+static uint64_t modes(void) { return _mm_getcsr() & 0xFFC0u; }
+static void restore(uint64_t saved) { _mm_setcsr((unsigned)saved); }
+#elif defined(__aarch64__)
+static uint64_t modes(void) {
+    uint64_t found;
+    __asm__ volatile("mrs %0, fpcr" : "=r"(found));
+    return found;
+}
+static void restore(uint64_t saved) { __asm__ volatile("msr fpcr, %0" : : "r"(saved)); }
+#else
+#include <fenv.h>
+static uint64_t modes(void) { return (uint64_t)fegetround(); }
+static void restore(uint64_t saved) { fesetround((int)saved); }
+#endif
+
+enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE };
+enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
+enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
+enum { TOO_LARGE = 100, ENDED = 101, UNSETTLED = 102, RETURNED_EARLY = 103, OUT_OF_RANGE = 104 };
+#define EXACT 9007199254740992.0 /* 2^53 */
+
+/* One operation; the names are explained in table.py. Every field has eight bytes. */
+typedef struct {
+    int64_t kind, when;
+    const int64_t *following;
+    void *function, *component;
+    const uint32_t *references;
+    uint64_t count, values;
+    int64_t column, type, fmi3, ahead, spare;
+    void *scratch;
+    const int64_t *row, *after;
+    const double *weight;
+    const int64_t *pairs;
+    int64_t straight;
+    double quantization, substitute;
+    int64_t substituted;
+    uint8_t *results;
+    int64_t back, limit;
+    double tolerance;
+} Operation;
+
+/* What the operations of a run share. */
+typedef struct {
+    double *rows;
+    int64_t width, outputs, spare, final, no_way_back;
+    const int64_t *points;
+    const double *seconds, *sizes, *bounds;
+    const double *factor, *offset;
+    const uint8_t *active;
+    const int64_t *adjustments;
+    volatile int64_t *word;
+    int64_t status, column, passes; /* of an early stop; of the algebraic loop that goes on */
+} Run;
+
+typedef int (*Exchange2)(void *, const uint32_t *, size_t, void *);
+typedef int (*Exchange3)(void *, const uint32_t *, size_t, void *, size_t);
+typedef int (*Step2)(void *, double, double, int);
+typedef int (*Step3)(void *, double, double, uint8_t, uint8_t *, uint8_t *, uint8_t *, double *);
+
+static void adjust(const Run *r, double *row, const Operation *o) {
+    for (int64_t j = o->column; j < o->column + (int64_t)o->values; j++)
+        if (r->active[j])
+            row[j] = r->factor[j] == 0.0 ? r->offset[j] : r->factor[j] * row[j] + r->offset[j];
+}
+
+static int exchange(const Operation *o, void *values) {
+    if (o->fmi3)
+        return ((Exchange3)o->function)(o->component, o->references, o->count, values, o->values);
+    return ((Exchange2)o->function)(o->component, o->references, o->count, values);
+}
+
+#define EACH(T, WORK)                                                                              \
+    {                                                                                              \
+        T *typed = o->scratch;                                                                     \
+        for (uint64_t j = 0; j < o->values; j++) {                                                 \
+            WORK;                                                                                  \
+        }                                                                                          \
+        break;                                                                                     \
+    }
+#define EVERY_TYPE(WORK)                                                                           \
+    switch (o->type) {                                                                             \
+    case F4: EACH(float, WORK(float))                                                              \
+    case I1: EACH(int8_t, WORK(int8_t))                                                            \
+    case U1: EACH(uint8_t, WORK(uint8_t))                                                          \
+    case I2: EACH(int16_t, WORK(int16_t))                                                          \
+    case U2: EACH(uint16_t, WORK(uint16_t))                                                        \
+    case I4: EACH(int32_t, WORK(int32_t))                                                          \
+    case U4: EACH(uint32_t, WORK(uint32_t))                                                        \
+    case I8: EACH(int64_t, WORK(int64_t))                                                          \
+    case U8: EACH(uint64_t, WORK(uint64_t))                                                        \
+    }
+#define INTO(T) typed[j] = (T)values[j]
+#define FROM(T) values[j] = (double)typed[j]
+
+/* Values of another type than double: converted in the scratch of the operation. */
+static int typed_exchange(const Operation *o, double *values) {
+    if (o->kind == SET) {
+        EVERY_TYPE(INTO)
+        return exchange(o, o->scratch);
+    }
+    int status = exchange(o, o->scratch);
+    EVERY_TYPE(FROM)
+    if (status == 0 || status == 1)
+        for (uint64_t j = 0; j < o->values; j++) {
+            const int64_t *whole = o->scratch;
+            const uint64_t *natural = o->scratch;
+            if (o->type == I8 && (whole[j] > (int64_t)EXACT || whole[j] < -(int64_t)EXACT))
+                return TOO_LARGE;
+            if (o->type == U8 && natural[j] > (uint64_t)EXACT)
+                return TOO_LARGE;
+        }
+    return status;
+}
+
+static void move(const Run *r, const Operation *o, int64_t k, double *target) {
+    int64_t used = o->row[k];
+    if (used >= 0) {
+        const double *from = r->rows + used * r->width;
+        double share = o->weight ? o->weight[k] : 0.0;
+        const double *then = share > 0.0 ? r->rows + o->after[k] * r->width : from;
+        if (o->straight && share == 0.0 && o->quantization == 0.0) {
+            memcpy(target + o->pairs[1], from + o->pairs[0], o->count * sizeof(double));
+            return;
+        }
+        for (uint64_t j = 0; j < o->count; j++) {
+            double value = from[o->pairs[2 * j]];
+            if (share > 0.0)
+                value = (1.0 - share) * value + share * then[o->pairs[2 * j]];
+            if (o->quantization != 0.0)
+                value = rint(value / o->quantization) * o->quantization;
+            target[o->pairs[2 * j + 1]] = value;
+        }
+    } else if (used == -2 && o->substituted) {
+        for (uint64_t j = 0; j < o->count; j++)
+            target[o->pairs[2 * j + 1]] = o->substitute;
+    }
+}
+
+static int step(const Run *r, const Operation *o, int64_t k) {
+    double now = r->seconds[k], size = r->sizes[k];
+    if (o->following)
+        size = (double)(r->points[o->following[k]] - r->points[k]) / 1e9;
+    int final = (int)r->no_way_back;
+    if (!o->fmi3)
+        return ((Step2)o->function)(o->component, now, size, final);
+    uint8_t *out = o->results;
+    out[0] = out[1] = out[2] = 0;
+    int status = ((Step3)o->function)(o->component, now, size, (uint8_t)final, out, out + 1,
+                                      out + 2, (double *)(out + 8));
+    if (status != 0 && status != 1)
+        return status;
+    return out[1] ? ENDED : out[2] ? RETURNED_EARLY : status;
+}
+
+/* Whether an output of a complete row is out of range: no NaN is in any range. */
+static int outside(Run *r, const double *row) {
+    int64_t found = 0;
+    for (int64_t j = 0; j < r->outputs; j++)
+        found += !(fabs(row[j]) <= r->bounds[j]);
+    if (!found)
+        return 0;
+    for (r->column = 0; fabs(row[r->column]) <= r->bounds[r->column]; r->column++)
+        ;
+    return OUT_OF_RANGE;
+}
+
+/* Begin the passes of an algebraic loop with the values of the row before. */
+static void guess(Run *r, const Operation *o, int64_t k, double *row) {
+    r->passes = 0;
+    for (uint64_t j = 0; k > 0 && j < o->values; j++)
+        row[o->pairs[j]] = row[o->pairs[j] - r->width];
+    for (uint64_t j = 0; j < o->values; j++)
+        ((double *)o->scratch)[j] = row[o->pairs[j]];
+}
+
+/* Whether a pass of an algebraic loop changed a value. */
+static int unsettled(Run *r, const Operation *o, const double *row) {
+    int found = 0;
+    double *kept = o->scratch;
+    for (uint64_t j = 0; j < o->values; j++) {
+        double value = row[o->pairs[j]], size = fabs(value);
+        if (!(fabs(value - kept[j]) <= o->tolerance * (size > 1.0 ? size : 1.0))) {
+            r->column = o->pairs[j];
+            found = 1;
+        }
+        kept[j] = value;
+    }
+    r->passes++;
+    return found;
+}
+
+/* Carry out operations begin to end - 1 at points first to last - 1. At an early stop, return
+   1 with its status; r->word has the point and the number of the operation. */
+#if defined(_WIN32)
+__declspec(dllexport)
+#else
+__attribute__((visibility("default")))
+#endif
+int run(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t first, int64_t last) {
+    uint64_t saved = modes();
+    for (int64_t k = first; k < last; k++) {
+        for (int64_t i = begin; i < end; i++) {
+            const Operation *o = table + i;
+            if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
+                continue;
+            if (o->following && o->following[k] < 0)
+                continue;
+            int64_t following = o->following ? o->following[k] : k + 1;
+            double *row = r->rows + r->width * (o->ahead ? following : o->spare ? r->spare : k);
+            int status = 0;
+            *r->word = k << 20 | i;
+            switch (o->kind) {
+            case GET:
+                status = o->type == F8 ? exchange(o, row + o->column)
+                                       : typed_exchange(o, row + o->column);
+                if (*r->adjustments)
+                    adjust(r, row, o);
+                break;
+            case SET:
+                if (*r->adjustments)
+                    adjust(r, row, o);
+                status = o->type == F8 ? exchange(o, row + o->column)
+                                       : typed_exchange(o, row + o->column);
+                break;
+            case MOVE: move(r, o, k, row); continue;
+            case STEP: status = step(r, o, k); break;
+            case COMPLETE: status = outside(r, row); break;
+            case GUESS: guess(r, o, k, row); continue;
+            case SETTLE:
+                if (!unsettled(r, o, row))
+                    continue;
+                if (r->passes < o->limit)
+                    i = o->back;
+                else
+                    status = UNSETTLED;
+            }
+            if (modes() != saved)
+                restore(saved);
+            if (status != 0 && status != 1) {
+                r->status = status;
+                return 1;
+            }
+        }
+    }
+    return 0;
+}

@@ -1,0 +1,165 @@
+"""The kernel: `kernel.c`, compiled at first use, carries out the table of a run.
+
+It takes the addresses of the FMUs' functions and instances, and exchanges numbers only.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from importlib.resources import files
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.fmu import FmuSlave, compiled_library
+from cosim.master.component_instance import Group
+from cosim.master.routes import Route, RowsInUse
+from cosim.master.table import (
+    Complete,
+    EarlyStop,
+    Get,
+    Guess,
+    Move,
+    Operation,
+    Set,
+    Settle,
+    Step,
+    Table,
+)
+
+_KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
+_C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
+_OPERATION = np.dtype(
+    [
+        *((name, "i8") for name in ("kind", "when", "following", "function", "component")),
+        *((name, "i8") for name in ("references", "count", "values", "column", "type", "fmi3")),
+        *((name, "i8") for name in ("ahead", "spare", "scratch", "row", "after", "weight")),
+        *((name, "i8") for name in ("pairs", "straight")),
+        *((name, "f8") for name in ("quantization", "substitute")),
+        *((name, "i8") for name in ("substituted", "results", "back", "limit")),
+        ("tolerance", "f8"),
+    ]
+)
+"""`Operation` of kernel.c, its pointers as integers."""
+_RUN = np.dtype(
+    [
+        (name, "i8")
+        for name in (
+            *("rows", "width", "outputs", "spare", "final", "no_way_back"),
+            *("points", "seconds", "sizes", "bounds", "factor", "offset", "active"),
+            *("adjustments", "word", "status", "column", "passes"),
+        )
+    ]
+)
+"""`Run` of kernel.c."""
+
+
+@cache
+def load_kernel() -> Any:
+    """Return the function `run` of the kernel; the first call may compile it.
+
+    Raises
+    ------
+    InputError : no C compiler, or it rejects the source.
+    """
+    source = files("cosim.master").joinpath("kernel.c").read_bytes()
+    function = compiled_library("kernel", source).run
+    function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_int64] * 4]
+    function.restype = ctypes.c_int
+    return function
+
+
+class KernelLoop:
+    """Carries out a table of operations in machine code."""
+
+    def __init__(self, table: Table) -> None:
+        self._table = table
+        self._function = load_kernel()
+        self._kept: list[NDArray[Any]] = []  # the addresses below point into these
+        self._operations = np.zeros(len(table.operations), _OPERATION)
+        for line, operation in zip(self._operations, table.operations, strict=True):
+            self._encode(line, operation)
+        points, adjustments = table.comm_points, table.adjustments
+        self._run = np.zeros(1, _RUN)
+        self._run["rows"] = self._address(table.rows)
+        self._run["width"] = table.rows.shape[1]
+        self._run["outputs"], self._run["spare"] = table.outputs, table.spare
+        self._run["points"] = self._address(points.points_ns)
+        self._run["seconds"] = self._address(points.seconds)
+        self._run["sizes"] = self._address(points.sizes)
+        self._run["bounds"] = self._address(table.bounds)
+        self._run["factor"] = self._address(adjustments.factor)
+        self._run["offset"] = self._address(adjustments.offset)
+        self._run["active"] = self._address(adjustments.active)
+        self._run["adjustments"] = self._address(adjustments.count)
+        self._run["word"] = self._address(table.word)
+
+    def run(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
+        """Carry out operations begin to end - 1 at points first to last - 1."""
+        run = self._run
+        run["final"] = self._table.comm_points.final
+        run["no_way_back"] = self._table.no_way_back[0]
+        operations = self._operations.ctypes.data
+        if not self._function(run.ctypes.data, operations, begin, end, first, last):
+            return None
+        return self._table.early_stop(int(run["status"][0]), int(run["column"][0]))
+
+    def _address(self, array: NDArray[Any]) -> int:
+        if not array.flags.c_contiguous:
+            raise ValueError("expected an array without gaps")
+        self._kept.append(array)
+        return int(array.ctypes.data)
+
+    def _encode(self, line: Any, operation: Operation) -> None:
+        line["kind"], line["when"] = _KINDS.index(type(operation)), operation.when
+        line["ahead"], line["spare"] = operation.ahead, operation.spare
+        if operation.following is not None:
+            line["following"] = self._address(operation.following)
+        match operation:
+            case Get(group=group):
+                self._encode_exchange(line, operation, group, "get")
+            case Set(group=group):
+                self._encode_exchange(line, operation, group, "set")
+            case Move(route=route, sample=sample):
+                self._encode_move(line, route, sample)
+            case Step():
+                slave = self._encode_slave(line, operation)
+                line["function"], line["results"] = slave.address("step"), slave.step_results
+            case Guess(loop=loop) | Settle(loop=loop):
+                line["limit"], line["tolerance"] = loop.limit, loop.tolerance
+                line["values"], line["pairs"] = loop.columns.size, self._address(loop.columns)
+                line["scratch"] = self._address(loop.kept)
+        if isinstance(operation, Settle):
+            line["back"] = operation.begin
+
+    def _encode_slave(self, line: Any, operation: Operation) -> FmuSlave:
+        slave = self._table.instances[operation.instance].slave
+        line["component"] = slave.component
+        line["fmi3"] = slave.description.version != "2.0"
+        return slave
+
+    def _encode_exchange(
+        self, line: Any, operation: Operation, group: Group, way: Literal["get", "set"]
+    ) -> None:
+        slave = self._encode_slave(line, operation)
+        line["function"] = slave.address(way, group.getter_type)
+        line["references"] = self._address(group.references)
+        line["count"], line["values"] = group.references.size, group.size
+        line["column"], line["type"] = group.column, _C_TYPES.index(group.c_type)
+        if group.c_type != "f8":
+            line["scratch"] = self._address(np.zeros(group.size, np.uint64))
+
+    def _encode_move(self, line: Any, route: Route, sample: RowsInUse) -> None:
+        pairs = np.column_stack([route.columns, route.targets]).astype(np.int64)
+        line["pairs"], line["count"] = self._address(pairs), len(pairs)
+        line["straight"] = bool((np.diff(pairs, axis=0) == 1).all())
+        line["row"] = self._address(sample.row)
+        if sample.weight is not None and sample.after is not None:
+            line["weight"] = self._address(sample.weight)
+            line["after"] = self._address(sample.after)
+        if route.link is not None:
+            line["quantization"] = route.link.quantization
+        if route.link is not None and route.link.substitute is not None:
+            line["substituted"], line["substitute"] = True, route.link.substitute

@@ -1,0 +1,182 @@
+"""The loop in plain Python: what the kernel does in C, bit for bit, and for values of any type."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from cosim.fmu import FmuSlave
+from cosim.master.component_instance import Group
+from cosim.master.exchange import (
+    OK,
+    Exchange,
+    exchange_function,
+    is_accepted,
+    pointer,
+    step_function,
+)
+from cosim.master.table import (
+    ENDED,
+    OUT_OF_RANGE,
+    RETURNED_EARLY,
+    UNSETTLED,
+    WORD_BITS,
+    AlgebraicLoop,
+    Complete,
+    EarlyStop,
+    Get,
+    Guess,
+    Move,
+    Operation,
+    Set,
+    Settle,
+    Step,
+    Table,
+    When,
+)
+from cosim.network import SUBSTITUTE
+
+
+class PlainLoop:
+    """Carries out a table of operations."""
+
+    def __init__(self, table: Table) -> None:
+        self._table, self._rows = table, table.rows
+        self._calls = [self._call(operation) for operation in table.operations]
+        self._column = self._passes = 0
+
+    def run(  # noqa: C901, PLR0912 - the algorithm, in one place
+        self, begin: int, end: int, first: int, last: int
+    ) -> EarlyStop | None:
+        """Carry out operations begin to end - 1 at points first to last - 1."""
+        table, final, word = self._table, self._table.comm_points.final, self._table.word
+        for k in range(first, last):
+            number = begin - 1
+            while (number := number + 1) < end:
+                operation, call = table.operations[number], self._calls[number]
+                following = k + 1 if operation.following is None else int(operation.following[k])
+                if following < 0 or _is_left_out(operation.when, k, final):
+                    continue
+                at = following if operation.ahead else table.spare if operation.spare else k
+                word[0] = k << WORD_BITS | number
+                status = OK
+                match operation:
+                    case Get(group=group):
+                        status = call(at)
+                        table.adjust(group, at)
+                    case Set(group=group):
+                        table.adjust(group, at)
+                        status = call(at)
+                    case Move():
+                        move(table, operation, k, at)
+                    case Step():
+                        status = call(k, following)
+                    case Complete():
+                        status = self._range_status(k)
+                    case Guess(loop=loop):
+                        self._guess(loop, k)
+                    case Settle(loop=loop) if not self._is_settled(loop, k):
+                        if self._passes < loop.limit:
+                            number = operation.begin
+                        else:
+                            status = UNSETTLED
+                if not is_accepted(status):
+                    return table.early_stop(status, self._column)
+        return None
+
+    def _call(self, operation: Operation) -> Callable[..., int]:
+        """Return the FMI call of an operation."""
+        match operation:
+            case Get(group=group):
+                return self._exchange(operation, group, "get")
+            case Set(group=group):
+                return self._exchange(operation, group, "set")
+            case Step():
+                return self._step(self._table.instances[operation.instance].slave)
+        return int  # makes no call
+
+    def _exchange(
+        self, operation: Operation, group: Group, way: Literal["get", "set"]
+    ) -> Callable[[int], int]:
+        """Return what gets or sets a group of values in a row."""
+        rows, instance = self._rows, self._table.instances[operation.instance]
+        if group.c_type != "f8":
+            exchange = Exchange(instance, group, way)
+            return lambda at: exchange(rows[at])
+        slave = instance.slave
+        version = slave.description.version
+        function = exchange_function(version, slave.address(way, group.getter_type))
+        component, references = pointer(slave.component), pointer(group.references.ctypes.data)
+        count, more = group.references.size, () if version == "2.0" else (group.size,)
+        begin, stride = int(rows.ctypes.data) + 8 * group.column, int(rows.strides[0])
+        return lambda at: function(component, references, count, begin + at * stride, *more)
+
+    def _step(self, slave: FmuSlave) -> Callable[[int, int], int]:
+        """Return what steps an instance from a point to another."""
+        points = self._table.comm_points
+        version, no_way_back = slave.description.version, self._table.no_way_back
+        function = step_function(version, slave.address("step"))
+        component, times, seconds = pointer(slave.component), points.points_ns, points.seconds
+
+        def step_2(k: int, following: int) -> int:
+            size = (times[following] - times[k]) / 1e9
+            return function(component, seconds[k], size, int(no_way_back[0]))
+
+        results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
+        places = [slave.step_results + place for place in (0, 1, 2, 8)]
+
+        def step_3(k: int, following: int) -> int:
+            results[0] = results[1] = results[2] = 0
+            size = (times[following] - times[k]) / 1e9
+            status = function(component, seconds[k], size, int(no_way_back[0]), *places)
+            if not is_accepted(status):
+                return status
+            return ENDED if results[1] else RETURNED_EARLY if results[2] else status
+
+        return step_2 if version == "2.0" else step_3
+
+    def _range_status(self, k: int) -> int:
+        outside = ~(np.abs(self._rows[k, : self._table.outputs]) <= self._table.bounds)
+        if not outside.any():  # NaN is in no range
+            return OK
+        self._column = int(np.argmax(outside))
+        return OUT_OF_RANGE
+
+    def _guess(self, loop: AlgebraicLoop, k: int) -> None:
+        """Begin the passes of an algebraic loop with the values of the row before."""
+        if k > 0:
+            self._rows[k, loop.columns] = self._rows[k - 1, loop.columns]
+        self._passes, loop.kept[:] = 0, self._rows[k, loop.columns]
+
+    def _is_settled(self, loop: AlgebraicLoop, k: int) -> bool:
+        """Whether a pass of an algebraic loop changed no value."""
+        values = self._rows[k, loop.columns]
+        allowed = loop.tolerance * np.maximum(1.0, np.abs(values))
+        changed = np.flatnonzero(~(np.abs(values - loop.kept) <= allowed))
+        self._passes, loop.kept[:] = self._passes + 1, values
+        if changed.size:
+            self._column = int(loop.columns[changed[-1]])
+        return not changed.size
+
+
+def move(table: Table, operation: Move, k: int, at: int) -> None:
+    """Copy the values that a route brings at point k to the inputs in row `at`."""
+    rows, route, sample = table.rows, operation.route, operation.sample
+    used = int(sample.row[k])
+    if used >= 0:
+        values = rows[used, route.columns]
+        if sample.weight is not None and sample.after is not None and sample.weight[k] > 0.0:
+            share = sample.weight[k]
+            values = (1.0 - share) * values + share * rows[sample.after[k], route.columns]
+        if route.link is not None and route.link.quantization:
+            values = route.link.quantize(values)
+        rows[at, route.targets] = values
+    elif used == SUBSTITUTE and route.link is not None:
+        rows[at, route.targets] = route.link.substitute
+
+
+def _is_left_out(when: When, k: int, final: int) -> bool:
+    return (when is When.AT_FIRST and k > 0) or (when is When.NOT_AT_LAST and k == final)
