@@ -78,6 +78,7 @@ class Port:
     dimensions : as declared: a number, or the name of a structural parameter.
     initial : "exact", "approx", "calculated", or None.
     items : the values that an enumeration may have.
+    nominal : nominal value of a real number, its own or else its type's; None: not declared.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Port:
     dimensions: tuple[int | str, ...] = ()
     initial: str | None = None
     items: tuple[int, ...] = ()
+    nominal: float | None = None
 
     @property
     def size(self) -> int:

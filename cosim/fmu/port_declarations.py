@@ -57,6 +57,7 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
             ),
             initial=variable.initial,
             items=_items(variable),
+            nominal=_nominal(variable, words, type_mapping.kind),
         )
     return ports
 
@@ -105,6 +106,14 @@ def _range(
         None if low is None else parse_value(kind, low),
         None if high is None else parse_value(kind, high),
     )
+
+
+def _nominal(variable: Any, words: _Words | None, kind: SignalKind | None) -> float | None:
+    """Return the nominal value of a real number, its own or else its type's."""
+    own = variable.nominal if words is None else words.get(variable, "nominal")
+    declared = variable.declaredType
+    found = own if own is not None or declared is None else declared.nominal
+    return None if kind != "float" or found is None else float(found) or None
 
 
 def _items(variable: Any) -> tuple[int, ...]:

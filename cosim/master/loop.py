@@ -180,7 +180,7 @@ class Loop:
             self.complete = last if early_stop is None else early_stop.complete
         if early_stop is not None:
             self._early_stop = early_stop
-            self.status, self.reason = run_status_of(self._system, self._wiring, early_stop)
+            self.status, self.reason = run_status_of(self._wiring, early_stop)
             fill_unreceived_inputs(self.table, early_stop)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"

@@ -86,7 +86,7 @@ class Parts:
     links: Mapping[str, Link]
     driven: Mapping[Endpoint, Signal]
     comm_schedule: CommunicationSchedule
-    divergence: float
+    divergence: float | None = None
     algorithm: Algorithm = "jacobi"
     order: Sequence[str] | None = None
     delays: Mapping[str, DelaySource] = field(default_factory=dict)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from cosim.core import ComponentError, InputError
 from cosim.master.component_instance import ComponentInstance
+from cosim.master.divergence import has_grown, out_of_range
 from cosim.master.engine import EngineChoice
 from cosim.master.exchange import TOO_LARGE
-from cosim.master.system import System
 from cosim.master.table import EarlyStop
 from cosim.master.wiring import Wiring
 from cosim.network import PacketSchedule
@@ -30,8 +30,8 @@ class Run:
     Attributes
     ----------
     status : "finished" at the end; "stopped" by the user or a component; "diverged" when an
-        output left the allowed range or is not finite; "failed" when a call of a component
-        failed for another reason.
+        output left its bound, or grew step by step until it was not finite; "failed" when a call
+        of a component failed, or it gave infinity or NaN out of moderate values.
     reason : in words, None when finished.
     points_ns : the points reached [ns], int64 (k,).
     instances : the component instances; the first k rows are valid.
@@ -63,12 +63,12 @@ class Run:
         return values if instance.own_points.always else values[instance.own_points.last[:count]]
 
 
-def run_status_of(system: System, wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str]:
-    """Return status and reason of a run that stopped early; overflow counts as divergence."""
+def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str]:
+    """Return status and reason of a run that stopped early."""
     seconds = int(wiring.comm_points.points_ns[early_stop.k]) / 1e9
     if early_stop.what == "range":
-        out = f"{wiring.output(early_stop.instance)} left the range of +-{system.divergence:g}"
-        return "diverged", f"{out} at t = {seconds:g} s"
+        diverged, reason = out_of_range(wiring, early_stop.k, early_stop.instance)
+        return ("diverged" if diverged else "failed"), reason
     instance = wiring.instances[early_stop.instance]
     discarded = early_stop.what == "step" and early_stop.status == _DISCARD
     if early_stop.what == "end" or (discarded and instance.slave.asked_to_end()):
@@ -85,4 +85,5 @@ def run_status_of(system: System, wiring: Wiring, early_stop: EarlyStop) -> tupl
     at = "from" if early_stop.what == "step" else "at"
     refused = slave.refused(f"{early_stop.what} {at} t = {seconds:g} s", early_stop.status)
     overflow = "no longer finite" in (refused.got or "")
-    return ("diverged" if overflow else "failed"), refused.text()
+    diverged = overflow and has_grown(instance, early_stop.complete)
+    return ("diverged" if diverged else "failed"), refused.text()

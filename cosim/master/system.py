@@ -21,7 +21,8 @@ class System(Parts):
         run (a link with a `DelaySignal`, events = "align").
     comm_schedule : communication points and schedules, from `make_schedule`.
     delays : by link with a `DelaySignal`, the signals that decide its delay.
-    divergence : the run counts as diverged when the magnitude of an output exceeds this.
+    divergence : the run counts as diverged when the magnitude of an output exceeds this; None:
+        when it exceeds a million times the nominal value that its FMU declares, if it declares one.
     algorithm : "jacobi": all components step on the values of the same point; "gauss-seidel":
         one after the other, each on the new outputs of those before it.
     order : of all components under Gauss-Seidel; None: senders before receivers with direct

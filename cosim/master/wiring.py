@@ -21,6 +21,7 @@ from cosim.core import InputError
 from cosim.fmu import Port
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import (
+    Column,
     ComponentInstance,
     Group,
     Rows,
@@ -42,6 +43,8 @@ from cosim.master.routes import (
 from cosim.master.system import System
 from cosim.network import LinkState, PacketLink
 
+NOMINAL_RANGE = 1e6
+"""An output that declares its nominal value is in range up to so many times this value."""
 _KINDS = ("float", "int", "bool", "string")
 
 
@@ -218,7 +221,8 @@ def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros)
             driven=arriving[name].driven,
         )
     ordered = tuple(instances[name] for name in order)
-    bounds = np.full(total, system.divergence)
+    sent_columns = [c for name in system.components for c in instances[name].output_columns]
+    bounds = _bounds(sent_columns, system.divergence)
     wiring = Wiring(rows, total, bounds, ordered, texts, comm_points, tuple(fills))
     wiring.reset_rows(0)
     return wiring
@@ -260,6 +264,17 @@ class _Columns:
     def of(self, direction: str, end: Endpoint) -> int:
         """Return the first column of a variable."""
         return self._first[direction, end]
+
+
+def _bounds(columns: Iterable[Column], asked: float | None) -> NDArray[np.float64]:
+    """Return the largest magnitude of each output that is in range, (outputs,).
+
+    `asked` : for all outputs; None: a multiple of the nominal value where one is declared, else
+    any finite value is in range.
+    """
+    nominals = [None if asked is not None else column.port.nominal for column in columns]
+    otherwise = np.finfo(np.float64).max if asked is None else asked
+    return np.array([otherwise if n is None else NOMINAL_RANGE * abs(n) for n in nominals])
 
 
 def _outputs(component: Component) -> tuple[list[Port], int]:

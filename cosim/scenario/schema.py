@@ -42,6 +42,8 @@ class RunPart(Part):
     `algorithm` : "jacobi": all components step with the values exchanged at the same point;
     "gauss-seidel": one after the other in `order`, each with the new outputs of those before it
     (without `order`: senders before receivers, as far as possible).
+    `divergence` : largest magnitude of any output in range; without it a million times the nominal
+    value of an output that declares one.
     """
 
     end: Duration
@@ -50,7 +52,7 @@ class RunPart(Part):
     order: list[Name] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     events: Literal["align", "grid"] = "align"
-    divergence: Positive = 1e6
+    divergence: Positive | None = None
 
 
 class ComponentPart(Part):

@@ -66,7 +66,7 @@ def system(
     links: Sequence[Link] = (),
     events: Events = "align",
     driven: Mapping[str, Callable[[float], float]] | None = None,
-    divergence: float = 1e6,
+    divergence: float | None = 1e6,
 ) -> System:
     """A system of FMUs by name; connections are (from, to) or (from, to, link)."""
     named = {link.name: link for link in links}

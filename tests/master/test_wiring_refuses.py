@@ -174,13 +174,22 @@ def test_divergence_ends_the_run(fmus: Path) -> None:
     assert last[:, -1].max() > 1000.0 >= last[:, :-1].max()
 
 
-def test_overflow_inside_a_step_is_divergence(fmus: Path) -> None:
-    """A state that overflows within one step is divergence, not a failure."""
-    run = simulate(section_5(fmus, step=1.0, stop=9.0, plant={"A[1,1]": 5000.0}, divergence=1e300))
+def test_overflow_within_one_step_from_moderate_values_is_a_failure(fmus: Path) -> None:
+    run = simulate(section_5(fmus, step=1.0, stop=9.0, plant={"A[1,1]": 5000.0}, divergence=None))
+    assert run.status == "failed"
+    assert run.reason is not None
+    assert "component 'plant'" in run.reason
+    assert "no longer finite" in run.reason
+    assert run.points_ns.tolist() == [0]
+
+
+@pytest.mark.parametrize("rate", [8.0, 40.0])
+def test_growth_step_by_step_until_overflow_is_divergence(fmus: Path, rate: float) -> None:
+    run = simulate(section_5(fmus, step=0.1, stop=120.0, plant={"A[1,1]": rate}, divergence=None))
     assert run.status == "diverged"
     assert run.reason is not None
     assert "no longer finite" in run.reason
-    assert run.points_ns.tolist() == [0]
+    assert np.abs(run.signal("plant", "x[1]")).max() > 1e100
 
 
 def test_fixed_step_fmu_is_refused_where_steps_vary(fmus: Path, tmp_path: Path) -> None:
