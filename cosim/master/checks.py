@@ -79,6 +79,7 @@ def check_parts(system: Parts) -> None:
     _check_connections(system, taken)
     _check_driven(system, taken)
     _check_order(system)
+    _check_threads(system)
     for name, component in system.components.items():
         if system.grows and component.every_ns is not None:
             raise InputError(
@@ -107,6 +108,16 @@ def _check_order(system: Parts) -> None:
             where="order",
             expected=f"under gauss-seidel, each of {', '.join(system.components)} once",
             got=f"{system.algorithm}: {', '.join(system.order)}",
+        )
+
+
+def _check_threads(system: Parts) -> None:
+    if system.threads < 1 or (system.threads > 1 and system.algorithm != "jacobi"):
+        raise InputError(
+            "the components cannot step on so many threads",
+            where="run.threads",
+            expected="1 or more; under gauss-seidel, where they step one after the other, 1",
+            got=f"{system.threads}, {system.algorithm}",
         )
 
 

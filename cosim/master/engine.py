@@ -25,14 +25,31 @@ class Engine(Protocol):
     def run(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1."""
 
+    def close(self) -> None:
+        """End its threads."""
 
-def choose_engine(asked: EngineName, *, texts: bool = False) -> EngineChoice:
-    """Choose the engine of a run; `texts`: it exchanges Strings.
+
+def choose_engine(asked: EngineName, *, texts: bool = False, threads: int = 1) -> EngineChoice:
+    """Choose the engine of a run; `texts`: it exchanges Strings; `threads`: it steps on so many.
 
     Raises
     ------
-    InputError : the kernel is asked for, but it cannot be compiled, or Strings are exchanged.
+    InputError : the kernel is asked for, or several threads, but it cannot be compiled, or Strings
+        are exchanged.
     """
+    choice = _choice(asked, texts=texts)
+    if threads > 1 and choice.name == "python":
+        raise InputError(
+            "components step side by side in the kernel only",
+            where="run.threads",
+            expected="the engine kernel",
+            got=f"the engine python: {choice.reason}",
+            hint="run.threads = 1",
+        )
+    return choice
+
+
+def _choice(asked: EngineName, *, texts: bool) -> EngineChoice:
     if asked == "python":
         return EngineChoice("python", "asked for")
     if texts and asked == "kernel":

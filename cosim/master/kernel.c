@@ -201,58 +201,173 @@ static int unsettled(Run *r, const Operation *o, const double *row) {
     return found;
 }
 
-/* Carry out operations begin to end - 1 at points first to last - 1. At an early stop, return
-   1 with its status; r->word has the point and the number of the operation. */
-#if defined(_WIN32)
-__declspec(dllexport)
-#else
-__attribute__((visibility("default")))
-#endif
-int run(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t first, int64_t last) {
-    uint64_t saved = modes();
-    for (int64_t k = first; k < last; k++) {
-        for (int64_t i = begin; i < end; i++) {
-            const Operation *o = table + i;
-            if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
+/* Carry out operations begin to end - 1 at a point; word has the number of the one in progress.
+   Return the status of one that ends the run, else 0. */
+static int carry_out(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t k,
+                     uint64_t saved, volatile int64_t *word) {
+    for (int64_t i = begin; i < end; i++) {
+        const Operation *o = table + i;
+        if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
+            continue;
+        if (o->following && o->following[k] < 0)
+            continue;
+        int64_t following = o->following ? o->following[k] : k + 1;
+        double *row = r->rows + r->width * (o->ahead ? following : o->spare ? r->spare : k);
+        int status = 0;
+        *word = k << 20 | i;
+        switch (o->kind) {
+        case GET:
+            status = o->type == F8 ? exchange(o, row + o->column)
+                                   : typed_exchange(o, row + o->column);
+            if (*r->adjustments)
+                adjust(r, row, o);
+            break;
+        case SET:
+            if (*r->adjustments)
+                adjust(r, row, o);
+            status = o->type == F8 ? exchange(o, row + o->column)
+                                   : typed_exchange(o, row + o->column);
+            break;
+        case MOVE: move(r, o, k, row); continue;
+        case STEP: status = step(r, o, k); break;
+        case COMPLETE: status = outside(r, row); break;
+        case GUESS: guess(r, o, k, row); continue;
+        case SETTLE:
+            if (!unsettled(r, o, row))
                 continue;
-            if (o->following && o->following[k] < 0)
-                continue;
-            int64_t following = o->following ? o->following[k] : k + 1;
-            double *row = r->rows + r->width * (o->ahead ? following : o->spare ? r->spare : k);
-            int status = 0;
-            *r->word = k << 20 | i;
-            switch (o->kind) {
-            case GET:
-                status = o->type == F8 ? exchange(o, row + o->column)
-                                       : typed_exchange(o, row + o->column);
-                if (*r->adjustments)
-                    adjust(r, row, o);
-                break;
-            case SET:
-                if (*r->adjustments)
-                    adjust(r, row, o);
-                status = o->type == F8 ? exchange(o, row + o->column)
-                                       : typed_exchange(o, row + o->column);
-                break;
-            case MOVE: move(r, o, k, row); continue;
-            case STEP: status = step(r, o, k); break;
-            case COMPLETE: status = outside(r, row); break;
-            case GUESS: guess(r, o, k, row); continue;
-            case SETTLE:
-                if (!unsettled(r, o, row))
-                    continue;
-                if (r->passes < o->limit)
-                    i = o->back;
-                else
-                    status = UNSETTLED;
-            }
-            if (modes() != saved)
-                restore(saved);
-            if (status != 0 && status != 1) {
-                r->status = status;
-                return 1;
-            }
+            if (r->passes < o->limit)
+                i = o->back;
+            else
+                status = UNSETTLED;
         }
+        if (modes() != saved)
+            restore(saved);
+        if (status != 0 && status != 1)
+            return status;
+    }
+    return 0;
+}
+
+/* Threads that carry out the steps of a point side by side, a group of operations each. */
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+typedef struct {
+    const int64_t *groups;
+} Team;
+EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
+    return (void)size, (void)groups, (void)count, NULL;
+}
+EXPORT void end_team(Team *t) { (void)t; }
+static int by_team(Team *t, Run *r, const Operation *table, int64_t k) {
+    return (void)t, (void)r, (void)table, (void)k, 0;
+}
+#else
+#include <pthread.h>
+#define EXPORT __attribute__((visibility("default")))
+
+typedef struct {
+    pthread_mutex_t lock;
+    pthread_cond_t go, done;
+    pthread_t *threads;
+    int64_t size, turn, closing;
+    Run *run;
+    const Operation *table;
+    const int64_t *groups; /* begin and end of each */
+    int64_t count, next, left, k;
+    int64_t word; /* of the first operation of the table that ended the run */
+    int status;
+} Team;
+
+/* Take groups while there are any; the lock is held before and after. */
+static void take_groups(Team *t) {
+    while (t->next < t->count) {
+        const int64_t *group = t->groups + 2 * t->next++;
+        volatile int64_t word = 0;
+        pthread_mutex_unlock(&t->lock);
+        int status = carry_out(t->run, t->table, group[0], group[1], t->k, modes(), &word);
+        pthread_mutex_lock(&t->lock);
+        if (status && (!t->status || word < t->word)) {
+            t->status = status;
+            t->word = word;
+        }
+        if (--t->left == 0)
+            pthread_cond_signal(&t->done);
+    }
+}
+
+static void *member(void *given) {
+    Team *t = given;
+    int64_t seen = 0;
+    pthread_mutex_lock(&t->lock);
+    while (!t->closing)
+        if (t->turn == seen)
+            pthread_cond_wait(&t->go, &t->lock);
+        else {
+            seen = t->turn;
+            take_groups(t);
+        }
+    pthread_mutex_unlock(&t->lock);
+    return NULL;
+}
+
+EXPORT void end_team(Team *t) {
+    pthread_mutex_lock(&t->lock);
+    t->closing = 1;
+    pthread_cond_broadcast(&t->go);
+    pthread_mutex_unlock(&t->lock);
+    for (int64_t i = 0; i < t->size; i++)
+        pthread_join(t->threads[i], NULL);
+    free(t->threads);
+    free(t);
+}
+
+/* A team of the caller and of more threads; NULL if there cannot be any. */
+EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
+    Team *t = calloc(1, sizeof(Team));
+    if (!t || !(t->threads = calloc((size_t)size, sizeof(pthread_t))))
+        return free(t), NULL;
+    pthread_mutex_init(&t->lock, NULL);
+    pthread_cond_init(&t->go, NULL);
+    pthread_cond_init(&t->done, NULL);
+    t->groups = groups;
+    t->count = t->next = count;
+    for (; t->size < size - 1; t->size++)
+        if (pthread_create(t->threads + t->size, NULL, member, t))
+            return end_team(t), NULL;
+    return t;
+}
+
+static int by_team(Team *t, Run *r, const Operation *table, int64_t k) {
+    pthread_mutex_lock(&t->lock);
+    t->run = r, t->table = table, t->k = k;
+    t->status = 0, t->next = 0, t->left = t->count;
+    t->turn++;
+    pthread_cond_broadcast(&t->go);
+    take_groups(t);
+    while (t->left)
+        pthread_cond_wait(&t->done, &t->lock);
+    if (t->status)
+        *r->word = t->word;
+    pthread_mutex_unlock(&t->lock);
+    return t->status;
+}
+#endif
+
+/* Carry out operations begin to end - 1 at points first to last - 1; those from `side_by_side` on
+   by the team, if there is one. At an early stop, return 1 with its status; r->word has the point
+   and the number of the operation. */
+EXPORT int run(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t first,
+               int64_t last, Team *team, int64_t side_by_side) {
+    uint64_t saved = modes();
+    int64_t until = team && side_by_side < end ? side_by_side : end;
+    for (int64_t k = first; k < last; k++) {
+        r->status = carry_out(r, table, begin, until, k, saved, r->word);
+        if (!r->status && until < end && k != r->final) {
+            *r->word = k << 20 | end;
+            r->status = by_team(team, r, table, k);
+        }
+        if (r->status)
+            return 1;
     }
     return 0;
 }

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.core import InputError
 from cosim.fmu import FmuSlave, compiled_library
 from cosim.master.component_instance import Group
 from cosim.master.routes import Route, RowsInUse
@@ -58,17 +59,19 @@ _RUN = np.dtype(
 
 @cache
 def load_kernel() -> Any:
-    """Return the function `run` of the kernel; the first call may compile it.
+    """Return the library of the kernel; the first call may compile it.
 
     Raises
     ------
     InputError : no C compiler, or it rejects the source.
     """
     source = files("cosim.master").joinpath("kernel.c").read_bytes()
-    function = compiled_library("kernel", source).run
-    function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[ctypes.c_int64] * 4]
-    function.restype = ctypes.c_int
-    return function
+    library = compiled_library("kernel", source)
+    address, number = ctypes.c_void_p, ctypes.c_int64
+    library.run.argtypes = [address, address, *[number] * 4, address, number]
+    library.make_team.argtypes, library.make_team.restype = [number, address, number], address
+    library.end_team.argtypes, library.end_team.restype = [address], None
+    return library
 
 
 class KernelLoop:
@@ -76,7 +79,7 @@ class KernelLoop:
 
     def __init__(self, table: Table) -> None:
         self._table = table
-        self._function = load_kernel()
+        self._library = load_kernel()
         self._kept: list[NDArray[Any]] = []  # the addresses below point into these
         self._operations = np.zeros(len(table.operations), _OPERATION)
         for line, operation in zip(self._operations, table.operations, strict=True):
@@ -95,6 +98,35 @@ class KernelLoop:
         self._run["active"] = self._address(adjustments.active)
         self._run["adjustments"] = self._address(adjustments.count)
         self._run["word"] = self._address(table.word)
+        self._team = self._make_team(table) if table.threads > 1 else None
+
+    def close(self) -> None:
+        """End its threads."""
+        if self._team is not None:
+            self._library.end_team(self._team)
+        self._team = None
+
+    def _make_team(self, table: Table) -> int:
+        """Start the threads that step instances side by side.
+
+        Raises
+        ------
+        InputError : the system gives no threads.
+        """
+        steps = [i for i, o in enumerate(table.operations) if isinstance(o, Step)]
+        begins = [table.complete + 1, *(i + 1 for i in steps[:-1])]
+        groups = np.array([*zip(begins, (i + 1 for i in steps), strict=True)], np.int64)
+        threads = min(table.threads, len(steps))
+        team: int | None = self._library.make_team(threads, self._address(groups), len(groups))
+        if team is None:
+            raise InputError(
+                "the components cannot step side by side",
+                where="run.threads",
+                expected="a system with POSIX threads that has so many left",
+                got=str(table.threads),
+                hint="run.threads = 1",
+            )
+        return team
 
     def run(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1."""
@@ -102,7 +134,11 @@ class KernelLoop:
         run["final"] = self._table.comm_points.final
         run["no_way_back"] = self._table.no_way_back[0]
         operations = self._operations.ctypes.data
-        if not self._function(run.ctypes.data, operations, begin, end, first, last):
+        if not self._library.run(
+            *(run.ctypes.data, operations, begin, end, first, last),
+            self._team,
+            self._table.complete + 1,
+        ):
             return None
         return self._table.early_stop(int(run["status"][0]), int(run["column"][0]))
 

@@ -86,6 +86,9 @@ class Loop:
         self.status: RunStatus | None = None
         self.reason: str | None = None
         self._dispatch.where = self._where
+        if system.threads > 1:
+            self._turns = {name: i for i, name in enumerate(system.components)}
+            self._dispatch.turn = self._turn
 
     @property
     def time_ns(self) -> int:
@@ -147,6 +150,10 @@ class Loop:
         if self._system.algorithm == "gauss-seidel":
             return column < table.outputs
         return not crossing or column in table.columns_sent
+
+    def close(self) -> None:
+        """End the threads of the engine."""
+        self._engine.close()
 
     def forget_exchange(self) -> None:
         """Take back the exchange at the point of the slaves: something was set or overridden."""
@@ -216,3 +223,8 @@ class Loop:
     def _where(self) -> tuple[int, int]:
         k, number = self.table.place()
         return k + (number > self.table.complete), int(self._comm_points.points_ns[k])
+
+    def _turn(self, name: str) -> int:
+        """Return the place of a component in the order of the system, while it steps."""
+        stepping = self.table.place()[1] > self.table.complete
+        return self._turns.get(name, 0) if stepping else 0

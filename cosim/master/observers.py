@@ -36,21 +36,26 @@ class ObserverDispatch:
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers = observers
-        self._lines: list[tuple[int, int, str, str, str]] = []
+        self._lines: list[tuple[int, int, int, str, str, str]] = []
         self._delivered = 0
         self.where: Callable[[], tuple[int, int]] = lambda: (0, 0)
         """Returns the number of complete rows, and the time [ns], at any moment."""
+        self.turn: Callable[[str], int] | None = None
+        """Returns the place of a component while several step side by side, else 0."""
 
     def note(self, name: str, level: str, message: str) -> None:
         """Log a message of a component, or of the loop, now."""
         rows, time_ns = self.where()
-        self._lines.append((rows, time_ns, level, name, message))
+        turn = 0 if self.turn is None else self.turn(name)
+        self._lines.append((rows, time_ns, turn, level, name, message))
 
-    def deliver(self, complete: int, *, include_after_last: bool = True) -> None:
+    def deliver(self, complete: int) -> None:
         """Deliver the rows before `complete`, and the log lines before, between and after them."""
         lines, self._lines = self._lines, []
-        for rows, time_ns, level, name, message in lines:
-            if rows > complete or (rows == complete and not include_after_last):
+        if self.turn is not None:  # threads log in any order
+            lines.sort(key=lambda line: line[:3])
+        for rows, time_ns, _turn, level, name, message in lines:
+            if rows > complete:
                 break
             self._span(rows)
             for observer in self._observers:

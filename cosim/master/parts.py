@@ -90,6 +90,7 @@ class Parts:
     algorithm: Algorithm = "jacobi"
     order: Sequence[str] | None = None
     delays: Mapping[str, DelaySource] = field(default_factory=dict)
+    threads: int = 1
 
     @property
     def grows(self) -> bool:

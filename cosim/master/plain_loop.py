@@ -87,6 +87,9 @@ class PlainLoop:
                     return table.early_stop(status, self._column)
         return None
 
+    def close(self) -> None:
+        """Do nothing: it has no threads."""
+
     def _call(self, operation: Operation) -> Callable[..., int]:
         """Return the FMI call of an operation."""
         match operation:

@@ -68,7 +68,7 @@ class Session:
             for column in (*instance.output_columns, *instance.input_columns)
         )
         self._comm_points = self._wiring.comm_points
-        self._choice = choose_engine(engine, texts=texts)
+        self._choice = choose_engine(engine, texts=texts, threads=system.threads)
         self._dispatch = ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
@@ -100,6 +100,8 @@ class Session:
     def close(self) -> None:
         """Terminate the slaves and deliver their last log lines."""
         try:
+            if self._loop is not None:
+                self._loop.close()
             self._stack.close()
         finally:
             self._dispatch.close()

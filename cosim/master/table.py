@@ -175,6 +175,7 @@ class Table:
     bounds : largest magnitude of each output in range, (outputs,).
     adjustments : overrides and biases.
     word : the word in progress, int64 (1,): see `WORD_BITS`.
+    threads : on so many the steps of a point are carried out side by side.
     no_way_back : whether no saved state of a slave may be restored; int64 (1,).
     """
 
@@ -188,6 +189,7 @@ class Table:
     bounds: NDArray[np.float64]
     adjustments: Adjustments
     word: Integers
+    threads: int = 1
     no_way_back: Integers = field(default_factory=lambda: np.ones(1, np.int64))
 
     def __post_init__(self) -> None:
@@ -206,6 +208,8 @@ class Table:
 
     def call(self, number: int) -> tuple[str, str]:
         """Return component and FMI function of an operation; "" for one without a call."""
+        if number >= len(self.operations):  # on several threads
+            return "", "DoStep of several components"
         operation = self.operations[number]
         if not isinstance(operation, Get | Set | Step):
             return "", ""
@@ -258,6 +262,7 @@ def make_table(system: System, wiring: Wiring, adjustments: Adjustments, word: I
         bounds=wiring.bounds,
         adjustments=adjustments,
         word=word,
+        threads=system.threads,
     )
 
 

@@ -222,6 +222,7 @@ def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> Sys
             run.algorithm,
             run.order,
             delay_sources(scenario),
+            run.threads,
         )
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error

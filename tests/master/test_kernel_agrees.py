@@ -6,6 +6,7 @@ Ten thousand of these systems were also compared with the two engines of version
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -115,11 +116,17 @@ def random_system(r: random.Random, fmus: tuple[FmuDescription, FmuDescription])
     return System(components, connections, links, {}, schedule, bound, algorithm)
 
 
-def flown(seed: int, fmus: tuple[FmuDescription, FmuDescription], engine: EngineName) -> Any:
+def flown(
+    seed: int,
+    fmus: tuple[FmuDescription, FmuDescription],
+    engine: EngineName,
+    *,
+    threads: int = 1,
+) -> Any:
     """Everything that a run gives; overridden and biased at random times."""
     r = random.Random(seed)  # noqa: S311 - reproducible choices
     try:
-        system = random_system(r, fmus)
+        system = replace(random_system(r, fmus), threads=threads)
         log = Log()
         with Session(system, [log], engine=engine) as session:
             for _ in range(r.randint(0, 3)):
