@@ -134,6 +134,25 @@ def describe_fmu(path: Path) -> FmuDescription:
         raise InputError("no such FMU", where=str(path), hint="build it: python build_fmu.py")
     try:
         content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            "the FMU cannot be read", where=str(path), got=error.strerror or str(error)
+        ) from error
+    key = path, hashlib.sha256(content).hexdigest()
+    if key not in _described:
+        while len(_described) >= _MOST_KEPT:
+            del _described[next(iter(_described))]
+        _described[key] = _describe(path, content, key[1])
+    return _described[key]
+
+
+_MOST_KEPT = 64
+_described: dict[tuple[Path, str], FmuDescription] = {}
+"""What was described in this process, by file and hash: the same bytes are read once."""
+
+
+def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
+    try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             Archive(path, archive).require_sound()
             xml = archive.read("modelDescription.xml")
@@ -148,7 +167,6 @@ def describe_fmu(path: Path) -> FmuDescription:
         ) from error
     for wrong in identifier_findings(model.coSimulation.modelIdentifier, "co-simulation"):
         raise refusal("its library is not loaded", path, wrong, "a C identifier")
-    digest = hashlib.sha256(content).hexdigest()
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
 
 

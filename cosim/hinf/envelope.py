@@ -32,6 +32,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
+from functools import lru_cache
 from types import MappingProxyType
 
 import flint
@@ -123,7 +124,7 @@ def auv_uncertainty(
     """
     scaling = scaling or Scaling()
     kinematic = _up(float((2 * (flint.arb(envelope.psi) / 2).sin()).upper()))
-    quadratic = _quadratic_bound(envelope, parameters, scaling)
+    quadratic = _quadratic_bound(envelope, tuple(sorted(parameters.items())), scaling)
     E, H = np.zeros((8, 6)), np.zeros((6, 8))
     # The product of the two square roots, as doubles, must not fall below the bound.
     k = _up(math.sqrt(kinematic))
@@ -154,11 +155,12 @@ def quadratic_part(
     return Q
 
 
+@lru_cache(maxsize=64)
 def _quadratic_bound(
-    envelope: Envelope, parameters: Mapping[str, float], scaling: Scaling
+    envelope: Envelope, parameters: tuple[tuple[str, float], ...], scaling: Scaling
 ) -> float:
     """Return q with |S^-1 Q(nu) T^-1| <= q on the whole box, proved at the 16 vertices."""
-    coefficients = velocity_coefficients(parameters)
+    coefficients = velocity_coefficients(dict(parameters))
     S = [Fraction(value) for value in scaling.rows]
     T = [Fraction(value) for value in scaling.columns]
     vertices = []

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -57,9 +58,15 @@ def named_design(part: DesignPart, folder: Path) -> tuple[Problem, Design, Desig
     """
     name = str(part.file)
     where, content = design_content(name, folder)
-    found = design_from_json(certificate_from_bytes(content, where), where=where)
+    found = _proved(content, where)
     about = problem_about(part, found, where, folder)
     return about, found, DesignSource(f"{name}, its proof checked again", name)
+
+
+@lru_cache(maxsize=16)
+def _proved(content: bytes, where: str) -> Design:
+    """Return the design in a file, its proof checked: once for the same bytes."""
+    return design_from_json(certificate_from_bytes(content, where), where=where)
 
 
 def design_content(name: str, folder: Path) -> tuple[str, bytes]:

@@ -81,13 +81,13 @@ def prepare(
             problem, found, source = named_design(part, loaded.folder)
         else:
             problem = problem_of(part, loaded.folder)
-        # assemble before the design, which takes longest: a scenario that cannot run fails early
         blank = gain_parameters(np.zeros(problem.system.B.T.shape), fmus[part.controller])
     with findings.at("disturbance"):
         still = None if disturbance is None else no_disturbance(problem.system)
-    roles = {part.controller: blank}
-    assemble(scenario, fmus, parameters=roles, worst_case=still, origin=loaded.origin)
     if found is None:
+        # a scenario that cannot run fails before the design, which takes longest
+        roles = {part.controller: blank}
+        assemble(scenario, fmus, parameters=roles, worst_case=still, origin=loaded.origin)
         report_progress("design", 0.0)
         found, source = kept_or_made(loaded, problem)
     if disturbance is not None and worst_case is None:
