@@ -4,6 +4,7 @@ from .assertions import (
 )
 from .check_results import Check as Check
 from .content import (
+    CONTENT_HASH_VERSION as CONTENT_HASH_VERSION,
     begins_with as begins_with,
     content_hash as content_hash,
 )

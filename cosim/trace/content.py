@@ -1,15 +1,13 @@
-"""The content hash: equal for two runs that did the same, whatever the host and compression.
+"""The content hash: equal for two runs that exchanged the same values, whatever the host.
 
-SHA-256 over two digests, each of length-prefixed parts (so that no two contents give the same
-bytes):
+SHA-256 over the messages of components and links, in file order: a digest of the channel (topic,
+message encoding, schema name, encoding and data, channel metadata sorted by key), log time,
+publish time, sequence, payload. Parts are length-prefixed, so that no two contents give the same
+bytes.
 
-- messages, in file order: a digest of the channel (topic, message encoding, schema name,
-  encoding and data, channel metadata sorted by key), log time, publish time, sequence, payload;
-- metadata records, in file order: name and entries sorted by key, without the keys that begin
-  with `host.`, and without the record of a recovery.
-
-Not covered: compression, chunking, schema and channel ids, indexes, the writing library, and
-attachments, whose hashes belong in `cosim.run`.
+Not covered: topics that are computed from these or tell about them (/log, everything with a
+schema of Foxglove), comments of schemas, keys that begin with `host.`, metadata records and
+attachments, compression, chunking, schema and channel ids, indexes, the writing library.
 """
 
 from __future__ import annotations
@@ -20,13 +18,18 @@ from collections.abc import Iterable, Mapping
 from os import PathLike
 
 import numpy as np
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import DecodeError
 
 from cosim.trace.declared import Channel
-from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC, RECOVERED
+from cosim.trace.layout import HOST_PREFIX, LOG_TOPIC
 from cosim.trace.messages import Messages
 from cosim.trace.reader import Trace
 
-_VERSION = b"auv-cosim content 1"
+CONTENT_HASH_VERSION = 2
+"""Changes when what is hashed changes: hashes of different versions cannot be compared."""
+_VERSION = b"auv-cosim content %d" % CONTENT_HASH_VERSION
+_FOXGLOVE = "foxglove."
 _HEAD = np.dtype(
     [
         ("channel", "V32"),
@@ -39,7 +42,7 @@ _HEAD = np.dtype(
 
 
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
-    """Return the content hash of a trace, as 64 hexadecimal digits.
+    """Return the content hash of a trace, of this version, as 64 hexadecimal digits.
 
     `incomplete` as in `Trace`: of a file cut short, the part that can be read is hashed.
 
@@ -53,15 +56,16 @@ def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -
 def content_hash_of(trace: Trace) -> str:
     """Return the content hash of an open trace."""
     trace.check()
-    messages = hashlib.sha256()
-    heads = {number: _channel(channel) for number, channel in trace.channels.items()}
+    heads = {n: _channel(channel) for n, channel in trace.channels.items() if _is_covered(channel)}
+    messages = hashlib.sha256(_VERSION)
     for block in trace.blocks():
-        messages.update(_block(block, heads))
-    metadata = hashlib.sha256()
-    for name, entries in trace.metadata:
-        if name != RECOVERED:
-            metadata.update(_joined([name.encode(), *_entries(entries)]))
-    return hashlib.sha256(_VERSION + messages.digest() + metadata.digest()).hexdigest()
+        covered = np.isin(block.heads["channel"], [*heads])
+        messages.update(_block(block.part(np.flatnonzero(covered)), heads))
+    return messages.hexdigest()
+
+
+def _is_covered(channel: Channel) -> bool:
+    return channel.topic != LOG_TOPIC and not channel.schema.name.startswith(_FOXGLOVE)
 
 
 def begins_with(whole: Trace, part: Trace) -> bool:
@@ -115,7 +119,21 @@ def _channel(channel: Channel) -> bytes:
     schema = channel.schema
     names = (channel.topic, channel.encoding, schema.name, schema.encoding)
     parts = [name.encode() for name in names]
-    return hashlib.sha256(_joined([*parts, schema.data, *_entries(channel.metadata)])).digest()
+    data = _without_comments(schema.data) if schema.encoding == "protobuf" else schema.data
+    return hashlib.sha256(_joined([*parts, data, *_entries(channel.metadata)])).digest()
+
+
+def _without_comments(descriptors: bytes) -> bytes:
+    """Return a FileDescriptorSet without the comments of its source; as it is if it is none."""
+    try:
+        found = FileDescriptorSet.FromString(descriptors)
+    except DecodeError:
+        return descriptors
+    if not any(file.HasField("source_code_info") for file in found.file):
+        return descriptors
+    for file in found.file:
+        file.ClearField("source_code_info")
+    return found.SerializeToString(deterministic=True)
 
 
 def _entries(entries: Mapping[str, str]) -> list[bytes]:

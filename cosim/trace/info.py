@@ -7,7 +7,7 @@ from os import PathLike
 from typing import Any
 
 from cosim.trace import foxglove
-from cosim.trace.content import content_hash_of
+from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
 from cosim.trace.layout import LOG_TOPIC, certificate_of, parsed_json
 from cosim.trace.reader import TopicInfo, Trace
 
@@ -24,7 +24,8 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
     name), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
     `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one), `topics` (list of
     `topic`, `schema`, `encoding`, `count`, `start_ns`, `end_ns`, `rate_hz`, `signals`),
-    `attachments` (list of `name`, `media_type`, `bytes`), `content_hash`.
+    `attachments` (list of `name`, `media_type`, `bytes`), `content_hash`,
+    `content_hash_version`.
 
     `incomplete` as in `Trace`, but True by default, to summarise damaged files too.
     """
@@ -54,6 +55,7 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
             for name, data in trace.attachments.items()
         ],
         "content_hash": content_hash_of(trace),
+        "content_hash_version": CONTENT_HASH_VERSION,
     }
 
 

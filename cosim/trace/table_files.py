@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import optional
+from cosim.trace.content import CONTENT_HASH_VERSION
 from cosim.trace.reader import Trace
 
 _ROWS = 20_000
@@ -91,6 +92,7 @@ def write_parquet(pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash:
     origin = {
         "cosim.trace": trace.path.name,
         "cosim.content_hash": content_hash,
+        "cosim.content_hash_version": str(CONTENT_HASH_VERSION),
         "cosim.run": json.dumps(trace.run, sort_keys=True),
         "cosim.units": json.dumps({c.name: c.unit for c in sheet.columns if c.unit is not None}),
     }
