@@ -1,3 +1,4 @@
+from .binary import ACCEPTED_STATUSES as ACCEPTED_STATUSES
 from .compiled import compiled_library as compiled_library
 from .description import (
     FmuDescription as FmuDescription,
