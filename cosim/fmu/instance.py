@@ -205,10 +205,7 @@ class Instance:
         for an error that it has logged. `detail` is added to the sentence.
         """
         self.phase = "failed"
-        if status == FATAL:
-            for other in _open_instances:
-                if other.description.sha256 == self.description.sha256:
-                    other.abandon()
+        self._abandon_all(status)
         word = _STATUS[self.version].get(status)
         returned = f"returned status {status}, which FMI does not know"
         if status in ACCEPTED_STATUSES:
@@ -224,9 +221,13 @@ class Instance:
             else None,
         )
 
-    def abandon(self) -> None:
-        """Stop calling this instance: one of the same FMU has returned Fatal."""
-        self._fatal = True
+    def _abandon_all(self, status: int) -> None:
+        """After Fatal, stop calling all instances of this FMU."""
+        if status == FATAL:
+            self._fatal = True
+            for other in _open_instances:
+                if other.description.sha256 == self.description.sha256:
+                    other._fatal = True  # noqa: SLF001 - of the same class
 
     def end(self, *, terminate: bool) -> None:
         """Free the instance and unload its library."""
@@ -244,12 +245,13 @@ class Instance:
 
     def _finish(self, what: str, call: Callable[[], Any]) -> None:
         """Make a call at the end, unless the FMU may not be called; a failure is logged."""
-        if self._fatal:  # Terminate may have called `abandon`
+        if self._fatal:  # terminating it may have shown that
             return
         try:
             call()
         except FMICallException as error:
             self._log("warning", f"{what} the slave: status {error.status}", "")
+            self._abandon_all(error.status)
         except ComponentError as error:
             self._log("warning", f"{what} the slave: {error.got}", "")
         except OSError as error:

@@ -55,8 +55,10 @@ def test_library_that_does_not_load_is_reported(
     """None for this machine, one of another name, none at all, a file that is not a library."""
     files = files_of(intact)
     damage(files)
+    before = Path.cwd()
     with pytest.raises(ComponentError, match="the FMU cannot be loaded") as caught:
         FmuSlave(describe_fmu(pack(files, tmp_path / "x.fmu")), "sea", silent)
+    assert Path.cwd() == before
     assert "component 'sea'" in str(caught.value)
     assert got in str(caught.value.got)
     assert (hint is None) == (caught.value.hint is None)
