@@ -137,7 +137,8 @@ def load_slave(description: FmuDescription, folder: Path, component: str, where:
         with _load_guard:
             before = Path.cwd()
             try:
-                slave = _CLASSES[description.version](
+                slave = call_with_own_float_mode(
+                    _CLASSES[description.version],
                     instanceName=component,
                     guid=model.guid if description.version == "2.0" else model.instantiationToken,
                     modelIdentifier=model.coSimulation.modelIdentifier,

@@ -2,8 +2,10 @@
 
 A library may choose another rounding mode, or let tiny numbers count as zero (flush to zero,
 denormals are zero), and leave it so: every number computed afterwards in this process would be
-another one. The floating-point environment of C99 (fenv.h) has all of these, with the exception
-flags: on x86 the words of the x87 and SSE units, on ARM FPCR and FPSR.
+another one. Compilers do so too: what some link with -ffast-math does it when it is loaded.
+
+The floating-point environment of C99 (fenv.h) has all of these, with the exception flags: on x86
+the words of the x87 and SSE units, on ARM FPCR and FPSR.
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ _save, _restore = _library.fegetenv, _library.fesetenv
 _save.argtypes = _restore.argtypes = [ctypes.c_void_p]
 
 
-def call_with_own_float_mode(function: Any, *arguments: Any) -> Any:
-    """Call a C function; whatever it does to rounding and to tiny numbers ends with the call."""
+def call_with_own_float_mode(function: Any, *arguments: Any, **named: Any) -> Any:
+    """Call what runs foreign code; what that does to rounding and to tiny numbers ends with it."""
     saved = ctypes.create_string_buffer(_SIZE)
     _save(saved)
     try:
-        return function(*arguments)
+        return function(*arguments, **named)
     finally:
         _restore(saved)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from foreign.steered import CALLS, VERSIONS, parameters, steered_fmu
@@ -77,6 +78,15 @@ def test_arithmetic_is_as_before_after_instantiation_and_reset(steered: Fmus, ve
     with FmuSlave(steered[version, "steered"], "it", silent) as slave:
         slave.initialise(parameters("nothing", 0, arithmetic=CALLS.index("reset")), 0.0, 1.0)
         slave.reset()
+        assert usual()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_arithmetic_is_as_before_after_loading(version: str, tmp_path: Path) -> None:
+    """Some compilers' -ffast-math changes it when a library is loaded."""
+    loaded = "\n__attribute__((constructor)) static void loaded(void) { change_arithmetic(); }\n"
+    described = describe_fmu(steered_fmu(tmp_path, version, more=loaded))
+    with FmuSlave(described, "it", silent):
         assert usual()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from foreign.c_fmu import c_fmu
+from foreign.c_fmu import c_fmu, source_of
 
 CALLS = (
     *("nothing", "make", "step", "get", "set", "enter", "exit", "reset", "save", "terminate"),
@@ -16,12 +16,15 @@ NUMBERS = ("at", "until")
 VERSIONS = ("2.0", "3.0")
 
 
-def steered_fmu(folder: Path, version: str, *, guid: str = "steered") -> Path:
-    """Build it in `folder`; it changes the arithmetic at once if its GUID begins with c."""
+def steered_fmu(folder: Path, version: str, *, guid: str = "steered", more: str = "") -> Path:
+    """Build it in `folder`; it changes the arithmetic at once if its GUID begins with c.
+
+    `more` is C that is added at the end.
+    """
     description = _fmi2(guid) if version == "2.0" else _fmi3(guid)
     place = folder / f"steered-{version}-{guid}"
     place.mkdir()
-    return c_fmu("steered.c", description, place)
+    return c_fmu("steered.c", description, place, text=source_of("steered.c") + more)
 
 
 def parameters(what: str, status: int, at: float = 0.0, **more: float) -> dict[str, float]:
