@@ -13,12 +13,13 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import NDArray
 
+from cosim.fmu import ACCEPTED_STATUSES
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 
-OK, WARNING = range(2)
-"""Statuses with which a run continues; all others, those that FMI does not know too, end it."""
-TOO_LARGE: Final = 100
-"""Not a status of FMI: an integer that a double cannot represent exactly."""
+OK: Final = 0
+TOO_LARGE: Final = 1 << 32
+"""Not a status of FMI: an integer that a double cannot represent exactly. An FMU returns a C int,
+so that no status of one is this or greater."""
 
 _FFI: Final = FFI()
 _FORMS: Final = {
@@ -34,7 +35,7 @@ _MOST = 2**53
 
 def is_accepted(status: int) -> bool:
     """Whether a run continues after a call with this status."""
-    return status in (OK, WARNING)
+    return status in ACCEPTED_STATUSES
 
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:

@@ -1,6 +1,6 @@
 /* A slave of FMI 2.0 or 3.0 that does as its parameters say.
 
-   1 output x, the time; Integers (Int32): 2 call, one of the list below; 3 status, what that call
+   1 output x, the time; 9 input u; 10 output y, which follows u slowly and drifts; Integers (Int32): 2 call, one of the list below; 3 status, what that call
    returns; 4 ends, whether the slave wants to end then; 5 early, earlyReturn of its step; 6
    arithmetic, a call of the list that changes how the processor rounds and lets tiny numbers count
    as zero. Reals: 7 at, the time from which on the call is not OK; 8 until, the last successful
@@ -15,10 +15,10 @@
 #endif
 
 enum { NOTHING, MAKE, STEP, GET, SET, ENTER, EXIT, RESET, SAVE, TERMINATE, FREE };
-enum { X = 1, CALL, STATUS, ENDS, EARLY, ARITHMETIC, AT, UNTIL };
+enum { X = 1, CALL, STATUS, ENDS, EARLY, ARITHMETIC, AT, UNTIL, U, Y };
 
 typedef struct {
-    double x, number[9];
+    double x, number[11];
 } Model;
 typedef unsigned Reference;
 #define API __attribute__((visibility("default")))
@@ -66,6 +66,7 @@ static int set_integers(Model *m, const Reference vr[], size_t n, const int32_t 
 
 static int step(Model *m, double t, double h) {
     m->x = t;
+    m->number[Y] = 0.9 * m->number[Y] + 0.1 * m->number[U] + h / 3.0;
     int status = call(m, STEP);
     m->x = t + h;
     return status;

@@ -41,15 +41,20 @@ def _fmi2(guid: str) -> str:
             f'<ScalarVariable name="{name}" valueReference="{reference}" {fixed}>'
             f'<{kind} start="0"/>'
         )
+    lines += [
+        '<ScalarVariable name="u" valueReference="9" causality="input"><Real start="0"/>',
+        '<ScalarVariable name="y" valueReference="10" causality="output"><Real/>',
+    ]
     variables = "".join(f"{line}</ScalarVariable>" for line in lines)
+    unknowns = "".join(f'<Unknown index="{i}" dependencies=""/>' for i in (1, 10))
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<fmiModelDescription fmiVersion="2.0" modelName="steered" guid="{guid}">'
         '<CoSimulation modelIdentifier="steered" canHandleVariableCommunicationStepSize="true" '
         'canGetAndSetFMUstate="true"/>'
         f"<ModelVariables>{variables}</ModelVariables>"
-        '<ModelStructure><Outputs><Unknown index="1" dependencies=""/></Outputs>'
-        '<InitialUnknowns><Unknown index="1" dependencies=""/></InitialUnknowns></ModelStructure>'
+        f"<ModelStructure><Outputs>{unknowns}</Outputs>"
+        f"<InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure>"
         "</fmiModelDescription>\n"
     )
 
@@ -61,13 +66,18 @@ def _fmi3(guid: str) -> str:
     for reference, name in enumerate((*INTEGERS, *NUMBERS), start=2):
         kind = "Int32" if name in INTEGERS else "Float64"
         lines.append(f'<{kind} name="{name}" valueReference="{reference}" {fixed} start="0"/>')
+    lines.append('<Float64 name="u" valueReference="9" causality="input" start="0"/>')
+    lines.append('<Float64 name="y" valueReference="10" causality="output"/>')
+    unknowns = "".join(
+        f'<{kind} valueReference="{reference}" dependencies=""/>'
+        for kind in ("Output", "InitialUnknown")
+        for reference in (1, 10)
+    )
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<fmiModelDescription fmiVersion="3.0" modelName="steered" instantiationToken="{guid}">'
         '<CoSimulation modelIdentifier="steered" canHandleVariableCommunicationStepSize="true" '
         'canGetAndSetFMUState="true"/>'
         f"<ModelVariables>{''.join(lines)}</ModelVariables>"
-        '<ModelStructure><Output valueReference="1" dependencies=""/>'
-        '<InitialUnknown valueReference="1" dependencies=""/></ModelStructure>'
-        "</fmiModelDescription>\n"
+        f"<ModelStructure>{unknowns}</ModelStructure></fmiModelDescription>\n"
     )
