@@ -42,6 +42,10 @@ from .export.spec import (
     Variable as Variable,
     solver_step as solver_step,
 )
+from .float_mode import (
+    restore_function as restore_function,
+    saved_float_mode as saved_float_mode,
+)
 from .inspect import (
     Inspection as Inspection,
     inspect_fmu as inspect_fmu,

@@ -29,12 +29,20 @@ def _c_functions() -> Any:
 _library: Final = _c_functions()
 _save, _restore = _library.fegetenv, _library.fesetenv
 _save.argtypes = _restore.argtypes = [ctypes.c_void_p]
+restore_function: Final = int(ctypes.cast(_restore, ctypes.c_void_p).value or 0)
+"""Address of fesetenv, for callers by address: int(void *)."""
+
+
+def saved_float_mode() -> ctypes.Array[ctypes.c_char]:
+    """Return the present mode, whose address `restore_function` takes."""
+    saved = ctypes.create_string_buffer(_SIZE)
+    _save(saved)
+    return saved
 
 
 def call_with_own_float_mode(function: Any, *arguments: Any, **named: Any) -> Any:
     """Call what runs foreign code; what that does to rounding and to tiny numbers ends with it."""
-    saved = ctypes.create_string_buffer(_SIZE)
-    _save(saved)
+    saved = saved_float_mode()
     try:
         return function(*arguments, **named)
     finally:

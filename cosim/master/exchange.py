@@ -13,7 +13,7 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import NDArray
 
-from cosim.fmu import ACCEPTED_STATUSES
+from cosim.fmu import ACCEPTED_STATUSES, restore_function, saved_float_mode
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 
 OK: Final = 0
@@ -40,14 +40,25 @@ def is_accepted(status: int) -> bool:
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2Get..., fmi3Set..., ... at an address."""
-    function: Any = _FFI.cast(_FORMS[version], address)
-    return function  # type: ignore[no-any-return]
+    return _with_own_float_mode(_FFI.cast(_FORMS[version], address))
 
 
 def step_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2DoStep or fmi3DoStep at an address."""
-    function: Any = _FFI.cast(_STEPS[version], address)
-    return function  # type: ignore[no-any-return]
+    return _with_own_float_mode(_FFI.cast(_STEPS[version], address))
+
+
+def _with_own_float_mode(function: Any) -> Callable[..., int]:
+    """Return a C function after which rounding and flush to zero are as they are now."""
+    restore: Any = _FFI.cast("int(*)(void *)", restore_function)
+    saved = _FFI.from_buffer(saved_float_mode())
+
+    def call(*arguments: Any) -> int:
+        status: int = function(*arguments)
+        restore(saved)
+        return status
+
+    return call
 
 
 def pointer(address: int) -> Any:
