@@ -31,7 +31,9 @@ _load_guard: Final = threading.Lock()
 class CheckedCalls:
     """The calls of FMPy's slave classes, as they are needed here.
 
-    Every FMI call that Python makes passes through `_call`; the loop alone calls addresses.
+    Every FMI call made through a slave passes through `_call`; only the loop, and the exchange of
+    values before it (`cosim.master.exchange`), call addresses.
+
     FMPy 0.3.32 is departed from in these points:
 
     - FMPy looks up every function of the standard when it loads a library. Here each is looked up
