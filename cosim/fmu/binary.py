@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType, UnionType
 from typing import Any, Final, get_args
 
+from fmpy import freeLibrary
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave, fmi3String, fmi3ValueReference
@@ -95,6 +96,10 @@ class CheckedCalls:
         if function.restype is c_int and result not in ACCEPTED_STATUSES:
             raise FMICallException(function=fname, status=result)
         return result
+
+    def freeLibrary(self) -> None:
+        """Unload the library; nothing of it may be called afterwards."""
+        call_with_own_float_mode(freeLibrary, self.dll._handle)  # noqa: SLF001 - as FMPy does
 
 
 class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]

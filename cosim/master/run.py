@@ -69,19 +69,21 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
         return ("diverged" if diverged else "failed"), reason
     instance = wiring.instances[early_stop.instance]
     slave, what = instance.slave, early_stop.what
-    try:
-        if what in ("step", "end"):
-            following = int(instance.own_points.following[early_stop.k])
-            end = int(wiring.comm_points.points_ns[following]) / 1e9
+    if what in ("step", "end"):
+        following = int(instance.own_points.following[early_stop.k])
+        end = int(wiring.comm_points.points_ns[following]) / 1e9
+        try:
             return "stopped", slave.early_end(seconds, end, early_stop.status) or ""
-        if early_stop.status == TOO_LARGE:
-            raise ComponentError(
-                f"an integer read at t = {seconds:g} s is too large to be exchanged",
-                where=f"component {instance.name!r} ({slave.description.path.name})",
-                expected="a magnitude of at most 2**53",
-            )
-        raise slave.refused(f"{what} at t = {seconds:g} s", early_stop.status)
-    except ComponentError as error:
-        overflow = "no longer finite" in (error.got or "")
-        diverged = overflow and has_grown(instance, early_stop.complete)
-        return ("diverged" if diverged else "failed"), error.text()
+        except ComponentError as failure:
+            error = failure
+    elif early_stop.status == TOO_LARGE:
+        error = ComponentError(
+            f"an integer read at t = {seconds:g} s is too large to be exchanged",
+            where=f"component {instance.name!r} ({slave.description.path.name})",
+            expected="a magnitude of at most 2**53",
+        )
+    else:
+        error = slave.refused(f"{what} at t = {seconds:g} s", early_stop.status)
+    overflow = "no longer finite" in (error.got or "")
+    diverged = overflow and has_grown(instance, early_stop.complete)
+    return ("diverged" if diverged else "failed"), error.text()

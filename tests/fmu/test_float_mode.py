@@ -82,12 +82,16 @@ def test_arithmetic_is_as_before_after_instantiation_and_reset(steered: Fmus, ve
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_arithmetic_is_as_before_after_loading(version: str, tmp_path: Path) -> None:
+def test_arithmetic_is_as_before_after_loading_and_unloading(version: str, tmp_path: Path) -> None:
     """Some compilers' -ffast-math changes it when a library is loaded."""
-    loaded = "\n__attribute__((constructor)) static void loaded(void) { change_arithmetic(); }\n"
+    loaded = "".join(
+        f"\n__attribute__(({when}structor)) static void {when}(void) {{ change_arithmetic(); }}\n"
+        for when in ("con", "de")
+    )
     described = describe_fmu(steered_fmu(tmp_path, version, more=loaded))
     with FmuSlave(described, "it", silent):
         assert usual()
+    assert usual()
 
 
 def test_fmu_does_change_it(steered: Fmus) -> None:
