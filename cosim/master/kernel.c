@@ -207,7 +207,7 @@ static int unsettled(Run *r, const Operation *o, const double *row) {
 /* Carry out operations begin to end - 1 at a point; word has the number of the one in progress.
    Return the status of one that ends the run, else 0. */
 static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t k,
-                     uint64_t saved, volatile int64_t *word) {
+                         uint64_t saved, volatile int64_t *word) {
     for (int64_t i = begin; i < end; i++) {
         const Operation *o = table + i;
         if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
