@@ -10,11 +10,12 @@ from foreign.steered import CALLS, VERSIONS, parameters, steered_fmu
 from scalar import end
 
 from cosim.fmu import FmuDescription, describe_fmu
-from cosim.master import Component, Connection, System, make_schedule, simulate
+from cosim.master import Component, Connection, EngineName, System, make_schedule, simulate
 
 if TYPE_CHECKING:
-    from cosim.master import EngineName, Run
+    from cosim.master import Run
 
+Engine = tuple[EngineName, int]
 Fmus = dict[str, FmuDescription]
 STEP_NS, END_NS = 250_000_000, 2_000_000_000
 ONE, TEN, TINY = 1.0, 10.0, 5e-324
@@ -27,19 +28,20 @@ def steered(tmp_path_factory: pytest.TempPathFactory) -> Fmus:
     return {version: describe_fmu(steered_fmu(folder, version)) for version in VERSIONS}
 
 
-@pytest.fixture(params=["kernel", "python"])
+@pytest.fixture(params=[("kernel", 1), ("kernel", 2), ("python", 1)])
 def engine(request: pytest.FixtureRequest) -> Any:
-    """Either engine."""
+    """Either engine, and the number of its threads."""
     return request.param
 
 
 def run_of(
-    fmu: FmuDescription, given: dict[str, float], engine: EngineName, every_ns: int | None = None
+    fmu: FmuDescription, given: dict[str, float], engine: Engine, every_ns: int | None = None
 ) -> Run:
     """A run of 2 s in steps of 0.25 s, or of another step for the component."""
     schedule = make_schedule({}, STEP_NS, END_NS, "grid")
-    parts = {"it": Component(fmu, given, every_ns=every_ns)}
-    return simulate(System(parts, [], {}, {}, schedule, 1e6), engine=engine)
+    parts = {"it": Component(fmu, given, every_ns=every_ns), "other": Component(fmu)}
+    system = System(parts, [], {}, {}, schedule, 1e6, threads=engine[1])
+    return simulate(system, engine=engine[0])
 
 
 @pytest.mark.parametrize(
@@ -55,7 +57,7 @@ def run_of(
 @pytest.mark.parametrize("version", VERSIONS)
 def test_slave_ends_the_run(
     steered: Fmus,
-    engine: EngineName,
+    engine: Engine,
     version: str,
     at: float,
     until: float,
@@ -72,7 +74,7 @@ def test_slave_ends_the_run(
 
 
 @pytest.mark.parametrize("until", [1.9, 2.0])
-def test_discard_at_the_end_of_the_run(steered: Fmus, engine: EngineName, until: float) -> None:
+def test_discard_at_the_end_of_the_run(steered: Fmus, engine: Engine, until: float) -> None:
     """FMI 2.0: it is none if the slave has computed all; else the run has failed."""
     run = run_of(steered["2.0"], parameters("step", 2, 1.75, until=until), engine)
     assert run.reason is not None
@@ -90,7 +92,7 @@ def test_discard_at_the_end_of_the_run(steered: Fmus, engine: EngineName, until:
 @pytest.mark.parametrize("what", ["step", "get"])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_unknown_status_fails_the_run(
-    steered: Fmus, engine: EngineName, version: str, what: str, status: int
+    steered: Fmus, engine: Engine, version: str, what: str, status: int
 ) -> None:
     """It is named, with component, call and time."""
     run = run_of(steered[version], parameters(what, status, 0.5), engine)
@@ -102,7 +104,7 @@ def test_unknown_status_fails_the_run(
     assert f"component 'it' (steered.fmu): {what} {at} t = 0.5 s returned {word}" in str(run.reason)
 
 
-def test_early_return_fails_the_run(steered: Fmus, engine: EngineName) -> None:
+def test_early_return_fails_the_run(steered: Fmus, engine: Engine) -> None:
     """FMI 3.0: it was not allowed."""
     run = run_of(steered["3.0"], parameters("step", 0, 0.5, early=1, until=0.6), engine)
     assert run.status == "failed"
@@ -118,7 +120,7 @@ def bits() -> tuple[str, str]:
 @pytest.mark.parametrize("what", ["get", "set", "step"])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_run_changes_no_arithmetic(
-    steered: Fmus, engine: EngineName, version: str, what: str
+    steered: Fmus, engine: Engine, version: str, what: str
 ) -> None:
     """Neither of the other components, from the first call of the loop on, nor afterwards."""
     fmu = steered[version]
@@ -128,7 +130,9 @@ def test_a_run_changes_no_arithmetic(
     for first in given:
         parts = {"odd": Component(fmu, first), "even": Component(fmu, given[1])}
         wires = [Connection(end("odd.y"), end("even.u")), Connection(end("even.y"), end("odd.u"))]
-        run = simulate(System(parts, wires, {}, {}, schedule, 1e6), engine=engine)
+        run = simulate(
+            System(parts, wires, {}, {}, schedule, 1e6, threads=engine[1]), engine=engine[0]
+        )
         assert bits() == ("0x1.999999999999ap-4", "0x0.000000000000ap-1022")
         rows.append(run.signal("even", "y"))
     assert np.array_equal(*rows)
