@@ -1,3 +1,4 @@
+from .binary import ACCEPTED_STATUSES as ACCEPTED_STATUSES
 from .compiled import compiled_library as compiled_library
 from .description import (
     FmuDescription as FmuDescription,
@@ -40,6 +41,10 @@ from .export.spec import (
     ComponentSpec as ComponentSpec,
     Variable as Variable,
     solver_step as solver_step,
+)
+from .float_mode import (
+    restore_function as restore_function,
+    saved_float_mode as saved_float_mode,
 )
 from .inspect import (
     Inspection as Inspection,

@@ -1,144 +1,173 @@
-"""The shared library of an FMU: its path, and its functions with their C types."""
+"""The shared library of an FMU, loaded and called by FMPy's classes for slaves."""
 
 from __future__ import annotations
 
-import ctypes
+import os
+import threading
 from collections.abc import Mapping
+from ctypes import c_int, c_void_p, cast
+from functools import cache
+from inspect import signature
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final
+from types import MappingProxyType, UnionType
+from typing import Any, Final, get_args
 
-import fmpy
+from fmpy import freeLibrary
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave, fmi3String, fmi3ValueReference
 
 from cosim.core import ComponentError
 from cosim.fmu.description import FmuDescription
+from cosim.fmu.float_mode import call_with_own_float_mode
 from cosim.fmu.inspect.platforms import FMI2, this_machine
-from cosim.fmu.port import TYPE_MAPPINGS, FmiVersion
+from cosim.fmu.port import FmiVersion
 
-PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType({"2.0": "fmi2", "3.0": "fmi3"})
-_TYPES: Final[Mapping[str, Any]] = MappingProxyType(
-    {
-        "p": ctypes.c_void_p,
-        "s": ctypes.c_char_p,
-        "i": ctypes.c_int,
-        "z": ctypes.c_size_t,
-        "d": ctypes.c_double,
-        "b": ctypes.c_bool,
-        "-": None,
-    }
-)
+ACCEPTED_STATUSES: Final = frozenset({0, 1})
+"""OK and Warning, with which a call has done its work. Every other status, also one below zero or
+one that FMI does not know, is a failure."""
+_load_guard: Final = threading.Lock()
 
 
-def _accessors(version: FmiVersion, signature: str) -> dict[str, str]:
-    """The functions that get and set variables, one pair per type that is exchanged."""
-    kinds = [m.getter_type for m in TYPE_MAPPINGS[version].values() if m.kind is not None]
-    return {f"{way}{kind}": signature for way in ("Get", "Set") for kind in kinds}
+class CheckedCalls:
+    """The calls of FMPy's slave classes, as they are needed here.
 
+    Every FMI call made through a slave passes through `_call`; only the loop, and the exchange of
+    values before it (`cosim.master.exchange`), call addresses.
 
-_SIGNATURES: Final[Mapping[FmiVersion, Mapping[str, str]]] = MappingProxyType(
-    {
-        "2.0": {
-            "Instantiate": "p<sisspii",
-            "FreeInstance": "-<p",
-            "SetDebugLogging": "i<pizp",
-            "SetupExperiment": "i<piddid",
-            "EnterInitializationMode": "i<p",
-            "ExitInitializationMode": "i<p",
-            "Terminate": "i<p",
-            "Reset": "i<p",
-            **_accessors("2.0", "i<ppzp"),
-            "DoStep": "i<pddi",
-            "GetBooleanStatus": "i<pip",
-            "GetFMUstate": "i<pp",
-            "SetFMUstate": "i<pp",
-            "FreeFMUstate": "i<pp",
-            "SerializedFMUstateSize": "i<ppp",
-            "SerializeFMUstate": "i<pppz",
-            "DeSerializeFMUstate": "i<ppzp",
-        },
-        "3.0": {
-            "InstantiateCoSimulation": "p<sssbbbbpzppp",
-            "FreeInstance": "-<p",
-            "SetDebugLogging": "i<pbzp",
-            "EnterConfigurationMode": "i<p",
-            "ExitConfigurationMode": "i<p",
-            "EnterInitializationMode": "i<pbddbd",
-            "ExitInitializationMode": "i<p",
-            "Terminate": "i<p",
-            "Reset": "i<p",
-            **_accessors("3.0", "i<ppzpz"),
-            "DoStep": "i<pddbpppp",
-            "GetFMUState": "i<pp",
-            "SetFMUState": "i<pp",
-            "FreeFMUState": "i<pp",
-            "SerializedFMUStateSize": "i<ppp",
-            "SerializeFMUState": "i<pppz",
-            "DeserializeFMUState": "i<ppzp",
-        },
-    }
-)
-"""FMI version -> name without prefix -> result < arguments, each a letter of `_TYPES`."""
-_ALTERED_SEARCH_PATH = 0x8
-"""Makes Windows look beside a library for those that it needs."""
+    FMPy 0.3.32 is departed from in these points:
 
+    - FMPy looks up every function of the standard when it loads a library. Here each is looked up
+      when it is first used: an FMU may lack what nobody calls.
+    - FMPy takes a status below zero for success, and says nothing of rounding modes.
+    - FMPy loads a library with its folder as the working directory, and leaves the process there
+      if loading fails (`load_slave`).
+    - FMPy's FMI 3.0 texts are decoded strictly, and NULL is an exception (`Fmi3Slave`).
 
-class LoadedLibrary:
-    """The functions of a loaded library, looked up on first use.
-
-    So a foreign FMU may lack functions that are not called, though the standard asks for all.
+    Attributes
+    ----------
+    where : the component, in messages.
+    component : address of the instance, None before it is made.
     """
 
-    def __init__(self, library: Path, version: FmiVersion) -> None:
-        self._name = library.name
-        self._version = version
-        self._dll = ctypes.CDLL(str(library), winmode=_ALTERED_SEARCH_PATH)
-        self._functions: dict[str, Any] = {}
+    where: str
+    component: int | None
+    dll: Any
+    _functions: dict[str, Any]
 
     def function(self, name: str) -> Any:
-        """Return a function, named without prefix.
+        """Return a function of the library, with the types that FMPy declares for it.
 
         Raises
         ------
-        AttributeError : the library has no such function.
+        ComponentError : the library has no such function.
         """
         found = self._functions.get(name)
         if found is None:
-            found = self._dll[PREFIX[self._version] + name]
-            result, arguments = _SIGNATURES[self._version][name].split("<")
-            found.restype = _TYPES[result]
-            found.argtypes = [_TYPES[letter] for letter in arguments]
+            try:
+                found = self.dll[name]
+            except AttributeError as error:
+                raise ComponentError(
+                    "the FMU lacks a function that the standard asks for",
+                    where=self.where,
+                    got=str(error),
+                ) from error
+            found.argtypes, found.restype = _prototype(getattr(type(self), name))
             self._functions[name] = found
         return found
 
     def address(self, name: str) -> int:
-        """Return the address of a function, named without prefix."""
-        return int(ctypes.cast(self.function(name), ctypes.c_void_p).value or 0)
+        """Return the address of a function."""
+        return int(cast(self.function(name), c_void_p).value or 0)
 
-    def unload(self) -> None:
-        """Unload the library; none of its functions may be called afterwards."""
-        self._functions.clear()
-        fmpy.freeLibrary(self._dll._handle)  # noqa: SLF001 - ctypes has no public name
+    def _loadFunctions(self) -> None:
+        """Look up nothing yet."""
+
+    def _call(self, fname: str, *args: Any) -> Any:
+        """Call a function of the library: the one place through which every call passes.
+
+        Raises
+        ------
+        ComponentError : the library has no such function.
+        FMICallException : a status that means failure.
+        """
+        function = self.function(fname)
+        result = call_with_own_float_mode(function, *args)
+        if function.restype is c_int and result not in ACCEPTED_STATUSES:
+            raise FMICallException(function=fname, status=result)
+        return result
+
+    def freeLibrary(self) -> None:
+        """Unload the library; nothing of it may be called afterwards."""
+        call_with_own_float_mode(freeLibrary, self.dll._handle)  # noqa: SLF001 - as FMPy does
 
 
-def load_binary(description: FmuDescription, folder: Path, component: str) -> LoadedLibrary:
-    """Load the library of an FMU that is unpacked in `folder`.
+class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
+    """FMPy's slave of FMI 2.0, with checked calls."""
+
+
+class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
+    """FMPy's slave of FMI 3.0, with checked calls."""
+
+    def getString(self, vr: list[int], nValues: int) -> list[bytes | None]:
+        """Return texts as they come, like FMPy's slave of FMI 2.0."""
+        references = (fmi3ValueReference * len(vr))(*vr)
+        values = (fmi3String * nValues)()
+        self.fmi3GetString(self.component, references, len(vr), values, nValues)
+        return list(values)
+
+
+_CLASSES: Final[Mapping[FmiVersion, type[Any]]] = MappingProxyType(
+    {"2.0": Fmi2Slave, "3.0": Fmi3Slave}
+)
+
+
+@cache
+def _prototype(method: Any) -> tuple[list[Any], Any]:
+    """Return the types of arguments and result that FMPy notes at its method for a function."""
+    noted = signature(method)
+    arguments = [p.annotation for p in list(noted.parameters.values())[1:]]
+    types = [get_args(one)[0] if isinstance(one, UnionType) else one for one in arguments]
+    result = noted.return_annotation
+    return types, c_int if result is int else result
+
+
+def load_slave(description: FmuDescription, folder: Path, component: str, where: str) -> Any:
+    """Return FMPy's slave of an FMU that is unpacked in `folder`; it is not instantiated yet.
 
     Raises
     ------
     ComponentError : no library for this machine, one of another name, or it does not load.
     """
+    model = description.model
     try:
-        return LoadedLibrary(_library_of(description, folder), description.version)
-    except OSError as error:
+        with _load_guard:
+            before = Path.cwd()
+            try:
+                slave = call_with_own_float_mode(
+                    _CLASSES[description.version],
+                    instanceName=component,
+                    guid=model.guid if description.version == "2.0" else model.instantiationToken,
+                    modelIdentifier=model.coSimulation.modelIdentifier,
+                    unzipDirectory=str(folder),
+                    libraryPath=str(_library_of(description, folder)),
+                )
+            finally:
+                os.chdir(before)
+    except Exception as error:
+        if not isinstance(error, OSError) and type(error) is not Exception:
+            raise
         here = this_machine()
         sources = (folder / "sources").is_dir()
         raise ComponentError(
             "the FMU cannot be loaded",
             where=f"component {component!r} ({description.path})",
             expected=f"a library for {here.architecture} {here.system} that loads",
-            got=str(error),
+            got=str(error.__context__ or error),  # FMPy raises a bare Exception for an OSError
             hint="it brings its C sources: fmpy compile" if sources else None,
         ) from error
+    slave.where = where
+    return slave
 
 
 def _library_of(description: FmuDescription, folder: Path) -> Path:

@@ -1,16 +1,19 @@
-"""One instance of an FMU: load it, call its functions, take its messages, free it."""
+"""One instance of an FMU: load it, call its functions, take its messages, free it.
+
+FMPy's slave classes load the library and own the instance (`cosim.fmu.binary`).
+"""
 
 from __future__ import annotations
 
-import ctypes
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, Literal
 from weakref import WeakSet
 
+from fmpy.fmi1 import FMICallException
+
 from cosim.core import ComponentError, InputError
-from cosim.fmu.binary import PREFIX, load_binary
+from cosim.fmu.binary import ACCEPTED_STATUSES, load_slave
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.messages import (
     LEVELS,
@@ -21,12 +24,18 @@ from cosim.fmu.messages import (
     unregister_sink,
     with_names,
 )
-from cosim.fmu.port import Phase
+from cosim.fmu.port import FmiVersion, Phase
 from cosim.fmu.unpacking import unpack_fmu
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 """fmi2Status and fmi3Status; 0 is OK."""
-_STATUS: Final = MappingProxyType({2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"})
+PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType({"2.0": "fmi2", "3.0": "fmi3"})
+_STATUS: Final = MappingProxyType(
+    {
+        "2.0": {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"},
+        "3.0": {2: "Discard", 3: "Error", 4: "Fatal"},
+    }
+)
 _CLAIM: Final = "logStatus"
 """Prefix of the standard's log categories for the status of a call. Some exporters, PythonFMU among
 them, log an error there and return OK: the message counts. Errors in other categories do not, since
@@ -35,8 +44,9 @@ _PYTHONFMU: Final = "slavemodule.txt"
 """A file that PythonFMU puts into the resources. PythonFMU passes messages as formats without
 arguments: formatting a per cent sign would read memory at random, or crash. And it reports every
 failed step as a slave that asks for the end."""
-_CO_SIMULATION = 1
 _open_instances: WeakSet[Instance] = WeakSet()
+_abandoned: list[Any] = []
+"""Slaves of FMPy that are not freed, after Fatal: their libraries stay, and may call back."""
 
 
 class Instance:
@@ -47,7 +57,6 @@ class Instance:
     name : of the component.
     description : of the FMU; array shapes follow the structural parameters once they are set.
     version : of FMI.
-    component : address of the instance.
     phase : of its life cycle.
     last_error : the last message with a status beyond Warning since the last call from here.
     _logged_error : the last message that counts as an error of the present call.
@@ -66,7 +75,6 @@ class Instance:
         self.version = description.version
         self.phase: Phase = "instantiated"
         self.last_error: str | None = None
-        self.component = 0
         self._logged_error: str | None = None
         self._log = log
         self._categories = categories
@@ -75,9 +83,8 @@ class Instance:
         self._check_categories()
         self._check_alone()
         folder = unpack_fmu(description)
-        self._resources = folder / "resources"
-        self._of_pythonfmu = (self._resources / _PYTHONFMU).is_file()
-        self._binary = load_binary(description, folder, name)
+        self._of_pythonfmu = (folder / "resources" / _PYTHONFMU).is_file()
+        self._fmu = load_slave(description, folder, name, self._where)
         self._environment = register_sink(name, self._on_message)
         try:
             self._instantiate()
@@ -107,12 +114,19 @@ class Instance:
                 )
 
     def _instantiate(self) -> None:
-        create = self._create_fmi2 if self.version == "2.0" else self._create_fmi3
+        options: dict[str, Any] = {
+            "loggingOn": self._categories is None or bool(self._categories),
+        }
+        if self.version == "2.0":
+            formats = not self._of_pythonfmu
+            options["callbacks"] = fmi2_callbacks(self._environment, formats=formats)
+        else:
+            options["logMessage"] = fmi3_logger(self._environment)
         try:
-            self.component = int(create() or 0)
-        except AttributeError as error:
-            raise self._lacks(error) from error
-        if not self.component:
+            self._fmu.instantiate(**options)
+        except Exception as error:
+            if type(error) is not Exception:  # a bare one is FMPy's word for NULL
+                raise
             model = self.description.model
             tool = self.description.needs_execution_tool
             raise ComponentError(
@@ -122,43 +136,16 @@ class Instance:
                 hint=f"it needs a program to run in, made by: {model.generationTool or 'not said'}"
                 if tool
                 else None,
-            )
+            ) from error
         self.last_error = self._logged_error = None
         if self._categories is not None:
-            names = [category.encode() for category in self._categories]
-            array = (ctypes.c_char_p * len(names))(*names)
-            self.call("choosing log categories", "SetDebugLogging", bool(names), len(names), array)
+            chosen = list(self._categories)
+            self._do("choosing log categories", "setDebugLogging", bool(chosen), chosen)
 
-    def _create_fmi2(self) -> int | None:
-        self._callbacks = fmi2_callbacks(self._environment, formats=not self._of_pythonfmu)
-        found: int | None = self._binary.function("Instantiate")(
-            self.name.encode(),
-            _CO_SIMULATION,
-            self.description.model.guid.encode(),
-            self._resources.as_uri().encode(),
-            ctypes.byref(self._callbacks),
-            0,
-            int(self._categories is None or bool(self._categories)),
-        )
-        return found
-
-    def _create_fmi3(self) -> int | None:
-        event_mode = early_return = visible = False
-        found: int | None = self._binary.function("InstantiateCoSimulation")(
-            self.name.encode(),
-            self.description.model.instantiationToken.encode(),
-            f"{self._resources}{os.sep}".encode(),
-            visible,
-            self._categories is None or bool(self._categories),
-            event_mode,
-            early_return,
-            None,
-            0,
-            self._environment,
-            ctypes.cast(fmi3_logger, ctypes.c_void_p),
-            None,
-        )
-        return found
+    @property
+    def component(self) -> int:
+        """Address of the instance."""
+        return int(self._fmu.component or 0)
 
     def _on_message(self, status: int, category: str, message: str) -> None:
         if self.version == "2.0" and "#" in message:
@@ -185,53 +172,48 @@ class Instance:
         ComponentError : the FMU has no such function.
         """
         name = {"get": f"Get{getter_type}", "set": f"Set{getter_type}", "step": "DoStep"}[way]
-        try:
-            return self._binary.address(name)
-        except AttributeError as error:
-            raise self._lacks(error) from error
+        return int(self._fmu.address(PREFIX[self.version] + name))
 
-    def call(self, what: str, function: str, *arguments: Any) -> None:
-        """Call an FMI function, named without prefix, with this instance.
+    def _do(self, what: str, method: str, *arguments: Any) -> Any:
+        """Call a method of FMPy's slave and return its result.
 
         Raises
         ------
-        ComponentError : a status beyond Warning, or a call after the end.
+        ComponentError : a status that means failure, a missing function, or a call after the end.
         """
-        status = self.status_of(function, *arguments)
-        if status > WARNING:
-            raise self.refused(what, status)
+        try:
+            return self._attempt(method, *arguments)
+        except FMICallException as error:
+            raise self.refused(what, error.status) from error
 
-    def status_of(self, function: str, *arguments: Any) -> int:
-        """Call an FMI function with this instance and return its status."""
+    def _attempt(self, method: str, *arguments: Any) -> Any:
+        """Call a method of FMPy's slave; a status that means failure is an FMICallException."""
         if self._fatal or self.phase in ("failed", "closed"):
             raise ComponentError(
-                f"{PREFIX[self.version]}{function} is called after the end",
+                f"{PREFIX[self.version]}{method[0].upper()}{method[1:]} is called after the end",
                 where=self._where,
                 expected="nothing but close",
                 got=self.last_error,
             )
         self.last_error = None
-        try:
-            return int(self._binary.function(function)(self.component, *arguments))
-        except AttributeError as error:
-            raise self._lacks(error) from error
+        return getattr(self._fmu, method)(*arguments)
 
-    def refused(self, what: str, status: int) -> ComponentError:
+    def refused(self, what: str, status: int, detail: str = "") -> ComponentError:
         """Return the error of a refused call; only `close` is allowed after it.
 
-        After Fatal no instance of the FMU may be called.
+        After Fatal no instance of the FMU may be called. A call with an accepted status is refused
+        for an error that it has logged. `detail` is added to the sentence.
         """
         self.phase = "failed"
-        if status == FATAL:
-            for other in _open_instances:
-                if other.description.sha256 == self.description.sha256:
-                    other.abandon()
-        word = _STATUS.get(status)
-        returned = f"returned {PREFIX[self.version]}{word}" if word else f"returned status {status}"
-        if status <= WARNING:
+        self._abandon_all(status)
+        word = _STATUS[self.version].get(status)
+        returned = f"returned status {status}, which FMI does not know"
+        if status in ACCEPTED_STATUSES:
             returned = "logged an error"
+        elif word:
+            returned = f"returned {PREFIX[self.version]}{word}"
         return ComponentError(
-            f"{what} {returned}",
+            f"{what} {returned}{detail}",
             where=self._where,
             got=self.last_error,
             hint="steps that go on in the background are not supported"
@@ -239,31 +221,38 @@ class Instance:
             else None,
         )
 
-    def abandon(self) -> None:
-        """Stop calling this instance: one of the same FMU has returned Fatal."""
-        self._fatal = True
+    def _abandon_all(self, status: int) -> None:
+        """After Fatal, stop calling all instances of this FMU."""
+        if status == FATAL:
+            self._fatal = True
+            for other in _open_instances:
+                if other.description.sha256 == self.description.sha256:
+                    other._fatal = True  # noqa: SLF001 - of the same class
 
     def end(self, *, terminate: bool) -> None:
         """Free the instance and unload its library."""
         self.phase = "closed"
-        try:
-            if terminate and not self._fatal:
-                status = self._binary.function("Terminate")(self.component)
-                if status > WARNING:
-                    self._log("warning", f"terminating the slave: status {status}", "")
-            if not self._fatal:  # Terminate may have called `abandon`
-                if self.component:
-                    self._binary.function("FreeInstance")(self.component)
-                self._binary.unload()
-        except (AttributeError, OSError) as error:
-            self._log("warning", f"freeing the slave: {error}", "")
-        finally:
-            unregister_sink(self._environment)
-            _open_instances.discard(self)
+        if terminate:
+            self._finish("terminating", self._fmu.terminate)
+        if self.component:
+            self._finish("freeing", self._fmu.freeInstance)  # and unloads
+        else:
+            self._finish("unloading", self._fmu.freeLibrary)
+        if self._fatal:
+            _abandoned.append(self._fmu)
+        unregister_sink(self._environment)
+        _open_instances.discard(self)
 
-    def _lacks(self, error: AttributeError) -> ComponentError:
-        return ComponentError(
-            "the FMU lacks a function that the standard asks for",
-            where=self._where,
-            got=str(error),
-        )
+    def _finish(self, what: str, call: Callable[[], Any]) -> None:
+        """Make a call at the end, unless the FMU may not be called; a failure is logged."""
+        if self._fatal:  # terminating it may have shown that
+            return
+        try:
+            call()
+        except FMICallException as error:
+            self._log("warning", f"{what} the slave: status {error.status}", "")
+            self._abandon_all(error.status)
+        except ComponentError as error:
+            self._log("warning", f"{what} the slave: {error.got}", "")
+        except OSError as error:
+            self._log("warning", f"{what} the slave: {error}", "")

@@ -1,4 +1,4 @@
-"""Log messages of FMUs: one C callback per FMI version passes each to the sink of its instance.
+"""Log messages of FMUs: C callbacks pass each to the sink of its instance.
 
 An FMI 2 message is a format with C arguments, which neither ctypes nor cffi can read; FMPy ships a
 small library that formats it. That library has one receiver per process, so a copy of it is loaded
@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import fmpy
 import fmpy.logging
-from fmpy import fmi2, fmi3
+from fmpy import fmi2
 
 from cosim.fmu.unpacking import own_folder
 
@@ -68,10 +68,13 @@ def _text(raw: bytes | None) -> str:
     return raw.decode("utf-8", "replace") if raw else ""
 
 
-@fmi3.fmi3LogMessageCallback  # type: ignore[untyped-decorator]
-def fmi3_logger(environment: int, status: int, category: bytes, message: bytes) -> None:
-    """Receive the messages of all FMI 3 instances (fmi3LogMessageCallback)."""
-    _dispatch(environment, b"", status, category, message)
+def fmi3_logger(environment: int) -> Callable[[int | None, int, bytes, bytes], None]:
+    """Make the receiver of the messages of an FMI 3 instance (fmi3LogMessageCallback)."""
+
+    def receive(_environment: int | None, status: int, category: bytes, message: bytes) -> None:
+        _dispatch(environment, b"", status, category, message)
+
+    return receive
 
 
 @cache

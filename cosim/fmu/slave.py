@@ -16,16 +16,20 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any, Final, Self
+
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
 
 from cosim.core import ComponentError
+from cosim.fmu.binary import ACCEPTED_STATUSES
 from cosim.fmu.description import FmuDescription
-from cosim.fmu.instance import DISCARD, WARNING
+from cosim.fmu.instance import DISCARD
 from cosim.fmu.messages import LogSink
 from cosim.fmu.state import StateAccess
 
-_TERMINATED = 3
-"""fmi2StatusKind."""
+_NS: Final = 1e9
+"""Times that are equal in whole nanoseconds, the master's unit, are the same."""
 
 
 class StepResults(ctypes.Structure):
@@ -66,7 +70,8 @@ class FmuSlave(StateAccess):
     ) -> None:
         super().__init__(description, name, log, categories=categories)
         self._results = StepResults()
-        self._discarded: bool | None = None
+        self._stop: float | None = None
+        self._asked = False
 
     def initialise(self, parameters: Mapping[str, Any], start: float, stop: float | None) -> None:
         """Set start values and pass through initialization mode, from `start` to `stop` [s].
@@ -86,19 +91,17 @@ class FmuSlave(StateAccess):
         ------
         ComponentError : the slave refuses, or has no such function.
         """
-        self.call("a reset", "Reset")
+        self._do("a reset", "reset")
         self.phase = "instantiated"
 
     def enter_initialisation(self, start: float, stop: float | None) -> None:
         """Enter initialization mode of a run from `start` to `stop` [s]; None: no end."""
-        has_stop, end = stop is not None, stop if stop is not None else 0.0
-        what = "entering the initialisation"
+        times: tuple[float | None, ...] = (None, start, stop)  # no tolerance
         if self.version == "2.0":
-            self.call("setting up the experiment", "SetupExperiment", 0, 0.0, start, has_stop, end)
-            self.call(what, "EnterInitializationMode")
-        else:
-            no_tolerance = (False, 0.0)
-            self.call(what, "EnterInitializationMode", *no_tolerance, start, has_stop, end)
+            self._do("setting up the experiment", "setupExperiment", *times)
+            times = ()
+        self._do("entering the initialisation", "enterInitializationMode", *times)
+        self._stop = stop
         self.phase = "initialising"
 
     def exit_initialisation(self) -> None:
@@ -109,7 +112,7 @@ class FmuSlave(StateAccess):
         InputError : the slave does not start with a start value that it was given.
         ComponentError : the slave refuses or has logged an error, the only way some exporters have.
         """
-        self.call("the initialisation", "ExitInitializationMode")
+        self._do("the initialisation", "exitInitializationMode")
         if self._logged_error is not None:
             self.phase = "failed"
             raise ComponentError(
@@ -125,24 +128,69 @@ class FmuSlave(StateAccess):
         ------
         ComponentError : the slave cannot compute the step.
         """
-        what = f"step from t = {time:g} s"
         self._logged_error = None
-        no_way_back = not self._states
-        if self.version == "3.0":
-            at = self.step_results
-            self.call(what, "DoStep", time, size, no_way_back, at, at + 1, at + 2, at + 8)
+        status = 0
+        try:
+            results = self._attempt("doStep", time, size, not self._states)
+        except FMICallException as error:
+            status, results = error.status, None
+        if results is not None:  # FMI 3.0
+            for (name, _), value in zip(StepResults._fields_, results, strict=True):
+                setattr(self._results, name, value)
+        self.early_end(time, time + size, status)
+
+    def early_end(self, time: float, end: float, status: int) -> str | None:
+        """Judge a step from `time` to `end` [s] by its status and, in FMI 3, `step_results`.
+
+        Return None if the step is done and the run can continue, and the reason in words if the
+        slave ends the run properly. Whoever calls fmiNDoStep at its address calls this after a
+        status that is not accepted, or if terminateSimulation or earlyReturn is true.
+
+        FMI 2.0.4 (4.2.2): fmi2Discard means that the slave has computed only a part of the step;
+        the master asks fmi2GetRealStatus(fmi2LastSuccessfulTime) for the end of that part, and
+        fmi2GetBooleanStatus(fmi2Terminated) whether the slave wants to end the simulation. If it
+        does, or if the part ends at the end of the run, nothing is wrong. Else the master should
+        repeat the step with a smaller size, if it can: here the step has failed. So it has after
+        a logged error, and with PythonFMU, which reports every failed step as such a wish.
+        fmi2Pending is a failure: the callback stepFinished, which would allow it, is not given.
+
+        FMI 3.0 (4.2.1): terminateSimulation ends the run at lastSuccessfulTime; earlyReturn is
+        forbidden without earlyReturnAllowed, which is false here.
+
+        Raises
+        ------
+        ComponentError : the slave has failed.
+        """
+        self._asked = False
+        what, detail = f"step from t = {time:g} s", ""
+        wish = f"component {self.name!r} asked for the end in the {what}"
+        if status in ACCEPTED_STATUSES:
+            if self.version == "2.0":
+                return None
+            last = self._results.last_successful_time
+            self._asked = bool(self._results.terminate_simulation)
+            if self._asked:
+                return wish + _computed_until(last, end)
             if self._results.early_return:
                 self.phase = "failed"
                 raise ComponentError(
                     f"{what} ended early, which was not allowed",
                     where=self._where,
-                    got=f"t = {self._results.last_successful_time:g} s",
+                    got=f"t = {last:g} s",
                 )
-            return
-        status = self.status_of("DoStep", time, size, no_way_back)
-        self._discarded = status == DISCARD
-        if status > WARNING and not (self._discarded and self.asked_to_end()):
-            raise self.refused(what, status)
+            return None
+        if self.version == "2.0" and status == DISCARD:
+            reached = self._status_of_step("getRealStatus", fmi2LastSuccessfulTime)
+            if self._logged_error is None and not self._of_pythonfmu:
+                self._asked = bool(self._status_of_step("getBooleanStatus", fmi2Terminated))
+                if self._asked:
+                    return wish + _computed_until(reached, end)
+                if _same(reached, self._stop):
+                    self._asked = True
+                    return f"component {self.name!r} discarded the {what} at the end of the run"
+            if reached is not None:
+                detail = f", having computed until t = {reached:g} s"
+        raise self.refused(what, status, detail)
 
     @property
     def step_results(self) -> int:
@@ -150,25 +198,18 @@ class FmuSlave(StateAccess):
         return ctypes.addressof(self._results)
 
     def asked_to_end(self) -> bool:
-        """Whether the slave wants the run to end with the last step.
+        """Whether the slave ended the run with the last step, as `early_end` found."""
+        return self._asked
 
-        In FMI 2 it asks by Discard; a caller of fmi2DoStep itself calls this after Discard only.
-        After a logged error the step has failed instead; so it has with PythonFMU, which reports
-        every failed step as such a wish.
-        """
-        if self.version == "3.0":
-            return bool(self._results.terminate_simulation)
-        if self._discarded is False or self._logged_error is not None or self._of_pythonfmu:
-            return False
-        value = ctypes.c_int(0)
+    def _status_of_step(self, method: str, kind: int) -> Any:
+        """Return what an FMI 2 slave says of its discarded step; None if it does not say."""
         error = self.last_error
         try:
-            status = self.status_of("GetBooleanStatus", _TERMINATED, ctypes.byref(value))
-        except ComponentError:  # no such function, or already at its end
-            return False
+            return self._attempt(method, kind)
+        except (FMICallException, ComponentError):  # refused, or no such function
+            return None
         finally:
             self.last_error = error  # keep the error of the step
-        return status <= WARNING and bool(value.value)
 
     def close(self) -> None:
         """Terminate and free, once."""
@@ -181,3 +222,13 @@ class FmuSlave(StateAccess):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _same(time: float | None, other: float | None) -> bool:
+    """Whether two known times are the same."""
+    return time is not None and other is not None and round(time * _NS) == round(other * _NS)
+
+
+def _computed_until(reached: float | None, end: float) -> str:
+    """Say until when a step was computed, if that is not its end."""
+    return "" if reached is None or _same(reached, end) else f", computed until t = {reached:g} s"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from cosim.core import InputError
@@ -48,21 +49,19 @@ class StateAccess(VariableAccess):
         self._check_capable(
             able=self.description.can_get_and_set_state, flag="canGetAndSetFMU{}tate"
         )
-        pointer = ctypes.c_void_p()
-        self.call("saving the state", self._stateful("Get{}"), ctypes.byref(pointer))
-        return self._kept(FmuState(pointer, self.phase))
+        return self._kept(self._do("saving the state", self._stateful("get{}")))
 
     def restore(self, state: FmuState) -> None:
         """Return to a saved state, which stays saved."""
         self._check_own(state)
-        self.call("restoring a state", self._stateful("Set{}"), state.pointer)
+        self._do("restoring a state", self._stateful("set{}"), state.pointer)
         self.phase = state.phase
 
     def free(self, state: FmuState) -> None:
         """Free a saved state; freeing it again does nothing."""
         if not state.freed:
             self._check_own(state)
-            self.call("freeing a state", self._stateful("Free{}"), ctypes.byref(state.pointer))
+            self._do("freeing a state", self._stateful("free{}"), state.pointer)
             state.pointer = ctypes.c_void_p()
             self._states.remove(state)
 
@@ -70,25 +69,22 @@ class StateAccess(VariableAccess):
         """Return a saved state as bytes."""
         self._check_serialises()
         self._check_own(state)
-        size = ctypes.c_size_t()
-        what = "serialising a state"
-        self.call(what, self._stateful("Serialized{}Size"), state.pointer, ctypes.byref(size))
-        buffer = ctypes.create_string_buffer(size.value)
-        self.call(what, self._stateful("Serialize{}"), state.pointer, buffer, size.value)
-        return buffer.raw
+        content: bytes = self._do(
+            "serialising a state", self._stateful("serialize{}"), state.pointer
+        )
+        return content
 
     def deserialise(self, content: bytes) -> FmuState:
         """Make a saved state from the bytes of one of the same FMU, saved in the same phase."""
         self._check_serialises()
-        pointer = ctypes.c_void_p()
-        name = "DeSerializeFMUstate" if self.version == "2.0" else "DeserializeFMUState"
-        self.call("reading a state", name, content, len(content), ctypes.byref(pointer))
-        return self._kept(FmuState(pointer, self.phase))
+        name = "deSerializeFMUstate" if self.version == "2.0" else "deserializeFMUState"
+        return self._kept(self._do("reading a state", name, content))
 
     def _stateful(self, name: str) -> str:
         return name.format("FMUstate" if self.version == "2.0" else "FMUState")
 
-    def _kept(self, state: FmuState) -> FmuState:
+    def _kept(self, pointer: ctypes.c_void_p) -> FmuState:
+        state = FmuState(pointer, self.phase)
         self._states.append(state)
         return state
 
@@ -116,9 +112,7 @@ class StateAccess(VariableAccess):
     def _free_all(self) -> None:
         """Free every saved state, before the instance is freed."""
         for state in self._states:
-            if not self._fatal:
-                self._binary.function(self._stateful("Free{}"))(
-                    self.component, ctypes.byref(state.pointer)
-                )
+            free = getattr(self._fmu, self._stateful("free{}"))
+            self._finish("freeing a state of", partial(free, state.pointer))
             state.pointer = ctypes.c_void_p()
         self._states.clear()

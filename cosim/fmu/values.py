@@ -1,14 +1,12 @@
-"""Convert values of variables to and from C, and check them before an FMU gets them."""
+"""Check values of variables before an FMU gets them, and shape those that it gives."""
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu.port import Port
@@ -120,27 +118,18 @@ def _fits_c_type(port: Port, value: float) -> bool:
     return port.c_type != "f4" or not math.isfinite(value) or abs(value) <= _GREATEST_FLOAT32
 
 
-def to_c(port_type: str, values: Sequence[Any]) -> Any:
-    """Make a C array of scalars of one type; it keeps the bytes of texts alive."""
-    if port_type == "S":
-        return (ctypes.c_char_p * len(values))(*(text.encode() for text in values))
-    return np.array(values, dtype=port_type)
-
-
-def empty_array(c_type: str, size: int) -> Any:
-    """Make a C array to read values into."""
-    return (ctypes.c_char_p * size)() if c_type == "S" else np.zeros(size, c_type)
-
-
-def address_of(array: Any) -> int:
-    """Return the address of a C array."""
-    return int(array.ctypes.data) if isinstance(array, np.ndarray) else ctypes.addressof(array)
-
-
-def from_c(port: Port, array: Any, first: int) -> Any:
-    """Return the value of a port whose elements begin at `first`."""
-    part = array[first : first + port.size]
+def rounded_to_c(port: Port, items: Sequence[Any]) -> list[Any]:
+    """Return checked scalars as C holds them: floats of 32 bits are rounded, texts are bytes."""
     if port.c_type == "S":
-        part = np.array([(raw or b"").decode("utf-8", "replace") for raw in part], dtype=object)
-    values: NDArray[Any] = part != 0 if port.kind == "bool" else part
-    return values.reshape(port.shape).tolist()
+        return [text.encode() for text in items]
+    return list(np.array(items, port.c_type).tolist())
+
+
+def value_of(port: Port, items: Sequence[Any]) -> Any:
+    """Return the value of a port from its scalars in C's order, as FMPy reads them."""
+    plain: list[Any] = list(items)
+    if port.kind == "bool":
+        plain = [bool(item) for item in plain]
+    elif port.kind == "string":
+        plain = [(raw or b"").decode("utf-8", "replace") for raw in plain]
+    return np.array(plain, dtype=object).reshape(port.shape).tolist()

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
-import numpy as np
+from fmpy.fmi1 import FMICallException
 
 from cosim.core import ComponentError, InputError
 from cosim.fmu.description import FmuDescription
-from cosim.fmu.instance import DISCARD, WARNING, Instance
+from cosim.fmu.instance import DISCARD, Instance
 from cosim.fmu.port import PHASE_TEXT, Port, describe_settable, may_be_set
-from cosim.fmu.values import address_of, checked_scalars, empty_array, from_c, to_c
+from cosim.fmu.values import checked_scalars, rounded_to_c, value_of
 
 CheckedValue = tuple[Port, list[Any]]
 """A variable and the scalars to set it to."""
@@ -49,11 +49,11 @@ class VariableAccess(Instance):
                 checked_scalars(port, None, self._input)
         found = {}
         for members in _by_type(ports):
-            array = empty_array(members[0].c_type, sum(p.size for p in members))
-            self._move("Get", members, array)
+            size = (sum(p.size for p in members),) if self.version == "3.0" else ()
+            items = self._move("get", members, *size)
             first = 0
             for port in members:
-                found[port.name] = from_c(port, array, first)
+                found[port.name] = value_of(port, items[first : first + port.size])
                 first += port.size
         return {port.name: found[port.name] for port in ports}
 
@@ -71,9 +71,9 @@ class VariableAccess(Instance):
         prepared = self._prepared(parameters, resized)
         shaping = [p for p in prepared if p[0].causality == "structuralParameter"]
         if shaping:
-            self.call("entering configuration mode", "EnterConfigurationMode")
+            self._do("entering configuration mode", "enterConfigurationMode")
             self._set(shaping)
-            self.call("leaving configuration mode", "ExitConfigurationMode")
+            self._do("leaving configuration mode", "exitConfigurationMode")
         self.description = resized
         self._set([p for p in prepared if p[0].causality in ("parameter", "input")])
         for port, items in prepared:
@@ -93,7 +93,7 @@ class VariableAccess(Instance):
         """Check that the slave starts with the exact start values that it was given."""
         for port, items in self._given:
             begun = self.read([port.name])[port.name]
-            if begun != from_c(port, to_c(port.c_type, items), 0):
+            if begun != value_of(port, rounded_to_c(port, items)):
                 raise self._not_taken(port, f"it starts with {begun}, given {items}")
         self._given.clear()
 
@@ -136,30 +136,31 @@ class VariableAccess(Instance):
     def _set(self, prepared: Sequence[CheckedValue]) -> None:
         flat = {port.name: items for port, items in prepared}
         for members in _by_type([port for port, _ in prepared]):
-            array = to_c(members[0].c_type, [x for port in members for x in flat[port.name]])
-            self._move("Set", members, array)
+            self._move("set", members, [x for port in members for x in flat[port.name]])
 
-    def _move(self, way: Literal["Get", "Set"], ports: Sequence[Port], array: Any) -> None:
+    def _move(self, way: Literal["get", "set"], ports: Sequence[Port], *arguments: Any) -> Any:
         """Get or set variables of one type; after a discarded value the slave can go on.
 
         A logged error counts as a refusal, because some exporters return OK with it.
         """
-        references = np.array([port.reference for port in ports], np.uint32)
-        sizes = (len(array),) if self.version == "3.0" else ()
-        at = (address_of(references), references.size, address_of(array), *sizes)
+        references = [port.reference for port in ports]
         before, self._logged_error = self._logged_error, None
-        status = self.status_of(f"{way}{ports[0].getter_type}", *at)
-        if status <= WARNING and self._logged_error is None:
+        status, items = 0, None
+        try:
+            items = self._attempt(f"{way}{ports[0].getter_type}", references, *arguments)
+        except FMICallException as error:
+            status = error.status
+        if not status and self._logged_error is None:
             self._logged_error = before
-            return
+            return items
         names = [port.name for port in ports]
-        what = f"{'reading' if way == 'Get' else 'setting'} {', '.join(names[:3])}"
+        what = f"{'reading' if way == 'get' else 'setting'} {', '.join(names[:3])}"
         what += ", ..." if len(names) > 3 else ""
         phase = self.phase
-        error = self.refused(what, status)
+        refusal = self.refused(what, status)
         if status == DISCARD:
             self.phase = phase
-        raise error
+        raise refusal
 
 
 def _by_type(ports: Sequence[Port]) -> list[list[Port]]:

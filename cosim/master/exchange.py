@@ -13,12 +13,13 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import NDArray
 
+from cosim.fmu import ACCEPTED_STATUSES, restore_function, saved_float_mode
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 
-OK, WARNING = range(2)
-"""Statuses with which a run continues; all others, those that FMI does not know too, end it."""
-TOO_LARGE: Final = 100
-"""Not a status of FMI: an integer that a double cannot represent exactly."""
+OK: Final = 0
+TOO_LARGE: Final = 1 << 32
+"""Not a status of FMI: an integer that a double cannot represent exactly. An FMU returns a C int,
+so that no status of one is this or greater."""
 
 _FFI: Final = FFI()
 _FORMS: Final = {
@@ -34,19 +35,30 @@ _MOST = 2**53
 
 def is_accepted(status: int) -> bool:
     """Whether a run continues after a call with this status."""
-    return status in (OK, WARNING)
+    return status in ACCEPTED_STATUSES
 
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2Get..., fmi3Set..., ... at an address."""
-    function: Any = _FFI.cast(_FORMS[version], address)
-    return function  # type: ignore[no-any-return]
+    return _with_own_float_mode(_FFI.cast(_FORMS[version], address))
 
 
 def step_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2DoStep or fmi3DoStep at an address."""
-    function: Any = _FFI.cast(_STEPS[version], address)
-    return function  # type: ignore[no-any-return]
+    return _with_own_float_mode(_FFI.cast(_STEPS[version], address))
+
+
+def _with_own_float_mode(function: Any) -> Callable[..., int]:
+    """Return a C function after which rounding and flush to zero are as they are now."""
+    restore: Any = _FFI.cast("int(*)(void *)", restore_function)
+    saved = _FFI.from_buffer(saved_float_mode())
+
+    def call(*arguments: Any) -> int:
+        status: int = function(*arguments)
+        restore(saved)
+        return status
+
+    return call
 
 
 def pointer(address: int) -> Any:

@@ -28,7 +28,10 @@ static void restore(uint64_t saved) { fesetround((int)saved); }
 enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE };
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
 enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
-enum { TOO_LARGE = 100, ENDED = 101, UNSETTLED = 102, RETURNED_EARLY = 103, OUT_OF_RANGE = 104 };
+#define TOO_LARGE (INT64_C(1) << 32) /* and the next ones: no FMU can return them, see exchange.py */
+#define ENDED (TOO_LARGE + 1)
+#define UNSETTLED (TOO_LARGE + 2)
+#define OUT_OF_RANGE (TOO_LARGE + 3)
 #define EXACT 9007199254740992.0 /* 2^53 */
 
 /* One operation; the names are explained in table.py. Every field has eight bytes. */
@@ -105,7 +108,7 @@ static int exchange(const Operation *o, void *values) {
 #define FROM(T) values[j] = (double)typed[j]
 
 /* Values of another type than double: converted in the scratch of the operation. */
-static int typed_exchange(const Operation *o, double *values) {
+static int64_t typed_exchange(const Operation *o, double *values) {
     if (o->kind == SET) {
         EVERY_TYPE(INTO)
         return exchange(o, o->scratch);
@@ -148,7 +151,7 @@ static void move(const Run *r, const Operation *o, int64_t k, double *target) {
     }
 }
 
-static int step(const Run *r, const Operation *o, int64_t k) {
+static int64_t step(const Run *r, const Operation *o, int64_t k) {
     double now = r->seconds[k], size = r->sizes[k];
     if (o->following)
         size = (double)(r->points[o->following[k]] - r->points[k]) / 1e9;
@@ -161,11 +164,11 @@ static int step(const Run *r, const Operation *o, int64_t k) {
                                       out + 2, (double *)(out + 8));
     if (status != 0 && status != 1)
         return status;
-    return out[1] ? ENDED : out[2] ? RETURNED_EARLY : status;
+    return out[1] || out[2] ? ENDED : status;
 }
 
 /* Whether an output of a complete row is out of range: no NaN is in any range. */
-static int outside(Run *r, const double *row) {
+static int64_t outside(Run *r, const double *row) {
     int64_t found = 0;
     for (int64_t j = 0; j < r->outputs; j++)
         found += !(fabs(row[j]) <= r->bounds[j]);
@@ -203,8 +206,8 @@ static int unsettled(Run *r, const Operation *o, const double *row) {
 
 /* Carry out operations begin to end - 1 at a point; word has the number of the one in progress.
    Return the status of one that ends the run, else 0. */
-static int carry_out(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t k,
-                     uint64_t saved, volatile int64_t *word) {
+static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t k,
+                         uint64_t saved, volatile int64_t *word) {
     for (int64_t i = begin; i < end; i++) {
         const Operation *o = table + i;
         if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
@@ -213,7 +216,7 @@ static int carry_out(Run *r, const Operation *table, int64_t begin, int64_t end,
             continue;
         int64_t following = o->following ? o->following[k] : k + 1;
         double *row = r->rows + r->width * (o->ahead ? following : o->spare ? r->spare : k);
-        int status = 0;
+        int64_t status = 0;
         *word = k << 20 | i;
         switch (o->kind) {
         case GET:
@@ -258,7 +261,7 @@ EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
     return (void)size, (void)groups, (void)count, NULL;
 }
 EXPORT void end_team(Team *t) { (void)t; }
-static int by_team(Team *t, Run *r, const Operation *table, int64_t k) {
+static int64_t by_team(Team *t, Run *r, const Operation *table, int64_t k) {
     return (void)t, (void)r, (void)table, (void)k, 0;
 }
 #else
@@ -275,7 +278,7 @@ typedef struct {
     const int64_t *groups; /* begin and end of each */
     int64_t count, next, left, k;
     int64_t word; /* of the first operation of the table that ended the run */
-    int status;
+    int64_t status;
 } Team;
 
 /* Take groups while there are any; the lock is held before and after. */
@@ -284,7 +287,7 @@ static void take_groups(Team *t) {
         const int64_t *group = t->groups + 2 * t->next++;
         volatile int64_t word = 0;
         pthread_mutex_unlock(&t->lock);
-        int status = carry_out(t->run, t->table, group[0], group[1], t->k, modes(), &word);
+        int64_t status = carry_out(t->run, t->table, group[0], group[1], t->k, modes(), &word);
         pthread_mutex_lock(&t->lock);
         if (status && (!t->status || word < t->word)) {
             t->status = status;
@@ -337,7 +340,7 @@ EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
     return t;
 }
 
-static int by_team(Team *t, Run *r, const Operation *table, int64_t k) {
+static int64_t by_team(Team *t, Run *r, const Operation *table, int64_t k) {
     pthread_mutex_lock(&t->lock);
     t->run = r, t->table = table, t->k = k;
     t->status = 0, t->next = 0, t->left = t->count;

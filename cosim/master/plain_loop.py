@@ -21,7 +21,6 @@ from cosim.master.exchange import (
 from cosim.master.table import (
     ENDED,
     OUT_OF_RANGE,
-    RETURNED_EARLY,
     UNSETTLED,
     WORD_BITS,
     AlgebraicLoop,
@@ -137,7 +136,7 @@ class PlainLoop:
             status = function(component, seconds[k], size, int(no_way_back[0]), *places)
             if not is_accepted(status):
                 return status
-            return ENDED if results[1] else RETURNED_EARLY if results[2] else status
+            return ENDED if results[1] or results[2] else status
 
         return step_2 if version == "2.0" else step_3
 

@@ -20,8 +20,6 @@ from cosim.network import PacketSchedule
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
 
-_DISCARD = 2  # FMI 2: with this status of a step, a slave may ask for the end
-
 
 @dataclass(frozen=True)
 class Run:
@@ -70,20 +68,22 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
         diverged, reason = out_of_range(wiring, early_stop.k, early_stop.instance)
         return ("diverged" if diverged else "failed"), reason
     instance = wiring.instances[early_stop.instance]
-    discarded = early_stop.what == "step" and early_stop.status == _DISCARD
-    if early_stop.what == "end" or (discarded and instance.slave.asked_to_end()):
-        reason = f"component {instance.name!r} asked for the end in the step from t = {seconds:g} s"
-        return "stopped", reason
-    slave = instance.slave
-    if early_stop.status == TOO_LARGE:
+    slave, what = instance.slave, early_stop.what
+    if what in ("step", "end"):
+        following = int(instance.own_points.following[early_stop.k])
+        end = int(wiring.comm_points.points_ns[following]) / 1e9
+        try:
+            return "stopped", slave.early_end(seconds, end, early_stop.status) or ""
+        except ComponentError as failure:
+            error = failure
+    elif early_stop.status == TOO_LARGE:
         error = ComponentError(
             f"an integer read at t = {seconds:g} s is too large to be exchanged",
             where=f"component {instance.name!r} ({slave.description.path.name})",
             expected="a magnitude of at most 2**53",
         )
-        return "failed", error.text()
-    at = "from" if early_stop.what == "step" else "at"
-    refused = slave.refused(f"{early_stop.what} {at} t = {seconds:g} s", early_stop.status)
-    overflow = "no longer finite" in (refused.got or "")
+    else:
+        error = slave.refused(f"{what} at t = {seconds:g} s", early_stop.status)
+    overflow = "no longer finite" in (error.got or "")
     diverged = overflow and has_grown(instance, early_stop.complete)
-    return ("diverged" if diverged else "failed"), refused.text()
+    return ("diverged" if diverged else "failed"), error.text()

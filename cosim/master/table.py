@@ -36,9 +36,9 @@ from cosim.master.wiring import Wiring
 
 Integers = NDArray[np.int64]
 
-ENDED, UNSETTLED, RETURNED_EARLY, OUT_OF_RANGE = range(TOO_LARGE + 1, TOO_LARGE + 5)
-"""Not statuses of FMI: the slave asks for the end of the run; the values of an algebraic loop do
-not settle; the slave returned early from a step; an output is out of range."""
+ENDED, UNSETTLED, OUT_OF_RANGE = range(TOO_LARGE + 1, TOO_LARGE + 4)
+"""Not statuses of FMI: the slave asks for the end of the run, or returned early from a step; the
+values of an algebraic loop do not settle; an output is out of range."""
 WORD_BITS = 20
 """The word in progress is point << WORD_BITS | number of the operation."""
 
@@ -146,7 +146,8 @@ class EarlyStop(NamedTuple):
     k : the point.
     complete : number of rows that are complete.
     what : the FMI call that was refused, "get", "set" or "step"; "range" when an output is out
-        of range; "end" when a component asked for the end of the run; "loop" when an algebraic
+        of range; "end" when a component asked for the end of the run or returned
+        early from a step; "loop" when an algebraic
         loop does not settle.
     instance : index of the instance in the wiring; for "range" and "loop" the column of the value.
     status : as the FMU returned it.

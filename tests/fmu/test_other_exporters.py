@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from foreign.c_fmu import c_fmu, source_of, talker
+from foreign.c_fmu import c_fmu, every, source_of, talker
 from pythonfmu import FmuBuilder
 
 from cosim.core.errors import ComponentError, InputError
@@ -82,6 +82,23 @@ def test_messages_without_environment_are_found_by_instance_name(tmp_path: Path)
             ("info", f"{{talker}} 1 {name} URI 1", "logMade"),
             ("info", "freed", "logMade"),
         ]
+
+
+def test_texts_that_are_none_are_read_all_the_same(tmp_path: Path) -> None:
+    """NULL for an empty text, and bytes that are not UTF-8."""
+    given = "values[k++] = AT(m, String, vr[i] % 10, j, STRING);"
+    text = source_of("every_fmi3.c")
+    assert given in text
+    odd = '(void)m, values[k++] = vr[i] == 111 ? NULL : "a\\xff";'
+    described = describe_fmu(
+        c_fmu("every_fmi3.c", every(), tmp_path, text=text.replace(given, odd))
+    )
+    with FmuSlave(described, "it", Log()) as slave:
+        slave.initialise({}, 0.0, 1.0)
+        assert slave.read(["String.out", "String.row"]) == {
+            "String.out": "",
+            "String.row": ["a\ufffd", "a\ufffd"],
+        }
 
 
 @pytest.mark.parametrize(

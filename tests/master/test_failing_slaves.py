@@ -213,6 +213,18 @@ def test_after_fatal_no_instance_of_that_fmu_is_called(faulty: dict[str, Path]) 
     assert not any(name in ("first", "middle") and text == "freed" for name, text in ear.heard)
 
 
+@pytest.mark.parametrize("status", [ERROR, FATAL, 77])
+@pytest.mark.parametrize("version", VERSIONS)
+def test_failure_of_terminate_is_logged(faulty: dict[str, Path], version: str, status: int) -> None:
+    """The run is finished; the instance is freed unless the failure is fatal."""
+    ear = Ear()
+    run = simulate(ring(faulty, version, "jacobi", **fault("terminate", status)), [ear])
+    assert run.status == "finished"
+    assert ("middle", f"terminating the slave: status {status}") in ear.heard
+    assert (("middle", "freed") in ear.heard) == (status != FATAL)
+    assert ("last", "freed") in ear.heard
+
+
 class Ear(Observer):
     """Records log lines."""
 
