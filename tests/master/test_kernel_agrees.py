@@ -116,7 +116,7 @@ def random_system(r: random.Random, fmus: tuple[FmuDescription, FmuDescription])
     return System(components, connections, links, {}, schedule, bound, algorithm)
 
 
-def flown(
+def run_random(
     seed: int,
     fmus: tuple[FmuDescription, FmuDescription],
     engine: EngineName,
@@ -152,8 +152,8 @@ def flown(
 def test_random_systems_agree(fmus: tuple[FmuDescription, FmuDescription], part: int) -> None:
     statuses = []
     for seed in range(part, SYSTEMS, 3):
-        found = flown(seed, fmus, "kernel")
-        assert found == flown(seed, fmus, "python"), f"seed {seed}"
+        found = run_random(seed, fmus, "kernel")
+        assert found == run_random(seed, fmus, "python"), f"seed {seed}"
         statuses.append(found[0] if isinstance(found, tuple) else "refused")
     assert {"finished", "diverged", "failed"} <= set(statuses)
     assert statuses.count("refused") < len(statuses) / 4

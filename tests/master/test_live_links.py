@@ -370,7 +370,7 @@ def test_age_is_in_seconds(fmu: Path, tmp_path: Path, unit: str, *, fits: bool) 
 @pytest.mark.parametrize(
     ("more", "status", "words", "sent"),
     [
-        ({"b": {"x0": math.nan}}, "diverged", "b.x left the range of +-1e+06 at t = 0 s", 0),
+        ({"b": {"x0": math.nan}}, "failed", "b.x is nan at t = 0 s", 0),
         ({"b": {"a": 18.2}}, "diverged", "b.x left the range of +-1e+06 at t = 0.8 s", 8),
         ({"a": {"x0": -1.0}}, "failed", "link 'there', message 0: the value makes", 0),
         ({"a": {"x0": -0.1, "a": 5.0}}, "failed", "link 'there', message 3: the value", 3),

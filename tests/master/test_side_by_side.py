@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from mixed import mixed_fmu
 from scalar import scalar_fmu
-from test_kernel_agrees import flown
+from test_kernel_agrees import run_random
 
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, describe_fmu
@@ -25,8 +25,8 @@ def test_threads_change_nothing(fmus: tuple[FmuDescription, FmuDescription]) -> 
     before = threading.active_count()
     compared = 0
     for seed in range(120):
-        alone = flown(seed, fmus, "kernel")
-        several = flown(seed, fmus, "kernel", threads=3)
+        alone = run_random(seed, fmus, "kernel")
+        several = run_random(seed, fmus, "kernel", threads=3)
         if isinstance(several, str) and "gauss-seidel" in several:
             continue
         compared += 1

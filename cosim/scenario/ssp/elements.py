@@ -250,7 +250,6 @@ def _first_values(system: System, over: Mapping[str, list[Connection]]) -> dict[
     if not sources:
         return {}
     with Session(system, engine="python") as session:
-        session.step()
         return {end: float(session.value(end.component, end.variable)) for end in sources}
 
 
