@@ -26,6 +26,7 @@ static void restore(uint64_t saved) { fesetround((int)saved); }
 #endif
 
 enum { GET, SET, MOVE, STEP, COMPLETE, GUESS, SETTLE };
+enum { SELDOM, USUAL_GET, USUAL_SET, USUAL_STEP, USUAL_COMPLETE };
 enum { ALWAYS, AT_FIRST, NOT_AT_LAST };
 enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
 #define TOO_LARGE (INT64_C(1) << 32) /* and the next ones: no FMU can return them, see exchange.py */
@@ -36,17 +37,19 @@ enum { F8, F4, I1, U1, I2, U2, I4, U4, I8, U8 };
 
 /* One operation; the names are explained in table.py. Every field has eight bytes. */
 typedef struct {
-    int64_t kind, when;
-    const int64_t *following;
+    int64_t kind, number, usual;
     void *function, *component;
     const uint32_t *references;
-    uint64_t count, values;
-    int64_t column, type, fmi3, ahead, spare;
+    uint64_t count;
+    int64_t column, source, special;
+    const int64_t *row;
+    uint64_t values;
+    int64_t type, fmi3, when, ahead, spare;
+    const int64_t *following;
     void *scratch;
-    const int64_t *row, *after;
+    const int64_t *after;
     const double *weight;
     const int64_t *pairs;
-    int64_t straight;
     double quantization, substitute;
     int64_t substituted;
     uint8_t *results;
@@ -62,7 +65,7 @@ typedef struct {
     const double *seconds, *sizes, *bounds;
     const double *factor, *offset;
     const uint8_t *active;
-    const int64_t *adjustments;
+    const int64_t *adjustments, *copying;
     volatile int64_t *word;
     int64_t status, column, passes; /* of an early stop; of the algebraic loop that goes on */
 } Run;
@@ -127,17 +130,13 @@ static int64_t typed_exchange(const Operation *o, double *values) {
     return status;
 }
 
-static void move(const Run *r, const Operation *o, int64_t k, double *target) {
+static void move_specially(const Run *r, const Operation *o, int64_t k, double *target) {
     int64_t used = o->row[k];
     if (used >= 0) {
         const double *from = r->rows + used * r->width;
         double share = o->weight ? o->weight[k] : 0.0;
         const double *then = share > 0.0 ? r->rows + o->after[k] * r->width : from;
-        if (o->straight && share == 0.0 && o->quantization == 0.0) {
-            memcpy(target + o->pairs[1], from + o->pairs[0], o->count * sizeof(double));
-            return;
-        }
-        for (uint64_t j = 0; j < o->count; j++) {
+        for (uint64_t j = 0; j < o->values; j++) {
             double value = from[o->pairs[2 * j]];
             if (share > 0.0)
                 value = (1.0 - share) * value + share * then[o->pairs[2 * j]];
@@ -146,15 +145,39 @@ static void move(const Run *r, const Operation *o, int64_t k, double *target) {
             target[o->pairs[2 * j + 1]] = value;
         }
     } else if (used == -2 && o->substituted) {
-        for (uint64_t j = 0; j < o->count; j++)
+        for (uint64_t j = 0; j < o->values; j++)
             target[o->pairs[2 * j + 1]] = o->substitute;
     }
 }
 
-static int64_t step(const Run *r, const Operation *o, int64_t k) {
+/* Neighbouring values, unaltered. */
+static inline void move(const Run *r, const Operation *o, int64_t k, double *target) {
+    int64_t used = o->row[k];
+    if (used < 0)
+        return;
+    const double *from = r->rows + used * r->width + o->source;
+    target += o->column;
+    for (uint64_t j = 0; j < o->values; j++)
+        target[j] = from[j];
+}
+
+/* Set inputs from the row of the sender, or from their own row if values are altered there. */
+static inline int64_t set_directly(const Run *r, const Operation *o, int64_t k, double *row) {
+    int64_t used = o->row[k];
+    double *values = row + o->column;
+    if (used >= 0 && !*r->copying)
+        values = r->rows + used * r->width + o->source;
+    else if (used >= 0)
+        move(r, o, k, row);
+    if (*r->copying)
+        adjust(r, row, o);
+    return exchange(o, values);
+}
+
+static inline int64_t step(const Run *r, const Operation *o, int64_t k, int64_t following) {
     double now = r->seconds[k], size = r->sizes[k];
     if (o->following)
-        size = (double)(r->points[o->following[k]] - r->points[k]) / 1e9;
+        size = (double)(r->points[following] - r->points[k]) / 1e9;
     int final = (int)r->no_way_back;
     if (!o->fmi3)
         return ((Step2)o->function)(o->component, now, size, final);
@@ -204,48 +227,86 @@ static int unsettled(Run *r, const Operation *o, const double *row) {
     return found;
 }
 
+/* Carry out one operation of any kind at a point. */
+static int64_t carry_out_any(Run *r, const Operation *table, const Operation **at, int64_t k) {
+    const Operation *o = *at;
+    int64_t following = k + 1;
+    if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
+        return 0;
+    if (o->following && (following = o->following[k]) < 0)
+        return 0;
+    double *row = r->rows + r->width * (o->ahead ? following : o->spare ? r->spare : k);
+    int64_t status = 0;
+    switch (o->kind) {
+    case GET:
+        status = o->special ? typed_exchange(o, row + o->column) : exchange(o, row + o->column);
+        if (*r->adjustments)
+            adjust(r, row, o);
+        break;
+    case SET:
+        if (o->row)
+            return set_directly(r, o, k, row);
+        if (*r->adjustments)
+            adjust(r, row, o);
+        status = o->special ? typed_exchange(o, row + o->column) : exchange(o, row + o->column);
+        break;
+    case MOVE:
+        if (o->special)
+            move_specially(r, o, k, row);
+        else
+            move(r, o, k, row);
+        break;
+    case STEP: status = step(r, o, k, following); break;
+    case COMPLETE: status = outside(r, row); break;
+    case GUESS: guess(r, o, k, row); break;
+    case SETTLE:
+        if (!unsettled(r, o, row))
+            break;
+        if (r->passes < o->limit)
+            *at = table + o->back;
+        else
+            status = UNSETTLED;
+    }
+    return status;
+}
+
 /* Carry out operations begin to end - 1 at a point; word has the number of the one in progress.
-   Return the status of one that ends the run, else 0. */
+   Return the status of one that ends the run, else 0. The usual ones are written out here: doubles
+   in FMI 2.0, at every point, from and into row k or the row that a route names. */
 static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t end, int64_t k,
                          uint64_t saved, volatile int64_t *word) {
-    for (int64_t i = begin; i < end; i++) {
-        const Operation *o = table + i;
-        if (o->when != ALWAYS && (o->when == AT_FIRST ? k > 0 : k == r->final))
-            continue;
-        if (o->following && o->following[k] < 0)
-            continue;
-        int64_t following = o->following ? o->following[k] : k + 1;
-        double *row = r->rows + r->width * (o->ahead ? following : o->spare ? r->spare : k);
-        int64_t status = 0;
-        *word = k << 20 | i;
-        switch (o->kind) {
-        case GET:
-            status = o->type == F8 ? exchange(o, row + o->column)
-                                   : typed_exchange(o, row + o->column);
-            if (*r->adjustments)
-                adjust(r, row, o);
+    const Operation *stop = table + end;
+    double *rows = r->rows, *here = rows + r->width * k, now = r->seconds[k], size = r->sizes[k];
+    int64_t width = r->width, usual = !*r->adjustments && !*r->copying;
+    int final = (int)r->no_way_back, last = k == r->final;
+    for (const Operation *o = table + begin; o < stop; o++) {
+        int64_t status;
+        *word = k << 20 | o->number;
+        switch (o->usual & -usual) {
+        case USUAL_GET:
+            status = ((Exchange2)o->function)(o->component, o->references, o->count,
+                                              here + o->column);
             break;
-        case SET:
-            if (*r->adjustments)
-                adjust(r, row, o);
-            status = o->type == F8 ? exchange(o, row + o->column)
-                                   : typed_exchange(o, row + o->column);
+        case USUAL_SET: {
+            int64_t used = o->row[k];
+            double *values = used >= 0 ? rows + used * width + o->source : here + o->column;
+            status = ((Exchange2)o->function)(o->component, o->references, o->count, values);
             break;
-        case MOVE: move(r, o, k, row); continue;
-        case STEP: status = step(r, o, k); break;
-        case COMPLETE: status = outside(r, row); break;
-        case GUESS: guess(r, o, k, row); continue;
-        case SETTLE:
-            if (!unsettled(r, o, row))
-                continue;
-            if (r->passes < o->limit)
-                i = o->back;
-            else
-                status = UNSETTLED;
         }
-        if (modes() != saved)
-            restore(saved);
-        if (status != 0 && status != 1)
+        case USUAL_STEP:
+            if (last)
+                continue;
+            status = ((Step2)o->function)(o->component, now, size, final);
+            if (modes() != saved)
+                restore(saved);
+            break;
+        case USUAL_COMPLETE: status = outside(r, here); break;
+        default:
+            status = carry_out_any(r, table, &o, k);
+            if (modes() != saved)
+                restore(saved);
+        }
+        if ((uint64_t)status > 1)
             return status;
     }
     return 0;

@@ -31,13 +31,15 @@ from cosim.master.table import (
 )
 
 _KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
+_USUAL = (None, Get, Set, Step, Complete)
+"""Kinds that have a shorter way in the kernel, by the number there."""
 _C_TYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")
 _OPERATION = np.dtype(
     [
-        *((name, "i8") for name in ("kind", "when", "following", "function", "component")),
-        *((name, "i8") for name in ("references", "count", "values", "column", "type", "fmi3")),
-        *((name, "i8") for name in ("ahead", "spare", "scratch", "row", "after", "weight")),
-        *((name, "i8") for name in ("pairs", "straight")),
+        *((name, "i8") for name in ("kind", "number", "usual", "function", "component")),
+        *((name, "i8") for name in ("references", "count", "column", "source", "special", "row")),
+        *((name, "i8") for name in ("values", "type", "fmi3", "when", "ahead", "spare")),
+        *((name, "i8") for name in ("following", "scratch", "after", "weight", "pairs")),
         *((name, "f8") for name in ("quantization", "substitute")),
         *((name, "i8") for name in ("substituted", "results", "back", "limit")),
         ("tolerance", "f8"),
@@ -50,7 +52,7 @@ _RUN = np.dtype(
         for name in (
             *("rows", "width", "outputs", "spare", "final", "no_way_back"),
             *("points", "seconds", "sizes", "bounds", "factor", "offset", "active"),
-            *("adjustments", "word", "status", "column", "passes"),
+            *("adjustments", "copying", "word", "status", "column", "passes"),
         )
     ]
 )
@@ -81,9 +83,14 @@ class KernelLoop:
         self._table = table
         self._library = load_kernel()
         self._kept: list[NDArray[Any]] = []  # the addresses below point into these
-        self._operations = np.zeros(len(table.operations), _OPERATION)
-        for line, operation in zip(self._operations, table.operations, strict=True):
-            self._encode(line, operation)
+        # a set reads the sender's row: the move is left out, as long as nothing is adjusted
+        kept = [not self._is_direct(operation) for operation in table.operations]
+        self._places = np.cumsum([0, *kept])
+        self._operations = np.zeros(sum(kept), _OPERATION)
+        numbers = np.flatnonzero(kept).tolist()
+        for line, number in zip(self._operations, numbers, strict=True):
+            line["number"] = number
+            self._encode(line, table.operations[number])
         points, adjustments = table.comm_points, table.adjustments
         self._run = np.zeros(1, _RUN)
         self._run["rows"] = self._address(table.rows)
@@ -97,6 +104,7 @@ class KernelLoop:
         self._run["offset"] = self._address(adjustments.offset)
         self._run["active"] = self._address(adjustments.active)
         self._run["adjustments"] = self._address(adjustments.count)
+        self._run["copying"] = self._address(table.copying)
         self._run["word"] = self._address(table.word)
         self._team = self._make_team(table) if table.threads > 1 else None
 
@@ -113,11 +121,13 @@ class KernelLoop:
         ------
         InputError : the system gives no threads.
         """
-        steps = [i for i, o in enumerate(table.operations) if isinstance(o, Step)]
-        begins = [table.complete + 1, *(i + 1 for i in steps[:-1])]
-        groups = np.array([*zip(begins, (i + 1 for i in steps), strict=True)], np.int64)
-        threads = min(table.threads, len(steps))
-        team: int | None = self._library.make_team(threads, self._address(groups), len(groups))
+        ends = [i + 1 for i, o in enumerate(table.operations) if isinstance(o, Step)]
+        begins = [table.complete + 1, *ends[:-1]]
+        groups = np.column_stack([self._places[begins], self._places[ends]])
+        threads = min(table.threads, len(ends))
+        team: int | None = self._library.make_team(
+            threads, self._address(groups.astype(np.int64)), len(groups)
+        )
         if team is None:
             raise InputError(
                 "the components cannot step side by side",
@@ -133,11 +143,11 @@ class KernelLoop:
         run = self._run
         run["final"] = self._table.comm_points.final
         run["no_way_back"] = self._table.no_way_back[0]
-        operations = self._operations.ctypes.data
+        places = (int(self._places[number]) for number in (begin, end))
         if not self._library.run(
-            *(run.ctypes.data, operations, begin, end, first, last),
+            *(run.ctypes.data, self._operations.ctypes.data, *places, first, last),
             self._team,
-            self._table.complete + 1,
+            int(self._places[self._table.complete + 1]),
         ):
             return None
         return self._table.early_stop(int(run["status"][0]), int(run["column"][0]))
@@ -147,6 +157,13 @@ class KernelLoop:
             raise ValueError("expected an array without gaps")
         self._kept.append(array)
         return int(array.ctypes.data)
+
+    def _is_direct(self, operation: Operation) -> bool:
+        return (
+            isinstance(operation, Move)
+            and not operation.spare
+            and operation.route in self._table.direct_routes
+        )
 
     def _encode(self, line: Any, operation: Operation) -> None:
         line["kind"], line["when"] = _KINDS.index(type(operation)), operation.when
@@ -158,6 +175,7 @@ class KernelLoop:
                 self._encode_exchange(line, operation, group, "get")
             case Set(group=group):
                 self._encode_exchange(line, operation, group, "set")
+                self._encode_source(line, operation)
             case Move(route=route, sample=sample):
                 self._encode_move(line, route, sample)
             case Step():
@@ -168,7 +186,22 @@ class KernelLoop:
                 line["values"], line["pairs"] = loop.columns.size, self._address(loop.columns)
                 line["scratch"] = self._address(loop.kept)
         if isinstance(operation, Settle):
-            line["back"] = operation.begin
+            line["back"] = self._places[operation.begin]
+        line["usual"] = self._usual(line, operation)
+
+    @staticmethod
+    def _usual(line: Any, operation: Operation) -> int:
+        """Return the number of a usual kind: doubles in FMI 2.0, at every point, in row k."""
+        if line["fmi3"] or line["special"] or operation.following is not None:
+            return 0
+        if isinstance(operation, Step):
+            return _USUAL.index(Step)
+        if operation.when or operation.ahead or operation.spare:
+            return 0
+        if isinstance(operation, Set) and not line["row"]:
+            return _USUAL.index(Get)  # the same but for the function
+        kind = type(operation)
+        return _USUAL.index(kind) if kind in _USUAL else 0
 
     def _encode_slave(self, line: Any, operation: Operation) -> FmuSlave:
         slave = self._table.instances[operation.instance].slave
@@ -185,12 +218,25 @@ class KernelLoop:
         line["count"], line["values"] = group.references.size, group.size
         line["column"], line["type"] = group.column, _C_TYPES.index(group.c_type)
         if group.c_type != "f8":
+            line["special"] = True
             line["scratch"] = self._address(np.zeros(group.size, np.uint64))
+
+    def _encode_source(self, line: Any, operation: Set) -> None:
+        """Encode from where a set reads what a direct route brings."""
+        number, instance = operation.group.route, self._table.instances[operation.instance]
+        route = None if number is None else instance.routes[number]
+        if route in self._table.direct_routes and route is not None and not operation.spare:
+            line["row"] = self._address(route.in_step.row)
+            line["source"] = route.columns[0]
 
     def _encode_move(self, line: Any, route: Route, sample: RowsInUse) -> None:
         pairs = np.column_stack([route.columns, route.targets]).astype(np.int64)
-        line["pairs"], line["count"] = self._address(pairs), len(pairs)
-        line["straight"] = bool((np.diff(pairs, axis=0) == 1).all())
+        line["pairs"], line["values"] = self._address(pairs), len(pairs)
+        altered = sample.weight is not None or (
+            route.link is not None and (route.link.quantization or route.link.on_loss != "hold")
+        )
+        line["special"] = bool(altered) or not (np.diff(pairs, axis=0) == 1).all()
+        line["source"], line["column"] = pairs[0]
         line["row"] = self._address(sample.row)
         if sample.weight is not None and sample.after is not None:
             line["weight"] = self._address(sample.weight)

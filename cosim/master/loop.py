@@ -85,7 +85,7 @@ class Loop:
         self.complete = 0
         self.status: RunStatus | None = None
         self.reason: str | None = None
-        self._dispatch.where = self._where
+        self._dispatch.where, self._dispatch.make_whole = self._where, wiring.make_whole
         if system.threads > 1:
             self._turns = {name: i for i, name in enumerate(system.components)}
             self._dispatch.turn = self._turn
@@ -130,6 +130,7 @@ class Loop:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""
         self.complete, self._exchanged = complete, None
         self.adjustments.restore(adjustments)
+        self._copy_if_adjusted()
         self.status = self.reason = self._early_stop = None
         self._dispatch.where = self._where
 
@@ -155,6 +156,20 @@ class Loop:
         """End the threads of the engine."""
         self._engine.close()
 
+    def adjust(self, column: int, by: Adjustment | None) -> None:
+        """Adjust a column from the present point on, or no more."""
+        if by is None:
+            self.adjustments.release(column)
+        else:
+            self.adjustments.set(column, by)
+        self._copy_if_adjusted()
+        self.forget_exchange()
+
+    def _copy_if_adjusted(self) -> None:
+        if self.adjustments.count[0] and not self.table.copying[0]:
+            self.table.copying[0] = 1
+            self._wiring.leave_whole_from(self.complete)
+
     def forget_exchange(self) -> None:
         """Take back the exchange at the point of the slaves: something was set or overridden."""
         if self._exchanged is not None:
@@ -164,6 +179,7 @@ class Loop:
     def result(self, count: int) -> Run:
         """Return the first `count` rows; "stopped" if the run has not ended by itself."""
         points = self._comm_points.points_ns[:count]
+        self._wiring.make_whole(count)
         return Run(
             self.status or "stopped",
             self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s",

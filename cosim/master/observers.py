@@ -10,7 +10,14 @@ from cosim.master.component_instance import ComponentInstance
 
 
 class Observer(Protocol):
-    """Receives complete rows and log lines in order while a run goes."""
+    """Receives complete rows and log lines in order while a run goes.
+
+    Attributes
+    ----------
+    reads_inputs : whether it reads inputs in the rows; else they need not be copied there.
+    """
+
+    reads_inputs: bool = True
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Called before the first point, when all slaves are initialised."""
@@ -40,6 +47,8 @@ class ObserverDispatch:
         self._delivered = 0
         self.where: Callable[[], tuple[int, int]] = lambda: (0, 0)
         """Returns the number of complete rows, and the time [ns], at any moment."""
+        self.make_whole: Callable[[int], None] = _nothing
+        """Makes the first so many rows whole."""
         self.turn: Callable[[str], int] | None = None
         """Returns the place of a component while several step side by side, else 0."""
 
@@ -75,9 +84,16 @@ class ObserverDispatch:
         self.deliver(self._delivered)
         # slaves refer to the dispatch, and a trace to the slaves: a cycle would keep all rows
         self._observers = ()
+        self.make_whole = _nothing
 
     def _span(self, until: int) -> None:
         if until > self._delivered:
+            if any(observer.reads_inputs for observer in self._observers):
+                self.make_whole(until)
             for observer in self._observers:
                 observer.rows_complete(self._delivered, until)
             self._delivered = until
+
+
+def _nothing(_count: int) -> None:
+    """Do nothing: there are no rows."""

@@ -83,6 +83,15 @@ class Route:
         """Name of the sender."""
         return self.route_key.source
 
+    @property
+    def verbatim(self) -> bool:
+        """Whether its values are neighbours, in the sender's row and the receiver's, unaltered."""
+        altered = self.in_step.weight is not None or (
+            self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
+        )
+        columns = np.column_stack([self.columns, self.targets])
+        return not altered and bool((np.diff(columns, axis=0) == 1).all())
+
 
 RouteFiller = Callable[[int, int], None]
 """Sets the rows that a route reads at the points first to last - 1."""

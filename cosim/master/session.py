@@ -170,6 +170,7 @@ class Session:
         loop, instance = self._opened(), self._instance(component)
         number, column = instance.place(variable)
         row = loop.complete - (not loop.exchange(number))
+        self._wiring.make_whole(row + 1)
         k = int(instance.own_points.last[max(row, 0)])
         return instance.values(instance.rows[k : k + 1, number : number + 1], [column])[0][0]
 
@@ -230,6 +231,10 @@ class Session:
         """Return the state of a packet link at the last complete row, arrays of shape (1,)."""
         return self._comm_points.state(link, self.rows - 1, self.rows)
 
+    def make_rows_whole(self) -> None:
+        """Make the complete rows whole: inputs are copied into them when they are asked for."""
+        self._wiring.make_whole(self.rows)
+
     @property
     def row_time_ns(self) -> int:
         """The time of the last complete row [ns]."""
@@ -285,11 +290,7 @@ class Session:
 
     def _adjust(self, component: str, variable: str, by: Adjustment | None) -> None:
         loop, column = self._opened(), self._column(component, variable)
-        if by is None:
-            loop.adjustments.release(column)
-        else:
-            loop.adjustments.set(column, by)
-        loop.forget_exchange()
+        loop.adjust(column, by)
 
     def _column(self, component: str, variable: str) -> int:
         number, column = self._instance(component).place(variable, "output or connected input")

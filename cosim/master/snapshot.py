@@ -75,6 +75,7 @@ class Snapshot:
         portable: bool,
     ) -> Snapshot:
         """Save the state of every slave, and the rows."""
+        wiring.make_whole(complete)
         states: dict[str, FmuState | bytes] = {}
         for instance in wiring.instances:
             state = instance.slave.snapshot()
@@ -110,6 +111,7 @@ class Snapshot:
         wiring.reset_rows(0)
         wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]
         wiring.rows[: self.complete] = self.rows[: self.complete]
+        wiring.whole_rows = self.complete
 
     def save(self, path: Path) -> None:
         """Write a portable snapshot to a file (NumPy's .npz).

@@ -175,6 +175,8 @@ class Table:
     comm_points : the points.
     bounds : largest magnitude of each output in range, (outputs,).
     adjustments : overrides and biases.
+    direct_routes : those whose values may be set from the sender's row, without a move.
+    copying : whether all moves must be made: something is adjusted; int64 (1,).
     word : the word in progress, int64 (1,): see `WORD_BITS`.
     threads : on so many the steps of a point are carried out side by side.
     no_way_back : whether no saved state of a slave may be restored; int64 (1,).
@@ -189,12 +191,14 @@ class Table:
     comm_points: CommunicationPoints
     bounds: NDArray[np.float64]
     adjustments: Adjustments
+    direct_routes: frozenset[Route]
     word: Integers
     threads: int = 1
     no_way_back: Integers = field(default_factory=lambda: np.ones(1, np.int64))
 
     def __post_init__(self) -> None:
         self.spare = self.rows.shape[0] - 1
+        self.copying = np.zeros(1, np.int64)
 
     @cached_property
     def columns_sent(self) -> frozenset[int]:
@@ -262,6 +266,7 @@ def make_table(system: System, wiring: Wiring, adjustments: Adjustments, word: I
         comm_points=wiring.comm_points,
         bounds=wiring.bounds,
         adjustments=adjustments,
+        direct_routes=wiring.direct_routes,
         word=word,
         threads=system.threads,
     )

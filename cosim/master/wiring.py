@@ -48,7 +48,7 @@ NOMINAL_RANGE = 1e6
 _KINDS = ("float", "int", "bool", "string")
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Wiring:
     """The rows of a run and the component instances that use them.
 
@@ -60,6 +60,9 @@ class Wiring:
     instances : in the order in which they receive, and under Gauss-Seidel step.
     comm_points : the communication points of the run.
     fills : set the rows of the routes that are not known from the start.
+    whole_from : the first row that the loop leaves whole, (1, 1). In the rows before it
+        `make_whole` copies the inputs that were set from the sender's row.
+    whole_rows : number of rows in which it has done so.
     """
 
     all_rows: Rows
@@ -69,6 +72,8 @@ class Wiring:
     texts: Texts
     comm_points: CommunicationPoints
     fills: tuple[RouteFiller, ...]
+    whole_from: Rows
+    whole_rows: int = 0
 
     @property
     def rows(self) -> Rows:
@@ -84,13 +89,43 @@ class Wiring:
         """Return the instance of a component."""
         return self.by_name[name]
 
+    @cached_property
+    def direct_routes(self) -> frozenset[Route]:
+        """The routes whose values an FMI call can set from the sender's row, without a copy."""
+        found = set()
+        for instance in self.instances:
+            for group in instance.connected_inputs:
+                route = None if group.route is None else instance.routes[group.route]
+                if route is not None and route.at_point is None and route.verbatim:
+                    whole = group.c_type == "f8" and group.size == route.targets.size
+                    found |= {route} if whole else set()
+        return frozenset(found)
+
+    def make_whole(self, count: int) -> None:
+        """Make the first `count` rows whole: copy the inputs that direct routes brought."""
+        first, last = self.whole_rows, int(min(count, self.whole_from[0, 0]))
+        for route in self.direct_routes if first < last else ():
+            used = route.in_step.row[first:last]
+            there = np.flatnonzero(used >= 0)
+            source = slice(int(route.columns[0]), int(route.columns[-1]) + 1)
+            target = slice(int(route.targets[0]), int(route.targets[-1]) + 1)
+            self.rows[first + there, target] = self.rows[used[there], source]
+        self.whole_rows = max(self.whole_rows, count)
+
+    def leave_whole_from(self, first: int) -> None:
+        """From row `first` on the loop copies inputs itself, for example to adjust them."""
+        self.make_whole(first)
+        self.whole_from[0, 0] = min(self.whole_from[0, 0], first)
+
     def reset_rows(self, first: int) -> None:
         """Clear the rows from `first` on: inputs have their start values or driven signals."""
+        self.whole_rows = min(self.whole_rows, first)
         self.rows[first:] = self._start
         self.fill_rows(first, self.comm_points.horizon)
 
     def reset_inputs(self, k: int) -> None:
         """Give the inputs of row k their start values or driven signals again."""
+        self.whole_rows = min(self.whole_rows, k)
         self.rows[k, self.outputs :] = self._start[self.outputs :]
         self._drive(k, k + 1)
 
@@ -223,7 +258,9 @@ def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros)
     ordered = tuple(instances[name] for name in order)
     sent_columns = [c for name in system.components for c in instances[name].output_columns]
     bounds = _bounds(sent_columns, system.divergence)
-    wiring = Wiring(rows, total, bounds, ordered, texts, comm_points, tuple(fills))
+    whole_from = allocate((1, 1))
+    whole_from[:] = np.inf
+    wiring = Wiring(rows, total, bounds, ordered, texts, comm_points, tuple(fills), whole_from)
     wiring.reset_rows(0)
     return wiring
 

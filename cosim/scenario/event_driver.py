@@ -50,6 +50,7 @@ class LatestValues(Observer):
             return session.row_time_ns / 1e9
         if name in self._places:
             instance, j, is_input = self._places[name]
+            session.make_rows_whole()
             rows = instance.inputs if is_input else instance.outputs
             return float(rows[instance.own_points.last[k], j])
         constant = self._scope.constant(name)

@@ -17,6 +17,8 @@ from cosim.scenario.script import Event
 class ProgressObserver(Observer):
     """Reports the progress of a run, and ends it on Ctrl-C between two steps."""
 
+    reads_inputs = False
+
     def __init__(
         self, system: System, what: str, report_progress: Progress, interruption: DeferredInterrupt
     ) -> None:

@@ -200,6 +200,7 @@ class Stopwatch(Observer):
     """Knows when the first point begins, all slaves initialised."""
 
     began = 0.0
+    reads_inputs = False
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Start."""
