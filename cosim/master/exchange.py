@@ -40,7 +40,8 @@ def is_accepted(status: int) -> bool:
 
 def exchange_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2Get..., fmi3Set..., ... at an address."""
-    return _with_own_float_mode(_FFI.cast(_FORMS[version], address))
+    function: Any = _FFI.cast(_FORMS[version], address)
+    return function  # type: ignore[no-any-return]
 
 
 def step_function(version: str, address: int) -> Callable[..., int]:
@@ -78,9 +79,8 @@ class Exchange:
         self, instance: ComponentInstance, group: Group, way: Literal["get", "set"]
     ) -> None:
         slave = instance.slave
-        self._function = exchange_function(
-            slave.description.version, slave.address(way, group.getter_type)
-        )
+        address = slave.address(way, group.getter_type)
+        self._function = _with_own_float_mode(exchange_function(slave.description.version, address))
         self._component = pointer(slave.component)
         self._references = group.references
         self._columns = slice(group.column, group.column + group.size)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.fmu import FmuSlave
+from cosim.fmu import ACCEPTED_STATUSES, FmuSlave
 from cosim.master.component_instance import Group
 from cosim.master.exchange import (
     OK,
@@ -51,13 +51,16 @@ class PlainLoop:
         self, begin: int, end: int, first: int, last: int
     ) -> EarlyStop | None:
         """Carry out operations begin to end - 1 at points first to last - 1."""
-        table, final, word = self._table, self._table.comm_points.final, self._table.word
+        table, final, word = self._table, self._table.comm_points.final, self._table.word.data
+        operations, adjusted, always = table.operations, table.adjustments.count.data, When.ALWAYS
         for k in range(first, last):
             number = begin - 1
             while (number := number + 1) < end:
-                operation, call = table.operations[number], self._calls[number]
+                operation, call = operations[number], self._calls[number]
                 following = k + 1 if operation.following is None else int(operation.following[k])
-                if following < 0 or _is_left_out(operation.when, k, final):
+                if operation.when is not always and _is_left_out(operation.when, k, final):
+                    continue
+                if following < 0:
                     continue
                 at = following if operation.ahead else table.spare if operation.spare else k
                 word[0] = k << WORD_BITS | number
@@ -65,9 +68,11 @@ class PlainLoop:
                 match operation:
                     case Get(group=group):
                         status = call(at)
-                        table.adjust(group, at)
+                        if adjusted[0]:
+                            table.adjust(group, at)
                     case Set(group=group):
-                        table.adjust(group, at)
+                        if adjusted[0]:
+                            table.adjust(group, at)
                         status = call(at)
                     case Move():
                         move(table, operation, k, at)
@@ -82,7 +87,7 @@ class PlainLoop:
                             number = operation.begin
                         else:
                             status = UNSETTLED
-                if not is_accepted(status):
+                if status not in ACCEPTED_STATUSES:
                     return table.early_stop(status, self._column)
         return None
 
@@ -119,13 +124,14 @@ class PlainLoop:
     def _step(self, slave: FmuSlave) -> Callable[[int, int], int]:
         """Return what steps an instance from a point to another."""
         points = self._table.comm_points
-        version, no_way_back = slave.description.version, self._table.no_way_back
+        version, no_way_back = slave.description.version, self._table.no_way_back.data
         function = step_function(version, slave.address("step"))
-        component, times, seconds = pointer(slave.component), points.points_ns, points.seconds
+        component = pointer(slave.component)
+        times, seconds = points.points_ns.data, points.seconds.data
 
         def step_2(k: int, following: int) -> int:
             size = (times[following] - times[k]) / 1e9
-            return function(component, seconds[k], size, int(no_way_back[0]))
+            return function(component, seconds[k], size, no_way_back[0])
 
         results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
         places = [slave.step_results + place for place in (0, 1, 2, 8)]
@@ -133,7 +139,7 @@ class PlainLoop:
         def step_3(k: int, following: int) -> int:
             results[0] = results[1] = results[2] = 0
             size = (times[following] - times[k]) / 1e9
-            status = function(component, seconds[k], size, int(no_way_back[0]), *places)
+            status = function(component, seconds[k], size, no_way_back[0], *places)
             if not is_accepted(status):
                 return status
             return ENDED if results[1] or results[2] else status
@@ -141,10 +147,10 @@ class PlainLoop:
         return step_2 if version == "2.0" else step_3
 
     def _range_status(self, k: int) -> int:
-        outside = ~(np.abs(self._rows[k, : self._table.outputs]) <= self._table.bounds)
-        if not outside.any():  # NaN is in no range
+        inside = np.abs(self._rows[k, : self._table.outputs]) <= self._table.bounds
+        if inside.all():  # NaN is in no range
             return OK
-        self._column = int(np.argmax(outside))
+        self._column = int(np.argmin(inside))
         return OUT_OF_RANGE
 
     def _guess(self, loop: AlgebraicLoop, k: int) -> None:
@@ -168,7 +174,10 @@ def move(table: Table, operation: Move, k: int, at: int) -> None:
     """Copy the values that a route brings at point k to the inputs in row `at`."""
     rows, route, sample = table.rows, operation.route, operation.sample
     used = int(sample.row[k])
-    if used >= 0:
+    if used >= 0 and route.verbatim and sample.weight is None and route.spans is not None:
+        columns, targets = route.spans
+        rows[at, targets] = rows[used, columns]
+    elif used >= 0:
         values = rows[used, route.columns]
         if sample.weight is not None and sample.after is not None and sample.weight[k] > 0.0:
             share = sample.weight[k]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -83,14 +84,22 @@ class Route:
         """Name of the sender."""
         return self.route_key.source
 
-    @property
+    @cached_property
+    def spans(self) -> tuple[slice, slice] | None:
+        """The columns read and written as slices, where both are neighbours; else None."""
+        pairs = np.column_stack([self.columns, self.targets])
+        if not (np.diff(pairs, axis=0) == 1).all():
+            return None
+        (source, target), count = pairs[0].tolist(), len(pairs)
+        return slice(source, source + count), slice(target, target + count)
+
+    @cached_property
     def verbatim(self) -> bool:
         """Whether its values are neighbours, in the sender's row and the receiver's, unaltered."""
         altered = self.in_step.weight is not None or (
             self.link is not None and (self.link.quantization or self.link.on_loss != "hold")
         )
-        columns = np.column_stack([self.columns, self.targets])
-        return not altered and bool((np.diff(columns, axis=0) == 1).all())
+        return not altered and self.spans is not None
 
 
 RouteFiller = Callable[[int, int], None]

@@ -107,9 +107,9 @@ class Wiring:
         for route in self.direct_routes if first < last else ():
             used = route.in_step.row[first:last]
             there = np.flatnonzero(used >= 0)
-            source = slice(int(route.columns[0]), int(route.columns[-1]) + 1)
-            target = slice(int(route.targets[0]), int(route.targets[-1]) + 1)
-            self.rows[first + there, target] = self.rows[used[there], source]
+            if route.spans is not None:
+                source, target = route.spans
+                self.rows[first + there, target] = self.rows[used[there], source]
         self.whole_rows = max(self.whole_rows, count)
 
     def leave_whole_from(self, first: int) -> None:
