@@ -61,14 +61,6 @@ def check_choice(where: str, what: str, value: Any, choices: tuple[str, ...]) ->
         )
 
 
-def check_count(link: str, key: str, value: Any, expected: str, most: int = MAX_NS) -> None:
-    """Raise `InputError` unless `value` is an integer from 0 to `most`; `expected` says it."""
-    if not is_integer(value) or not 0 <= value <= most:
-        raise InputError(
-            f"{key} out of range", where=f"{link}: {key}", expected=expected, got=repr(value)
-        )
-
-
 def check_delay(link: str, delay: Any, delay_ns: int, kinds: tuple[type, ...], hint: str) -> None:
     """Raise `InputError` unless `delay` is None, or of one of `kinds` and `delay_ns` is 0."""
     if delay is not None and not isinstance(delay, kinds):

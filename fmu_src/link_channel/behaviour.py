@@ -8,12 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-JITTERS = ("none", "uniform", "exponential", "normal")
-"""Kinds of jitter in the numbering of the parameter `jitter.kind`."""
-
-ORDERS = ("newest-wins", "fifo", "as-arrived")
-"""Orders of delivery in the numbering of the parameter `order`."""
-
 
 class LinkChannel:
     """A link: inputs u[1], u[2], ... and outputs y[1], y[2], ... as it delivers them.

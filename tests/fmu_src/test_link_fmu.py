@@ -18,9 +18,10 @@ from cosim.network import (
     PacketLink,
     TransportLink,
 )
-from cosim.scenario.ssp.link_fmu import link_spec, packet_parameters
+from cosim.scenario.ssp.link_fmu import link_spec
 
-LinkSignal = component_module("link_channel.variables").LinkSignal
+VARIABLES = component_module("link_channel.variables")
+LinkSignal = VARIABLES.LinkSignal
 
 MS = 1_000_000
 STEP = 50 * MS
@@ -59,6 +60,11 @@ LINKS = {
     "slow": {"delay_ns": 90 * MS, "data_rate": 1000, "frame_size": 103},
     "odd rate": {"delay_ns": 90 * MS, "data_rate": 9_999_991, "frame_size": 1_234_567},
 }
+
+
+def packet_parameters(link: PacketLink) -> dict[str, float]:
+    """The values of a link as its FMU takes them, whole numbers for Integers."""
+    return {v.name: v.start for v in VARIABLES.packet_parameters(link)}
 
 
 @pytest.fixture(scope="module")
