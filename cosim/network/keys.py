@@ -163,7 +163,7 @@ class DeclaredKey(NamedTuple):
 
 def keys_of(declared: type) -> dict[str, DeclaredKey]:
     """Return the keys of a link, or of a part of one, by name, in order of declaration."""
-    return dict(_keys_of(declared))  # type: ignore[arg-type]
+    return dict(_keys_of(declared))
 
 
 @cache

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 import cosim
 from cosim.core import InputError
@@ -107,9 +108,10 @@ def in_scenario(found: DeclaredKey, value: Any) -> Any:
     table = {"kind": "packet", "sample_time": 0.1, **beside(found)}
     table[found.name] = value / 1e9 if seconds else value
     try:
-        return link_of("up", PacketPart.model_validate(table), 0)
-    except ValueError as error:
+        part = PacketPart.model_validate(table)
+    except ValidationError as error:
         return str(error)
+    return link_of("up", part, 0)  # a value that the table lets through makes a link
 
 
 @pytest.mark.parametrize("name", [n for n in keys_of(PacketLink) if n != "jitter"])
