@@ -1,3 +1,4 @@
+from . import stepping as stepping
 from .alignment import (
     Alignment as Alignment,
     align as align,

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from cosim.fmu import UNITS, ComponentSpec, Variable
 from cosim.network import (
+    MAX_NS,
     ChoiceKey,
     CountKey,
     DeclaredKey,
@@ -21,9 +22,6 @@ from cosim.network import (
     WordOrNumberKey,
     keys_of,
 )
-
-LONGEST_S = 1e8
-"""Longest time of a link and of a run [s]."""
 
 MOST_INTEGER = 2**31 - 1
 """Greatest Integer of FMI 2.0."""
@@ -105,7 +103,7 @@ def _parameters(declared: DeclaredKey, value: Any, prefix: str = "") -> list[Var
             found = [v for own in inner for v in _of(own, value, f"{name}.")]
         case DurationKey():
             text += "; 0: no bound" if absent else ""
-            found = [_real(name, text, (value or 0) / 1e9, key.least_ns / 1e9, LONGEST_S, "s")]
+            found = [_real(name, text, (value or 0) / 1e9, key.least_ns / 1e9, MAX_NS / 1e9, "s")]
         case ProbabilityKey(instead=None):
             found = [_real(name, text, value, 0.0, 1.0)]
         case ProbabilityKey():

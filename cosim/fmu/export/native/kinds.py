@@ -13,6 +13,7 @@ from cosim.fmu.export.native.c_model import (
     distinct_enumerators,
 )
 from cosim.fmu.export.native.emit import required_places
+from cosim.fmu.export.native.link_step import link_step_header
 from cosim.fmu.export.native.tangent import tangents
 from cosim.fmu.export.native.tape import Scalar
 from cosim.fmu.export.native.waves_kind import record_waves
@@ -29,7 +30,7 @@ COMMON = ("message.c", "instance.c", "saved.c")
 
 
 def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return model.h and model.c, and the names of the hand-written C files beside `COMMON`.
+    """Return the recorded C by file name, and the names of the hand-written C beside `COMMON`.
 
     Raises
     ------
@@ -53,7 +54,10 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
         sources = record_table(writer, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
-    return writer.files(identity), sources
+    files = writer.files(identity)
+    if "packet_link.c" in sources:
+        files["link_step.h"] = link_step_header()
+    return files, sources
 
 
 def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
