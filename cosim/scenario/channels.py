@@ -7,6 +7,7 @@ transport link has no messages: in an outage its receiver keeps its value, so th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -55,8 +56,24 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
 
     Raises
     ------
-    InputError : inconsistent parameters, or a change of a delay that is not constant.
+    InputError : inconsistent parameters, or a change of a delay that is not constant; its place
+        is a key of [links.NAME].
     """
+    try:
+        return _link_of(name, part, seed, changes)
+    except InputError as error:
+        place = (error.where or "").removeprefix(f"link {name!r}: ")
+        first = re.match(r"[\w.]*", place)
+        path = first[0].removesuffix("_ns").split(".") if first else [""]
+        if path[0] not in type(part).model_fields:
+            raise
+        rest = f": {place}" if ":" in place else ""
+        error.where = f"links.{name}.{'.'.join(path)}{rest}"
+        error.args = (error.text(),)
+        raise
+
+
+def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) -> Link:
     constant, varying = _delay(part)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):

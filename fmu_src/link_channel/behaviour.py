@@ -1,7 +1,7 @@
 """What the C of a link needs when it is built: the number of signals and the link's name.
 
-c/packet_link.c and c/transport_link.c do what `cosim.network` does, message by message; the steps of
-a packet link are translated from it. There is no flavour in Python.
+c/packet_link.c and c/transport_link.c do what `cosim.network` does, message by message; the steps
+of a packet link are translated from it. There is no flavour in Python.
 """
 
 from __future__ import annotations
