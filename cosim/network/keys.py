@@ -17,9 +17,9 @@ from cosim.network.checks import (
     MAX_NS,
     check_choice,
     check_duration,
-    check_probability,
     is_finite,
     is_integer,
+    is_number,
 )
 
 
@@ -58,8 +58,15 @@ class ProbabilityKey(Key):
 
     def check(self, where: str, name: str, value: Any) -> None:
         """Check a number from 0 to 1."""
-        if self.instead is None or not isinstance(value, self.instead):
-            check_probability(where + name, value)
+        if self.instead is not None and isinstance(value, self.instead):
+            return
+        if not is_number(value) or not 0.0 <= value <= 1.0:
+            raise InputError(
+                "a probability is a number from 0 to 1",
+                where=where + name,
+                expected="a number from 0 to 1",
+                got=f"{value!r} ({type(value).__name__})",
+            )
 
 
 @dataclass(frozen=True)
