@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
-from types import UnionType
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 from cosim.core import InputError
 from cosim.network.checks import (
@@ -157,14 +156,12 @@ class DeclaredKey(NamedTuple):
     ----------
     field : of the dataclass: `delay_ns`, in nanoseconds.
     name : in scenarios and FMUs: `delay`, in seconds.
-    type : of the field, without None.
     default : `dataclasses.MISSING` where the key is required; None: the key may be absent.
     """
 
     field: str
     name: str
     key: Key
-    type: Any
     default: Any
 
 
@@ -184,8 +181,7 @@ def _keys_of(declared: Any) -> dict[str, DeclaredKey]:
             if field.default_factory is not MISSING:
                 default = field.default_factory()
             name = field.name.removesuffix("_ns")
-            kind = _not_none(get_args(hints[field.name])[0])
-            found[name] = DeclaredKey(field.name, name, key, kind, default)
+            found[name] = DeclaredKey(field.name, name, key, default)
     return found
 
 
@@ -200,10 +196,3 @@ def check_keys(where: str, declared: Any) -> None:
         value = getattr(declared, found.field)
         if value is not None or found.default is not None:
             found.key.check(where, found.field, value)
-
-
-def _not_none(hint: Any) -> Any:
-    if get_origin(hint) in (Union, UnionType):
-        rest = [kind for kind in get_args(hint) if kind is not type(None)]
-        return Union[tuple(rest)]  # noqa: UP007 - of types known only now
-    return hint

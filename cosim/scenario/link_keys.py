@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, create_model
 from cosim.core import InputError
 from cosim.network import (
     MAX_NS,
+    ChoiceKey,
     CountKey,
     DeclaredKey,
     DurationKey,
@@ -95,9 +96,11 @@ def _type(found: DeclaredKey) -> Any:
         case CountKey():
             limits = Field(ge=0, le=found.key.most)
             return Annotated[int, limits, *UNITS_OF_COUNTS[found.key.unit]]
-        case WordOrNumberKey():
-            return _LITERAL[found.key.words] | Number
-    return found.type
+        case WordOrNumberKey(words=words):
+            return _LITERAL[words] | Number
+        case ChoiceKey(words=words):
+            return _LITERAL[words]
+    raise TypeError(f"{found.name}: scenarios have no type for a {type(found.key).__name__}")
 
 
 def _in_range(found: DeclaredKey) -> AfterValidator:

@@ -69,7 +69,7 @@ def transport_spec(
     table += [
         Variable("age", "output", "time since what is delivered was sent", "s"),
     ]
-    delay = _parameters(keys_of(TransportLink)["delay"], link.delay_ns)
+    delay = _parameters(keys_of(TransportLink)["delay"], link)
     return _spec(name, link.name, signals, table + delay, "transport", step)
 
 
@@ -86,21 +86,18 @@ def _signal_variables(signals: Sequence[LinkSignal]) -> list[Variable]:
 
 def packet_parameters(link: PacketLink) -> list[Variable]:
     """Return the parameters of a packet link beside `initial[i]`; they start at its values."""
-    return [v for key in keys_of(PacketLink).values() for v in _of(key, link)]
+    return [v for key in keys_of(PacketLink).values() for v in _parameters(key, link)]
 
 
-def _of(key: DeclaredKey, declared: object, prefix: str = "") -> list[Variable]:
-    return _parameters(key, getattr(declared, key.field), prefix)
-
-
-def _parameters(declared: DeclaredKey, value: Any, prefix: str = "") -> list[Variable]:
-    """Return the parameters for a key with this value: FMI has numbers, no unions and no None."""
+def _parameters(declared: DeclaredKey, link: object, prefix: str = "") -> list[Variable]:
+    """Return the parameters for a key of a link: FMI has numbers, no unions and no None."""
     name, key = prefix + declared.name, declared.key
+    value: Any = getattr(link, declared.field)
     text, absent = key.text, declared.default is None
     match key:
         case TableKey():
             inner = keys_of(key.of).values()
-            found = [v for own in inner for v in _of(own, value, f"{name}.")]
+            found = [v for own in inner for v in _parameters(own, value, f"{name}.")]
         case DurationKey():
             text += "; 0: no bound" if absent else ""
             found = [_real(name, text, (value or 0) / 1e9, key.least_ns / 1e9, MAX_NS / 1e9, "s")]
