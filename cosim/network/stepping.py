@@ -2,8 +2,8 @@
 
 Written once. This Python steps a `LiveSchedule`; translated, line by line, it is the C that link
 FMUs step (`cosim.fmu`, link_step.h), so `send` and `receive` use nothing but integers, comparisons,
-`max` and `if`. The schedule of all messages at once (`cosim.network.scheduling`) computes the same
-on arrays.
+`max` and `if`, and `and` only in conditions. The schedule of all messages at once
+(`cosim.network.scheduling`) computes the same on arrays.
 """
 
 from __future__ import annotations
