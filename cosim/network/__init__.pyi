@@ -1,3 +1,4 @@
+from . import stepping as stepping
 from .alignment import (
     Alignment as Alignment,
     align as align,
@@ -9,9 +10,23 @@ from .impairment import (
     Jitter as Jitter,
     LossWindow as LossWindow,
 )
+from .keys import (
+    ChoiceKey as ChoiceKey,
+    CountKey as CountKey,
+    DeclaredKey as DeclaredKey,
+    DurationKey as DurationKey,
+    NumberKey as NumberKey,
+    ProbabilityKey as ProbabilityKey,
+    TableKey as TableKey,
+    WordOrNumberKey as WordOrNumberKey,
+    keys_of as keys_of,
+)
 from .live import LiveSchedule as LiveSchedule
 from .messages import sending_instants as sending_instants
-from .packet import PacketLink as PacketLink
+from .packet import (
+    Order as Order,
+    PacketLink as PacketLink,
+)
 from .packet_schedule import (
     DELIVERED as DELIVERED,
     DUPLICATE as DUPLICATE,
@@ -23,7 +38,10 @@ from .packet_schedule import (
     Arrivals as Arrivals,
     PacketSchedule as PacketSchedule,
 )
-from .profile import DelayProfile as DelayProfile
+from .profile import (
+    DelayProfile as DelayProfile,
+    Interpolation as Interpolation,
+)
 from .scheduling import schedule as schedule
 from .state import (
     NONE_YET as NONE_YET,

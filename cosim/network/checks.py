@@ -32,24 +32,6 @@ def check_duration(where: str, value: Any, *, minimum: int = 0) -> None:
         )
 
 
-def check_probability(where: str, value: Any) -> None:
-    """Raise `InputError` unless `value` is a number in [0, 1]."""
-    if not is_number(value):
-        raise InputError(
-            "a probability is a number",
-            where=where,
-            expected="a number from 0 to 1",
-            got=f"{value!r} ({type(value).__name__})",
-        )
-    if not 0.0 <= value <= 1.0:
-        raise InputError(
-            "probability out of range",
-            where=where,
-            expected="a number from 0 to 1",
-            got=repr(value),
-        )
-
-
 def check_choice(where: str, what: str, value: Any, choices: tuple[str, ...]) -> None:
     """Raise `InputError`, "unknown `what`", unless `value` is one of the choices."""
     if value not in choices:
@@ -58,14 +40,6 @@ def check_choice(where: str, what: str, value: Any, choices: tuple[str, ...]) ->
             where=where,
             expected="one of " + ", ".join(choices),
             got=repr(value),
-        )
-
-
-def check_count(link: str, key: str, value: Any, expected: str, most: int = MAX_NS) -> None:
-    """Raise `InputError` unless `value` is an integer from 0 to `most`; `expected` says it."""
-    if not is_integer(value) or not 0 <= value <= most:
-        raise InputError(
-            f"{key} out of range", where=f"{link}: {key}", expected=expected, got=repr(value)
         )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from cosim.core import InputError
-from cosim.network.checks import MAX_NS, check_duration, is_finite
+from cosim.network.checks import MAX_NS, is_finite
+from cosim.network.keys import DurationKey, NumberKey, check_keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,18 +27,11 @@ class DelaySignal:
     InputError : a parameter out of its range; the message names it.
     """
 
-    scale: float
-    offset_ns: int = 0
+    scale: Annotated[float, NumberKey("seconds of delay per unit of the value")]
+    offset_ns: Annotated[int, DurationKey("delay where the value is 0")] = 0
 
     def __post_init__(self) -> None:
-        if not is_finite(self.scale):
-            raise InputError(
-                "the scale of a delay is a finite number",
-                where="delay.scale",
-                expected="seconds per unit of the value",
-                got=f"{self.scale!r} ({type(self.scale).__name__})",
-            )
-        check_duration("delay.offset_ns", self.offset_ns)
+        check_keys("delay.", self)
 
     def delay_ns(self, value: Any, *, where: str = "delay") -> int:
         """Return the delay [ns] of a message sent while the signal has this value.

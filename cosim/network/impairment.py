@@ -6,27 +6,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 from cosim.core import InputError
-from cosim.network.checks import check_choice, check_duration, check_probability
+from cosim.network.checks import check_duration
+from cosim.network.keys import ChoiceKey, DurationKey, ProbabilityKey, check_keys
 
 
 @dataclass(frozen=True, slots=True)
 class LossWindow:
     """Another probability of loss for messages sent in [from_ns, until_ns): 1 is an outage."""
 
-    from_ns: int
-    until_ns: int
-    loss: float
+    from_ns: Annotated[int, DurationKey("its beginning")]
+    until_ns: Annotated[int, DurationKey("its end")]
+    loss: Annotated[float, ProbabilityKey("probability of a loss in it")]
 
     def __post_init__(self) -> None:
-        check_duration("loss window: from_ns", self.from_ns)
+        check_keys("loss window: ", self)
         check_duration("loss window: until_ns", self.until_ns, minimum=self.from_ns)
-        check_probability("loss window: loss", self.loss)
 
 
 JitterKind = Literal["none", "uniform", "exponential", "normal"]
+
+_KEYS: dict[str, tuple[str, ...]] = {
+    "none": (),
+    "uniform": ("width_ns",),
+    "exponential": ("mean_ns", "max_ns"),
+    "normal": ("sigma_ns", "mean_ns", "max_ns"),
+}
+"""Kind of jitter -> its keys; the first one is required."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,36 +55,32 @@ class Jitter:
         nearly every draw would be rejected.
     """
 
-    kind: JitterKind = "none"
-    width_ns: int = 0
-    mean_ns: int = 0
-    sigma_ns: int = 0
-    max_ns: int | None = None
+    kind: Annotated[JitterKind, ChoiceKey("distribution", get_args(JitterKind))] = "none"
+    width_ns: Annotated[int, DurationKey("uniform jitter is less than this")] = 0
+    mean_ns: Annotated[
+        int, DurationKey("mean of exponential or normal jitter, before truncation")
+    ] = 0
+    sigma_ns: Annotated[
+        int, DurationKey("standard deviation of normal jitter, before truncation")
+    ] = 0
+    max_ns: Annotated[int | None, DurationKey("greatest exponential or normal jitter")] = None
 
     def __post_init__(self) -> None:
-        check_choice("jitter.kind", "jitter", self.kind, get_args(JitterKind))
-        needed = {"uniform": "width_ns", "exponential": "mean_ns", "normal": "sigma_ns"}
-        used = {needed.get(self.kind)} | ({"mean_ns"} if self.kind == "normal" else set())
-        for key in ("width_ns", "mean_ns", "sigma_ns"):
-            value = getattr(self, key)
-            check_duration(f"jitter.{key}", value, minimum=int(key == needed.get(self.kind)))
-            if value and key not in used:
+        check_keys("jitter.", self)
+        own = _KEYS[self.kind]
+        for key in ("width_ns", "mean_ns", "sigma_ns", "max_ns"):
+            value, none = getattr(self, key), None if key == "max_ns" else 0
+            if value != none and key not in own:
                 raise InputError(
                     f"{self.kind!r} jitter has no {key}",
                     where=f"jitter.{key}",
-                    expected="0, or another kind of jitter",
+                    expected=f"{none}, or another kind of jitter",
                     got=f"{value} ns",
                 )
-        if self.max_ns is None:
-            return
-        if self.kind not in ("exponential", "normal"):
-            raise InputError(
-                f"{self.kind!r} jitter has no max_ns",
-                where="jitter.max_ns",
-                expected="None, or exponential or normal jitter",
-                got=f"{self.max_ns} ns",
-            )
-        check_duration("jitter.max_ns", self.max_ns, minimum=self.mean_ns + self.sigma_ns)
+        if own:
+            check_duration(f"jitter.{own[0]}", getattr(self, own[0]), minimum=1)
+        if self.max_ns is not None:
+            check_duration("jitter.max_ns", self.max_ns, minimum=self.mean_ns + self.sigma_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +97,10 @@ class GilbertElliott:
     length of a stay in the bad state 1 / p_exit messages (Gilbert 1960, Elliott 1963).
     """
 
-    p_enter: float
-    p_exit: float
-    loss_good: float = 0.0
-    loss_bad: float = 1.0
+    p_enter: Annotated[float, ProbabilityKey("from the good to the bad state, per message")]
+    p_exit: Annotated[float, ProbabilityKey("from the bad to the good state, per message")]
+    loss_good: Annotated[float, ProbabilityKey("probability of a loss in the good state")] = 0.0
+    loss_bad: Annotated[float, ProbabilityKey("probability of a loss in the bad state")] = 1.0
 
     def __post_init__(self) -> None:
-        for key in ("p_enter", "p_exit", "loss_good", "loss_bad"):
-            check_probability(f"loss.{key}", getattr(self, key))
+        check_keys("loss.", self)

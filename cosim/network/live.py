@@ -29,10 +29,11 @@ from cosim.network.alignment import communication_points
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.messages import delays, draw_messages, sending_instants
 from cosim.network.packet import PacketLink
-from cosim.network.packet_schedule import DELIVERED, LOST, QUEUE_FULL, Arrivals, PacketSchedule
-from cosim.network.receiver import Receiver
-from cosim.network.scheduling import longest_wait_ns, resolve_messages, rounded_up
+from cosim.network.packet_schedule import DELIVERED, Arrivals, PacketSchedule
+from cosim.network.receiver import ReceiverRecord
+from cosim.network.scheduling import resolve_messages, rounded_up
 from cosim.network.state import NONE_YET, LinkState, Timeline
+from cosim.network.stepping import Arrival, Message, Sender, Sending, rules_of, send
 
 _NEVER = 2**63 - 1
 
@@ -65,11 +66,10 @@ class LiveSchedule:
         self._messages = draw_messages(link, sent, known)
         self._next = 0  # message
         self._entry = 0
-        self._free = 0  # when the sender has sent all messages it accepted
-        self._behind = 0  # under fifo, the latest arrival so far
-        self._due: list[tuple[int, int, int, int]] = []  # arrival, entry, message, fate so far
-        self._receiver = Receiver(link)
-        self._frame_ns, self._longest_wait_ns = link.frame_ns, longest_wait_ns(link)
+        self._rules = rules_of(link)
+        self._sender: Sender | Sending = Sender()
+        self._due: list[tuple[int, int, Arrival]] = []  # when, entry, what
+        self._receiver = ReceiverRecord(self._rules)
         self._settle()
 
     @property
@@ -127,15 +127,12 @@ class LiveSchedule:
                 got=repr(value),
             )
         sent = int(messages.sent_ns[k])
-        if self._is_full(sent):
-            arrival = self._due_at(sent, QUEUE_FULL)
-        else:
-            self._free = max(self._free, sent) + self._frame_ns
-            crosses = self._free + int(messages.delay_ns[k])
-            status = LOST if messages.lost[k] else DELIVERED
-            arrival = self._send(crosses + int(messages.jitter_ns[k]), status)
-            if messages.copied[k] and status == DELIVERED:
-                self._send(crosses + int(messages.copy_jitter_ns[k]), status)
+        drawn = Message._make(int(column[k]) for column in messages)
+        found = send(self._rules, self._sender, drawn)
+        self._sender = found
+        arrival = self._due_at(found.arrival_ns, Arrival(k, sent, found.fate))
+        if found.copies:
+            self._due_at(found.copy_arrival_ns, Arrival(k, sent, DELIVERED))
         self._next += 1
         self._settle()
         return arrival
@@ -214,25 +211,13 @@ class LiveSchedule:
         points = None if self._points is None else self._points[self._points <= end]
         return resolve_messages(self._link, end, self._messages.first(count), points)
 
-    def _is_full(self, sent_ns: int) -> bool:
-        """Whether the queue refuses a message sent now."""
-        limit = self._longest_wait_ns
-        return limit is not None and self._free - sent_ns > limit
-
-    def _send(self, arrival_ns: int, status: int) -> int:
-        """Send an entry; return when it arrives."""
-        arrival = arrival_ns
+    def _due_at(self, time_ns: int, arrival: Arrival) -> int:
+        """Expect an entry at this instant, on a grid at the next point; return which it is."""
         if self._points is not None:
-            place = int(self._points.searchsorted(arrival))
-            arrival = int(self._points[place]) if place < self._points.size else arrival
-        if self._link.order == "fifo":
-            arrival = max(arrival, self._behind)
-            self._behind = arrival if status == DELIVERED else self._behind
-        return self._due_at(arrival, status)
-
-    def _due_at(self, time_ns: int, status: int) -> int:
+            place = int(self._points.searchsorted(time_ns))
+            time_ns = int(self._points[place]) if place < self._points.size else time_ns
         if time_ns <= self._end_ns:
-            heappush(self._due, (time_ns, self._entry, self._next, status))
+            heappush(self._due, (time_ns, self._entry, arrival))
         self._entry += 1
         return time_ns
 
@@ -241,8 +226,7 @@ class LiveSchedule:
         sent = self._messages.sent_ns
         self._horizon_ns = int(sent[self._next]) if self._next < sent.size else _NEVER
         while self._due and self._due[0][0] < self._horizon_ns:
-            arrival, entry, message, status = heappop(self._due)
-            self._receiver.receive(arrival, entry, message, status, int(sent[message]))
+            self._receiver.receive(*heappop(self._due))
 
     def _check_final(self, time_ns: int) -> None:
         if time_ns >= self._horizon_ns:

@@ -8,26 +8,29 @@ it last accepted. All times are integer nanoseconds.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.network.checks import (
-    check_choice,
-    check_count,
-    check_delay,
-    check_duration,
-    check_name,
-    check_probability,
-    is_finite,
-)
+from cosim.network.checks import check_delay, check_duration, check_name
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.impairment import GilbertElliott, Jitter, LossWindow
+from cosim.network.keys import (
+    ChoiceKey,
+    CountKey,
+    DurationKey,
+    NumberKey,
+    ProbabilityKey,
+    TableKey,
+    WordOrNumberKey,
+    check_keys,
+)
 from cosim.network.profile import DelayProfile
 
 Order = Literal["newest-wins", "fifo", "as-arrived"]
+OnLoss = Literal["hold", "zero"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,60 +77,39 @@ class PacketLink:
     """
 
     name: str
-    sample_time_ns: int
-    offset_ns: int = 0
-    delay_ns: int = 0
-    jitter: Jitter = field(default_factory=Jitter)
-    loss: float | GilbertElliott = 0.0
-    order: Order = "newest-wins"
-    on_loss: Literal["hold", "zero"] | float = "hold"
-    quantization: float = 0.0
-    seed: int = 0
-    data_rate: int = 0
-    frame_size: int = 0
+    sample_time_ns: Annotated[int, DurationKey("time between two messages", least_ns=1)]
+    offset_ns: Annotated[int, DurationKey("instant of the first message")] = 0
+    delay_ns: Annotated[int, DurationKey("least time from sending to arrival")] = 0
+    jitter: Annotated[Jitter, TableKey("extra delay of each message", Jitter)] = field(
+        default_factory=Jitter
+    )
+    loss: Annotated[
+        float | GilbertElliott, ProbabilityKey("probability of a loss", GilbertElliott)
+    ] = 0.0
+    duplicate: Annotated[
+        float, ProbabilityKey("probability that what is not lost arrives twice")
+    ] = 0.0
+    order: Annotated[Order, ChoiceKey("order of delivery", get_args(Order))] = "newest-wins"
+    on_loss: Annotated[
+        OnLoss | float, WordOrNumberKey("what comes out after a loss", get_args(OnLoss))
+    ] = "hold"
+    # below 1e-100 the number of steps in an ordinary value is no longer finite
+    quantization: Annotated[float, NumberKey("step of the values sent; 0: none", 1e-100)] = 0.0
+    data_rate: Annotated[
+        int, CountKey("bits per second, whole; 0: sending takes no time", unit="bit/s")
+    ] = 0
+    frame_size: Annotated[int, CountKey("bits of a message", unit="bit")] = 0
+    queue_limit: Annotated[int | None, CountKey("messages that may wait")] = None
+    seed: Annotated[int, CountKey("seed of the run", most=2**63 - 1)] = 0
     delay: DelayProfile | DelaySignal | None = None
-    duplicate: float = 0.0
-    queue_limit: int | None = None
     windows: tuple[LossWindow, ...] = ()
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
         where = f"link {self.name!r}"
-        check_duration(f"{where}: sample_time_ns", self.sample_time_ns, minimum=1)
-        check_duration(f"{where}: offset_ns", self.offset_ns)
-        check_duration(f"{where}: delay_ns", self.delay_ns)
-        if not isinstance(self.jitter, Jitter):
-            raise InputError(
-                "jitter of the wrong type",
-                where=f"{where}: jitter",
-                expected="a Jitter",
-                got=repr(self.jitter),
-            )
+        check_keys(f"{where}: ", self)
         hint = "a delay that does not vary is delay_ns"
         check_delay(where, self.delay, self.delay_ns, (DelayProfile, DelaySignal), hint)
-        check_probability(f"{where}: duplicate", self.duplicate)
-        if not isinstance(self.loss, GilbertElliott):
-            check_probability(f"{where}: loss", self.loss)
-        check_choice(f"{where}: order", "order", self.order, get_args(Order))
-        if self.on_loss not in ("hold", "zero") and not is_finite(self.on_loss):
-            raise InputError(
-                "unknown action on loss",
-                where=f"{where}: on_loss",
-                expected="hold, zero, or a finite number",
-                got=repr(self.on_loss),
-            )
-        # below 1e-100 the number of steps in an ordinary value is no longer finite
-        if not is_finite(self.quantization) or not (
-            self.quantization == 0 or self.quantization >= 1e-100
-        ):
-            raise InputError(
-                "quantization step out of range",
-                where=f"{where}: quantization",
-                expected="0 (none), or a finite number from 1e-100 up",
-                got=repr(self.quantization),
-            )
-        for key in ("data_rate", "frame_size"):
-            check_count(where, key, getattr(self, key), "an integer from 0 (none) to 2**53")
         if (self.data_rate == 0) != (self.frame_size == 0):
             raise InputError(
                 "a data rate and a frame size go together",
@@ -136,15 +118,7 @@ class PacketLink:
                 got=f"{self.data_rate} bit/s, {self.frame_size} bit",
             )
         check_duration(f"{where}: frame_size / data_rate", self.frame_ns)
-        self._check_queue(where)
-        check_count(where, "seed", self.seed, "an integer from 0 to 2**63 - 1", 2**63 - 1)
-
-    def _check_queue(self, where: str) -> None:
-        if self.queue_limit is None:
-            return
-        expected = "an integer number of messages, 0 or more, or None (no limit)"
-        check_count(where, "queue_limit", self.queue_limit, expected)
-        if self.data_rate == 0:
+        if self.queue_limit is not None and self.data_rate == 0:
             raise InputError(
                 "without a data rate there is no queue",
                 where=f"{where}: queue_limit",

@@ -1,6 +1,6 @@
 """Compute the schedule of a packet link: sender's queue, transit, order, receiver.
 
-All messages at once, for known delays; `cosim.network.live` does the same message by message.
+All messages at once, for known delays; `cosim.network.stepping` does the same message by message.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from cosim.network.packet_schedule import (
     PacketSchedule,
     earliest_newer,
 )
+from cosim.network.stepping import rules_of
 
 
 def schedule(link: PacketLink, end_ns: int) -> PacketSchedule:
@@ -104,8 +105,8 @@ def _transmitted(
     before = frame * np.arange(sent.size, dtype=np.int64)
     out: NDArray[np.int64] = np.maximum.accumulate(sent - before) + before + frame
     refused = np.zeros(sent.size, np.bool_)
-    longest = longest_wait_ns(link)
-    if longest is None or not (out - frame - sent > longest).any():
+    longest = rules_of(link).longest_wait_ns
+    if not (out - frame - sent > longest).any():
         return out, refused
     free = 0
     for k, instant in enumerate(sent.tolist()):
@@ -114,15 +115,6 @@ def _transmitted(
             free = max(free, instant) + link.frame_ns
         out[k] = free
     return out, refused
-
-
-def longest_wait_ns(link: PacketLink) -> int | None:
-    """Return the longest time that a message can wait in the queue [ns]; None for no limit.
-
-    Each waiting message takes a frame, and the one being sent the rest of its own: if the
-    sender is busy for more than `queue_limit` frames, that many messages wait already.
-    """
-    return None if link.queue_limit is None else int(link.queue_limit) * link.frame_ns
 
 
 def _again(arrival: NDArray[np.int64], copy: NDArray[np.bool_]) -> NDArray[np.bool_]:

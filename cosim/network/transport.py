@@ -7,11 +7,13 @@ between two rows of the sender; before t = 0 the signal has its initial value, r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.network.checks import check_delay, check_duration, check_name
+from cosim.network.checks import check_delay, check_name
+from cosim.network.keys import DurationKey, check_keys
 from cosim.network.profile import DelayProfile
 from cosim.network.state import NONE_YET, LinkState
 
@@ -32,13 +34,13 @@ class TransportLink:
     """
 
     name: str
-    delay_ns: int = 0
+    delay_ns: Annotated[int, DurationKey("from sending to receiving")] = 0
     delay: DelayProfile | None = None
 
     def __post_init__(self) -> None:
         check_name("link", self.name)
         where = f"link {self.name!r}"
-        check_duration(f"{where}: delay_ns", self.delay_ns)
+        check_keys(f"{where}: ", self)
         hint = "only a packet link can have a delay that follows a signal"
         check_delay(where, self.delay, self.delay_ns, (DelayProfile,), hint)
 

@@ -1,7 +1,4 @@
-from .channels import (
-    link_of as link_of,
-    nanoseconds as nanoseconds,
-)
+from .channels import link_of as link_of
 from .check import problems_of as problems_of
 from .demo import (
     Demo as Demo,
@@ -36,6 +33,7 @@ from .key_paths import (
     put as put,
     split as split,
 )
+from .link_keys import nanoseconds as nanoseconds
 from .locate import line_of as line_of
 from .outcome import Outcome as Outcome
 from .pinned import (

@@ -23,8 +23,9 @@ from cosim.master import (
     System,
     make_schedule,
 )
-from cosim.scenario.channels import delay_source, link_of, nanoseconds
+from cosim.scenario.channels import delay_source, link_of
 from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint, matched
 from cosim.scenario.origin import NOWHERE, Findings, Origin, Path
 from cosim.scenario.schema import ComponentLogPart, Scenario

@@ -7,6 +7,7 @@ transport link has no messages: in an outage its receiver keeps its value, so th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,9 +24,9 @@ from cosim.network import (
     PacketLink,
     TransportLink,
 )
+from cosim.scenario.link_keys import nanoseconds, of_part
 from cosim.scenario.links import (
     BurstPart,
-    JitterPart,
     LinkPart,
     PacketPart,
     ProfileFilePart,
@@ -50,18 +51,29 @@ class Change(NamedTuple):
         return self.delay_ns is None and self.loss is None
 
 
-def nanoseconds(seconds: float) -> int:
-    """Round seconds to the nearest nanosecond."""
-    return round(seconds * 1e9)
-
-
 def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()) -> Link:
     """Make the link that [links.NAME] describes; `seed` is that of the run.
 
     Raises
     ------
-    InputError : inconsistent parameters, or a change of a delay that is not constant.
+    InputError : inconsistent parameters, or a change of a delay that is not constant; its place
+        is a key of [links.NAME].
     """
+    try:
+        return _link_of(name, part, seed, changes)
+    except InputError as error:
+        place = (error.where or "").removeprefix(f"link {name!r}: ")
+        first = re.match(r"[\w.]*", place)
+        path = first[0].removesuffix("_ns").split(".") if first else [""]
+        if path[0] not in type(part).model_fields:
+            raise
+        rest = f": {place}" if ":" in place else ""
+        error.where = f"links.{name}.{'.'.join(path)}{rest}"
+        error.args = (error.text(),)
+        raise
+
+
+def _link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change]) -> Link:
     constant, varying = _delay(part)
     if not isinstance(part, PacketPart):
         if isinstance(varying, DelaySignal):
@@ -74,21 +86,14 @@ def link_of(name: str, part: LinkPart, seed: int, changes: Sequence[Change] = ()
         return TransportLink(name, 0 if profile else constant, profile)
     packet = [change for change in changes if change.delay_ns is not None]
     changed = _changed(name, constant, varying, packet, outages=False) or varying
-    return PacketLink(
+    return of_part(
+        PacketLink,
+        part,
         name=name,
-        sample_time_ns=nanoseconds(part.sample_time),
-        offset_ns=nanoseconds(part.offset),
         delay_ns=0 if changed is not None else constant,
         delay=changed,
-        jitter=_jitter(part.jitter),
-        loss=_loss(part.loss),
-        duplicate=part.duplicate,
-        order=part.order,
-        on_loss=part.on_loss,
-        quantization=part.quantization,
-        data_rate=part.data_rate,
-        frame_size=part.frame_size,
-        queue_limit=part.queue_limit,
+        jitter=Jitter() if part.jitter is None else of_part(Jitter, part.jitter),
+        loss=of_part(GilbertElliott, part.loss) if isinstance(part.loss, BurstPart) else part.loss,
         seed=seed if part.seed is None else part.seed,
         windows=tuple(
             LossWindow(c.from_ns, c.until_ns, 1.0 if c.loss is None else c.loss)
@@ -112,7 +117,7 @@ def _delay(part: LinkPart) -> tuple[int, DelayProfile | DelaySignal | None]:
     """Return the constant delay [ns], and the varying delay or None."""
     match part.delay:
         case SignalDelayPart():
-            return 0, DelaySignal(part.delay.scale, nanoseconds(part.delay.offset))
+            return 0, of_part(DelaySignal, part.delay)
         case RangeDelayPart():
             return 0, DelaySignal(1.0 / part.delay.speed, nanoseconds(part.delay.offset))
         case ProfilePart():
@@ -158,21 +163,3 @@ def _changed(
             times.append(last - 1)
             delays.append(delay + (last - 1 - since if down else 0))
     return DelayProfile(np.array(times), np.array(delays), "linear")
-
-
-def _jitter(part: JitterPart | None) -> Jitter:
-    if part is None:
-        return Jitter()
-    return Jitter(
-        kind=part.kind,
-        width_ns=nanoseconds(part.width),
-        mean_ns=nanoseconds(part.mean),
-        sigma_ns=nanoseconds(part.sigma),
-        max_ns=None if part.max is None else nanoseconds(part.max),
-    )
-
-
-def _loss(part: float | BurstPart) -> float | GilbertElliott:
-    if isinstance(part, BurstPart):
-        return GilbertElliott(part.p_enter, part.p_exit, part.loss_good, part.loss_bad)
-    return part

@@ -15,10 +15,10 @@ from pydantic import AfterValidator, Field, model_validator
 from cosim.scenario.binding import AnyName, bind
 from cosim.scenario.expression import Expression, ExpressionError
 from cosim.scenario.fields import (
-    Delay,
     Duration,
     FmiValue,
     Instant,
+    LinkTime,
     Name,
     Number,
     Part,
@@ -86,7 +86,7 @@ class EventPart(Part):
     stop: Literal[True] | Text | None = None
     outage: list[Name] = Field(default_factory=list)
     restore: list[Name] = Field(default_factory=list)
-    delay: dict[Name, Delay] = Field(default_factory=dict)
+    delay: dict[Name, LinkTime] = Field(default_factory=dict)
     loss: dict[Name, Probability] = Field(default_factory=dict)
 
     @model_validator(mode="after")

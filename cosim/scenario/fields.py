@@ -18,6 +18,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from cosim.network import MAX_NS
 from cosim.scenario.quantity import (
     NUMBER,
     NUMBER_ONLY,
@@ -66,14 +67,15 @@ QuantityText = Annotated[
         }
     ),
 ]
-_SECONDS = _quantity(TIME)
+SECONDS = _quantity(TIME)
 _PLAIN = _quantity(NUMBER_ONLY)
 # constraints before validators: a constraint then applies to the validator's result
 # 1e8 s are three years: sums of a few such times still fit into 64-bit nanoseconds
-Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False), _SECONDS]
-Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
-Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), _SECONDS]
-Seconds = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False), _SECONDS]
+Duration = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False), SECONDS]
+Delay = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), SECONDS]
+LinkTime = Annotated[float, Field(ge=0, le=MAX_NS / 1e9, allow_inf_nan=False), SECONDS]
+Instant = Annotated[float, Field(ge=0, le=1e8, allow_inf_nan=False), SECONDS]
+Seconds = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False), SECONDS]
 Length = Annotated[float, Field(allow_inf_nan=False), _quantity(dimension(m=1))]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -100,8 +102,12 @@ def _whole(wanted: Dimension) -> BeforeValidator:
     return BeforeValidator(convert, json_schema_input_type=int | QuantityText)
 
 
-BitRate = Annotated[int, Field(ge=0), _whole(dimension(bit=1, s=-1))]
-Bits = Annotated[int, Field(ge=0), _whole(dimension(bit=1))]
+UNITS_OF_COUNTS = {
+    None: (),
+    "bit": (_whole(dimension(bit=1)),),
+    "bit/s": (_whole(dimension(bit=1, s=-1)),),
+}
+"""Unit of a count -> what reads a text with such a unit."""
 
 
 def _finite(value: Any) -> Any:

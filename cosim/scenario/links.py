@@ -6,14 +6,17 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from cosim.network import (
+    DelaySignal,
+    GilbertElliott,
+    Interpolation,
+    Jitter,
+    PacketLink,
+    TransportLink,
+)
 from cosim.scenario.fields import (
-    BitRate,
-    Bits,
-    Delay,
-    Duration,
     Length,
-    NotNegative,
-    Number,
+    LinkTime,
     Part,
     Probability,
     Reference,
@@ -21,36 +24,31 @@ from cosim.scenario.fields import (
     Speed,
     Text,
 )
+from cosim.scenario.link_keys import part_of
 
 SPEED_OF_SOUND = 1500.0
 """Speed of sound in sea water [m/s], to 4 % anywhere."""
 
 
-class JitterPart(Part):
+_Jitter: Any = part_of(Jitter, kind=(Literal["uniform", "exponential", "normal"], ...))
+_Burst: Any = part_of(GilbertElliott)
+_SignalDelay: Any = part_of(DelaySignal, first={"signal": (Reference, ...)})
+
+
+class JitterPart(_Jitter):  # type: ignore[misc]
     """Extra delay of each message, never negative."""
 
-    kind: Literal["uniform", "exponential", "normal"]
-    width: Delay = 0.0
-    mean: Delay = 0.0
-    sigma: Delay = 0.0
-    max: Duration | None = None
 
-
-class BurstPart(Part):
+class BurstPart(_Burst):  # type: ignore[misc]
     """Gilbert-Elliott loss."""
-
-    p_enter: Probability
-    p_exit: Probability
-    loss_good: Probability = 0.0
-    loss_bad: Probability = 1.0
 
 
 class ProfilePart(Part):
     """A recorded delay: { times = [...], delays = [...] }."""
 
     times: Annotated[list[Seconds], Field(min_length=1)]
-    delays: Annotated[list[Delay], Field(min_length=1)]
-    interpolation: Literal["previous", "linear"] = "previous"
+    delays: Annotated[list[LinkTime], Field(min_length=1)]
+    interpolation: Interpolation = "previous"
 
     @model_validator(mode="after")
     def _paired(self) -> Self:
@@ -68,15 +66,11 @@ class ProfileFilePart(Part):
     file: Text
     time: Text = "time"
     delay: Text = "delay"
-    interpolation: Literal["previous", "linear"] = "previous"
+    interpolation: Interpolation = "previous"
 
 
-class SignalDelayPart(Part):
+class SignalDelayPart(_SignalDelay):  # type: ignore[misc]
     """A delay that follows a signal: offset + scale * signal, `scale` in seconds per unit."""
-
-    signal: Reference
-    scale: Number
-    offset: Delay = 0.0
 
 
 class RangeDelayPart(Part):
@@ -85,7 +79,7 @@ class RangeDelayPart(Part):
     range: Annotated[list[Reference], Field(min_length=1, max_length=3)]
     place: Annotated[list[Length], Field(alias="from", min_length=1, max_length=3)]
     speed: Speed = SPEED_OF_SOUND
-    offset: Delay = 0.0
+    offset: LinkTime = 0.0
 
     @model_validator(mode="after")
     def _paired(self) -> Self:
@@ -118,7 +112,7 @@ _NO_DELAY = (
     "or with file"
 )
 RecordedDelay = Annotated[
-    Annotated[Delay, Tag("constant")]
+    Annotated[LinkTime, Tag("constant")]
     | Annotated[ProfilePart, Tag("recorded")]
     | Annotated[ProfileFilePart, Tag("from a file")]
     | Annotated[SignalDelayPart, Tag("of a signal")]
@@ -137,30 +131,25 @@ Loss = Annotated[
 ]
 
 
-class PacketPart(Part):
-    """[links.NAME] with kind = "packet"."""
-
-    kind: Literal["packet"]
-    sample_time: Duration
-    offset: Delay = 0.0
-    delay: RecordedDelay = 0.0
-    jitter: JitterPart | None = None
-    loss: Loss = 0.0
-    duplicate: Probability = 0.0
-    order: Literal["newest-wins", "fifo", "as-arrived"] = "newest-wins"
-    on_loss: Literal["hold", "zero"] | Number = "hold"
-    quantization: NotNegative = 0.0
-    data_rate: BitRate = 0
-    frame_size: Bits = 0
-    queue_limit: Annotated[int, Field(ge=0)] | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
+_Packet: Any = part_of(
+    PacketLink,
+    first={"kind": (Literal["packet"], ...)},
+    delay=(RecordedDelay, 0.0),
+    jitter=(JitterPart | None, None),
+    loss=(Loss, 0.0),
+    optional=("seed",),
+)
+_Transport: Any = part_of(
+    TransportLink, first={"kind": (Literal["transport"], ...)}, delay=(RecordedDelay, ...)
+)
 
 
-class TransportPart(Part):
+class PacketPart(_Packet):  # type: ignore[misc]
+    """[links.NAME] with kind = "packet"; without `seed` the seed of the run."""
+
+
+class TransportPart(_Transport):  # type: ignore[misc]
     """[links.NAME] with kind = "transport"; its delay is constant or recorded."""
-
-    kind: Literal["transport"]
-    delay: RecordedDelay
 
 
 LinkPart = Annotated[PacketPart | TransportPart, Field(discriminator="kind")]

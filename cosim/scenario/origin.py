@@ -87,7 +87,10 @@ class Findings:
             self.errors.append(placed)
 
     def placed(self, error: InputError, path: Sequence[str | int]) -> InputError:
-        """Return the error with file, line and key in front."""
+        """Return the error with file, line and key in front; of a key below `path`, its line."""
+        below = (error.where or "").removeprefix(f"{key(path)}.").partition(":")[0]
+        if error.where and error.where.startswith(f"{key(path)}.{below}"):
+            path = (*path, *below.split("."))
         place = self.origin.place(path)
         if place is None:
             return error

@@ -10,9 +10,10 @@ from cosim.core import InputError
 from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
 from cosim.scenario.binding import BoundCondition, bind
-from cosim.scenario.channels import Change, nanoseconds
+from cosim.scenario.channels import Change
 from cosim.scenario.events import EventPart
 from cosim.scenario.expression import Expression
+from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint
 from cosim.scenario.origin import Findings
 from cosim.scenario.quantity import unit_in

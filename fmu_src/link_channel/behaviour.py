@@ -1,18 +1,12 @@
 """What the C of a link needs when it is built: the number of signals and the link's name.
 
-c/packet_link.c and c/transport_link.c do what `cosim.network` does, message by message. There is
-no flavour in Python.
+c/packet_link.c and c/transport_link.c do what `cosim.network` does, message by message; the steps
+of a packet link are translated from it. There is no flavour in Python.
 """
 
 from __future__ import annotations
 
 from typing import Any
-
-JITTERS = ("none", "uniform", "exponential", "normal")
-"""Kinds of jitter in the numbering of the parameter `jitter.kind`."""
-
-ORDERS = ("newest-wins", "fifo", "as-arrived")
-"""Orders of delivery in the numbering of the parameter `order`."""
 
 
 class LinkChannel:

@@ -1,20 +1,30 @@
-"""FMI variables of a link FMU."""
+"""FMI variables of a link FMU, from the keys that `cosim.network` declares."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from cosim.fmu import UNITS, ComponentSpec, Variable
+from cosim.network import (
+    MAX_NS,
+    ChoiceKey,
+    CountKey,
+    DeclaredKey,
+    DurationKey,
+    GilbertElliott,
+    PacketLink,
+    ProbabilityKey,
+    TableKey,
+    TransportLink,
+    WordOrNumberKey,
+    keys_of,
+)
 
-from .behaviour import JITTERS, ORDERS
-
-LONGEST_S = 1e8
-"""Longest time of a link and of a run [s]."""
-
-MOST_BITS = 2.0**53
+MOST_INTEGER = 2**31 - 1
+"""Greatest Integer of FMI 2.0."""
 
 
 @dataclass(frozen=True)
@@ -32,18 +42,14 @@ class LinkSignal:
 
 
 def packet_spec(
-    name: str,
-    link: str,
-    signals: Sequence[LinkSignal],
-    starts: dict[str, float],
-    step: float = 0.05,
+    name: str, link: PacketLink, signals: Sequence[LinkSignal], step: float = 0.05
 ) -> ComponentSpec:
     """Specify a packet link.
 
     Parameters
     ----------
-    name, link : of the FMU, and of the link: its random streams depend on it.
-    starts : start values of some of `PACKET_PARAMETERS`.
+    name : of the FMU; the random streams depend on the name of the link.
+    link : gives the start values of the parameters; its delay is constant.
     step : of the default experiment [s].
     """
     table = _signal_variables(signals)
@@ -52,20 +58,19 @@ def packet_spec(
         _integer("sequence", "output", "number of the message in use; -1: none yet, -2: lost", -1),
         _integer("dropped", "output", "messages and copies dropped so far", 0),
     ]
-    table += [replace(v, start=starts.get(v.name, v.start)) for v in PACKET_PARAMETERS]
-    return _spec(name, link, signals, table, "packet", step)
+    return _spec(name, link.name, signals, table + packet_parameters(link), "packet", step)
 
 
 def transport_spec(
-    name: str, link: str, signals: Sequence[LinkSignal], delay: float, step: float = 0.05
+    name: str, link: TransportLink, signals: Sequence[LinkSignal], step: float = 0.05
 ) -> ComponentSpec:
-    """Specify a transport link of a constant `delay` [s]; other arguments as for `packet_spec`."""
+    """Specify a transport link of a constant delay; other arguments as for `packet_spec`."""
     table = _signal_variables(signals)
     table += [
         Variable("age", "output", "time since what is delivered was sent", "s"),
-        _time("delay", "from sending to receiving", delay),
     ]
-    return _spec(name, link, signals, table, "transport", step)
+    delay = _parameters(keys_of(TransportLink)["delay"], link)
+    return _spec(name, link.name, signals, table + delay, "transport", step)
 
 
 def _signal_variables(signals: Sequence[LinkSignal]) -> list[Variable]:
@@ -79,18 +84,74 @@ def _signal_variables(signals: Sequence[LinkSignal]) -> list[Variable]:
     return [*inputs, *outputs, *initial]
 
 
-def _time(name: str, text: str, start: float = 0.0, minimum: float = 0.0) -> Variable:
-    return Variable(
-        name, "parameter", text, "s", start, minimum=minimum, maximum=max(minimum, LONGEST_S)
-    )
+def packet_parameters(link: PacketLink) -> list[Variable]:
+    """Return the parameters of a packet link beside `initial[i]`; they start at its values."""
+    return [v for key in keys_of(PacketLink).values() for v in _parameters(key, link)]
 
 
-def _share(name: str, text: str, start: float = 0.0) -> Variable:
-    return Variable(name, "parameter", text, None, start, minimum=0.0, maximum=1.0)
+def _parameters(declared: DeclaredKey, link: object, prefix: str = "") -> list[Variable]:
+    """Return the parameters for a key of a link: FMI has numbers, no unions and no None."""
+    name, key = prefix + declared.name, declared.key
+    value: Any = getattr(link, declared.field)
+    text, absent = key.text, declared.default is None
+    match key:
+        case TableKey():
+            inner = keys_of(key.of).values()
+            found = [v for own in inner for v in _parameters(own, value, f"{name}.")]
+        case DurationKey():
+            text += "; 0: no bound" if absent else ""
+            found = [_real(name, text, (value or 0) / 1e9, key.least_ns / 1e9, MAX_NS / 1e9, "s")]
+        case ProbabilityKey(instead=None):
+            found = [_real(name, text, value, 0.0, 1.0)]
+        case ProbabilityKey():
+            found = _losses(value, text)
+        case WordOrNumberKey():
+            number = 0.0 if isinstance(value, str) else value
+            words = f"1: hold the last message, 0: {name}.value"
+            found = [
+                _integer(f"{name}.hold", "parameter", words, int(value == "hold"), 0, 1),
+                _real(f"{name}.value", f"{text}, without {name}.hold", number),
+            ]
+        case ChoiceKey(words=words):
+            text = ", ".join(f"{number}: {word}" for number, word in enumerate(words))
+            place = words.index(value)
+            found = [_integer(name, "parameter", text, place, 0, len(words) - 1)]
+        case CountKey(unit=None):
+            text += "; -1: any number" if absent else ""
+            low = -1 if absent else 0
+            start = low if value is None else min(value, MOST_INTEGER) if absent else value
+            found = [_integer(name, "parameter", text, start, low, MOST_INTEGER)]
+        case _:
+            found = [_real(name, text, value, 0.0, getattr(key, "most", None))]
+    return found
 
 
-def _bits(name: str, text: str) -> Variable:
-    return Variable(name, "parameter", text, minimum=0.0, maximum=MOST_BITS)
+def _losses(loss: float | GilbertElliott, text: str) -> list[Variable]:
+    """Return the parameters of independent losses and of bursts."""
+    bursts = isinstance(loss, GilbertElliott)
+    chain = loss if isinstance(loss, GilbertElliott) else GilbertElliott(0.0, 1.0, loss)
+    choice = "0: independent losses, 1: Gilbert-Elliott"
+    found = [
+        _integer("loss.bursts", "parameter", choice, int(bursts), 0, 1),
+        _real("loss.good", f"{text}; with bursts, in the good state", chain.loss_good, 0.0, 1.0),
+    ]
+    for name in ("loss_bad", "p_enter", "p_exit"):
+        words = f"with bursts, {keys_of(GilbertElliott)[name].key.text}"
+        start = getattr(chain, name)
+        found.append(_real(f"loss.{name.removeprefix('loss_')}", words, start, 0.0, 1.0))
+    return found
+
+
+def _real(
+    name: str,
+    text: str,
+    start: float,
+    low: float | None = None,
+    high: float | None = None,
+    unit: str | None = None,
+) -> Variable:
+    high = None if high is None else float(high)
+    return Variable(name, "parameter", text, unit, float(start), minimum=low, maximum=high)
 
 
 def _integer(
@@ -102,39 +163,6 @@ def _integer(
     high: int | None = None,
 ) -> Variable:
     return Variable(name, causality, text, None, start, "Integer", minimum=low, maximum=high)
-
-
-def _numbered(names: Sequence[str]) -> str:
-    return ", ".join(f"{number}: {name}" for number, name in enumerate(names))
-
-
-PACKET_PARAMETERS = (
-    _time("sample_time", "time between two messages", 0.1, 1e-9),
-    _time("offset", "instant of the first message"),
-    _time("delay", "least time from sending to arrival"),
-    _integer("jitter.kind", "parameter", _numbered(JITTERS), 0, 0, len(JITTERS) - 1),
-    _time("jitter.width", "uniform jitter is less than this"),
-    _time("jitter.mean", "mean of exponential or normal jitter, before truncation"),
-    _time("jitter.sigma", "standard deviation of normal jitter, before truncation"),
-    _time("jitter.max", "greatest exponential or normal jitter; 0: no bound"),
-    _integer("loss.bursts", "parameter", "0: independent losses, 1: Gilbert-Elliott", 0, 0, 1),
-    _share("loss.good", "probability of a loss; with bursts, in the good state"),
-    _share("loss.bad", "with bursts, probability of a loss in the bad state", 1.0),
-    _share("loss.p_enter", "with bursts, from the good to the bad state, per message"),
-    _share("loss.p_exit", "with bursts, from the bad to the good state, per message", 1.0),
-    _share("duplicate", "probability that what is not lost arrives twice"),
-    _integer("order", "parameter", _numbered(ORDERS), 0, 0, len(ORDERS) - 1),
-    _integer("on_loss.hold", "parameter", "1: hold the last message, 0: on_loss.value", 1, 0, 1),
-    Variable("on_loss.value", "parameter", "what comes out after a loss, without on_loss.hold"),
-    Variable("quantization", "parameter", "step of the values sent; 0: none", minimum=0.0),
-    _bits("data_rate", "bits per second, whole; 0: sending takes no time"),
-    _bits("frame_size", "bits of a message"),
-    _integer(
-        "queue_limit", "parameter", "messages that may wait; -1: any number", -1, -1, 2**31 - 1
-    ),
-    _integer("seed", "parameter", "seed of the run", 0, 0, 2**31 - 1),
-)
-"""Parameters of a packet link beside `initial[i]`."""
 
 
 def _spec(

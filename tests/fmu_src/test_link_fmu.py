@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +14,19 @@ from link_runs import INITIAL, Channel, build, expected, signal
 from cosim.core.errors import InputError
 from cosim.fmu import component_module
 from cosim.network import (
+    QUEUE_FULL,
     DelayProfile,
     GilbertElliott,
     Jitter,
     PacketLink,
     TransportLink,
+    align,
+    schedule,
 )
-from cosim.scenario.ssp.link_fmu import link_spec, packet_parameters
+from cosim.scenario.ssp.link_fmu import link_spec
 
-LinkSignal = component_module("link_channel.variables").LinkSignal
+VARIABLES = component_module("link_channel.variables")
+LinkSignal = VARIABLES.LinkSignal
 
 MS = 1_000_000
 STEP = 50 * MS
@@ -61,6 +67,11 @@ LINKS = {
 }
 
 
+def packet_parameters(link: PacketLink) -> dict[str, float]:
+    """The values of a link as its FMU takes them, whole numbers for Integers."""
+    return {v.name: v.start for v in VARIABLES.packet_parameters(link)}
+
+
 @pytest.fixture(scope="module")
 def channel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A link FMU called uplink, whose parameters the tests set."""
@@ -99,6 +110,66 @@ def test_full_queue_refuses_as_the_link_does(channel: Path) -> None:
     assert np.array_equal(rows[:, 3], state.sequence[1:])
     assert np.array_equal(rows[1:, 4], state.dropped[1:-1])
     assert rows[-1, 4] > 100
+
+
+def random_link(number: int) -> PacketLink:
+    """Any link that an FMU can be, in milliseconds or off them."""
+    r = random.Random(number)  # noqa: S311 - cases, not secrets
+    unit = r.choice([MS, MS, 1_000_003, 37_123_457])
+    p = [r.choice([0.0, 0.2, 0.5, 1.0, r.random()]) for _ in range(4)]
+    mean, sigma = r.randint(0, 200) * unit, r.randint(1, 200) * unit
+    greatest = r.choice([None, (mean + sigma) * r.randint(1, 3)])
+    kinds = (
+        Jitter(),
+        Jitter("uniform", width_ns=sigma),
+        Jitter("exponential", mean_ns=sigma, max_ns=greatest),
+        Jitter("normal", mean_ns=mean, sigma_ns=sigma, max_ns=greatest),
+    )
+    rate: dict[str, Any] = {}
+    if r.random() < 0.5:
+        rate = {"data_rate": r.randint(500, 10**6), "frame_size": r.randint(1, 500)}
+        rate["queue_limit"] = r.choice([None, 0, 1, r.randint(0, 5)])
+    return PacketLink(
+        "uplink",
+        sample_time_ns=r.randint(1, 120) * unit,
+        offset_ns=r.choice([0, 0, r.randint(0, 300) * unit]),
+        delay_ns=r.choice([1, r.randint(1, 300) * unit]),
+        jitter=r.choice(kinds),
+        loss=r.choice([0.0, 0.3, 1.0, GilbertElliott(*p)]),
+        duplicate=r.choice([0.0, 0.0, 0.3, 1.0]),
+        order=r.choice(["newest-wins", "fifo", "as-arrived"]),
+        on_loss=r.choice(["hold", "zero", 2.5]),
+        quantization=r.choice([0.0, 0.0, 0.01]),
+        seed=r.randrange(2**31),
+        **rate,
+    )
+
+
+def check_random_links(channel: Path, numbers: range) -> None:
+    """Outputs, age, sequence and drops of random links, bit for bit."""
+    steps = 60
+    for number in numbers:
+        link = random_link(number)
+        values, state = expected(link, STEP, steps)
+        found = align([schedule(link, STEP * steps)], STEP, "grid").schedules[0]
+        refused = found.sent_ns[found.status == QUEUE_FULL]
+        with Channel(channel) as raw:
+            rows = raw.begin(packet_parameters(link)).run(STEP, 0, steps)
+        assert np.array_equal(rows[:, :2], values[1:]), number
+        assert np.array_equal(rows[:, 2], state.age_s[1:]), number
+        assert np.array_equal(rows[:, 3], state.sequence[1:]), number
+        # what the queue refuses at a point is sent, and counted, by the step that begins there
+        here = [np.count_nonzero(refused == k * STEP) for k in range(1, steps + 1)]
+        assert np.array_equal(rows[:, 4], state.dropped[1:] - here), number
+
+
+def test_random_links_are_the_links_on_the_grid(channel: Path) -> None:
+    check_random_links(channel, range(60))
+
+
+@pytest.mark.slow
+def test_two_thousand_random_links_are_the_links_on_the_grid(channel: Path) -> None:
+    check_random_links(channel, range(2000))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**31 - 1])
@@ -212,6 +283,19 @@ def test_parameters_without_a_meaning_are_refused(
         with pytest.raises(Exception, match=r"failed with status 3"):
             raw.begin(parameters)
         assert expected in raw.messages
+
+
+def test_messages_that_cannot_be_sent_in_time_discard_the_step(channel: Path) -> None:
+    """The sum of their frames must fit into 64-bit nanoseconds, as for the project's own links."""
+    slow = {"sample_time": 0.001, "data_rate": 1.0, "frame_size": 9e6}
+    link = PacketLink("uplink", MS, data_rate=1, frame_size=9 * 10**6)
+    with pytest.raises(InputError, match="longer to send"):
+        schedule(link, 1000 * MS)
+    with Channel(channel) as raw:
+        raw.begin(slow)
+        with pytest.raises(Exception, match=r"failed with status 2"):
+            raw.run(1000 * MS, 0, 2)
+        assert "data_rate is too small" in raw.messages
 
 
 def test_far_too_many_messages_discard_the_step(channel: Path) -> None:

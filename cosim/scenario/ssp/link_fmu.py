@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
@@ -10,10 +9,8 @@ from typing import Any
 from cosim.core import InputError
 from cosim.fmu import ComponentSpec, component_module
 from cosim.master import Link
-from cosim.network import GilbertElliott, PacketLink
+from cosim.network import PacketLink, keys_of
 
-MAX_SEED = 2**31 - 1
-_BEHAVIOUR = component_module("link_channel.behaviour")
 _VARIABLES = component_module("link_channel.variables")
 
 
@@ -29,45 +26,14 @@ def link_spec(
     _refuse(link)
     step = step_ns / 1e9
     if isinstance(link, PacketLink):
-        spec = _VARIABLES.packet_spec(name, link.name, signals, packet_parameters(link), step)
-        return spec, [*_late(link), *_unknown(link)]
+        return _VARIABLES.packet_spec(name, link, signals, step), [*_late(link), *_unknown(link)]
     warnings = []
     if link.delay_ns < step_ns:
         warnings.append(
             f"link {link.name!r}: its delay of {link.delay_ns / 1e9:g} s is shorter than the "
             f"step of {step:g} s; in other tools it is one step"
         )
-    return _VARIABLES.transport_spec(name, link.name, signals, link.delay_ns / 1e9, step), warnings
-
-
-def packet_parameters(link: PacketLink) -> dict[str, float]:
-    """Return the parameters of a packet link's FMU."""
-    jitter, loss = link.jitter, link.loss
-    values: dict[str, float] = {
-        "sample_time": link.sample_time_ns / 1e9,
-        "offset": link.offset_ns / 1e9,
-        "delay": link.delay_ns / 1e9,
-        "jitter.kind": _BEHAVIOUR.JITTERS.index(jitter.kind),
-        "jitter.width": jitter.width_ns / 1e9,
-        "jitter.mean": jitter.mean_ns / 1e9,
-        "jitter.sigma": jitter.sigma_ns / 1e9,
-        "jitter.max": 0.0 if jitter.max_ns is None else jitter.max_ns / 1e9,
-        "duplicate": link.duplicate,
-        "order": _BEHAVIOUR.ORDERS.index(link.order),
-        "on_loss.hold": int(link.on_loss == "hold"),
-        "on_loss.value": link.substitute or 0.0,
-        "quantization": link.quantization,
-        "data_rate": float(link.data_rate),
-        "frame_size": float(link.frame_size),
-        "queue_limit": -1 if link.queue_limit is None else min(link.queue_limit, MAX_SEED),
-        "seed": link.seed,
-    }
-    if isinstance(loss, GilbertElliott):
-        values |= {"loss.bursts": 1, "loss.good": loss.loss_good, "loss.bad": loss.loss_bad}
-        values |= {"loss.p_enter": loss.p_enter, "loss.p_exit": loss.p_exit}
-    else:
-        values |= {"loss.bursts": 0, "loss.good": float(loss)}
-    return values
+    return _VARIABLES.transport_spec(name, link, signals, step), warnings
 
 
 def _refuse(link: Link) -> None:
@@ -80,26 +46,17 @@ def _refuse(link: Link) -> None:
             got=type(link.delay).__name__,
             hint="export it as an annotation: --links annotate",
         )
-    times = [link.delay_ns]
-    if isinstance(link, PacketLink):
-        times += [link.sample_time_ns, link.offset_ns, link.jitter.mean_ns, link.jitter.sigma_ns]
-        times += [link.jitter.width_ns, link.jitter.max_ns or 0]
-        if link.seed > MAX_SEED:
-            raise InputError(
-                "the seed is too large for an Integer of FMI",
-                where=where,
-                expected=f"at most {MAX_SEED}",
-                got=str(link.seed),
-            )
-        if "\0" in link.name:
-            raise InputError("a name in C has no null character", where=where, got=repr(link.name))
-    if max(times) > math.floor(_VARIABLES.LONGEST_S * 1e9):
+    if not isinstance(link, PacketLink):
+        return
+    if link.seed > _VARIABLES.MOST_INTEGER:
         raise InputError(
-            "a time of this link is too long for a link FMU",
+            "the seed is too large for an Integer of FMI",
             where=where,
-            expected=f"at most {_VARIABLES.LONGEST_S:g} s",
-            got=f"{max(times) / 1e9:g} s",
+            expected=f"at most {_VARIABLES.MOST_INTEGER}",
+            got=str(link.seed),
         )
+    if "\0" in link.name:
+        raise InputError("a name in C has no null character", where=where, got=repr(link.name))
 
 
 def _late(link: PacketLink) -> list[str]:
@@ -109,16 +66,11 @@ def _late(link: PacketLink) -> list[str]:
     return [f"link {link.name!r}: {warning} feedthrough"]
 
 
-_KNOWN = {
-    *("name", "sample_time_ns", "offset_ns", "delay_ns", "delay", "jitter", "loss", "duplicate"),
-    *("order", "on_loss", "quantization", "seed", "data_rate", "frame_size", "queue_limit"),
-}
-
-
 def _unknown(link: PacketLink) -> list[str]:
     """Warn of fields of the link that its FMU does not have."""
+    known = {"name", "delay", *(key.field for key in keys_of(PacketLink).values())}
     return [
         f"link {link.name!r}: its {field.name} are not in the link FMU"
         for field in fields(link)
-        if field.name not in _KNOWN and getattr(link, field.name) not in ((), None, field.default)
+        if field.name not in known and getattr(link, field.name) != field.default
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from typing import Any, get_args
 
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.native.c_model import (
@@ -13,14 +13,16 @@ from cosim.fmu.export.native.c_model import (
     distinct_enumerators,
 )
 from cosim.fmu.export.native.emit import required_places
+from cosim.fmu.export.native.link_step import link_step_header
 from cosim.fmu.export.native.tangent import tangents
 from cosim.fmu.export.native.tape import Scalar
 from cosim.fmu.export.native.waves_kind import record_waves
 from cosim.fmu.export.python.delay_plant import DelayPlant
 from cosim.fmu.export.spec import ComponentSpec
+from cosim.network import Order
 
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
-LINK_BEHAVIOUR = component_module("link_channel.behaviour")
+LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 WaveField: Any = component_module("wave_field.behaviour").WaveField
 
@@ -28,7 +30,7 @@ COMMON = ("message.c", "instance.c", "saved.c")
 
 
 def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return model.h and model.c, and the names of the hand-written C files beside `COMMON`.
+    """Return the recorded C by file name, and the names of the hand-written C beside `COMMON`.
 
     Raises
     ------
@@ -46,13 +48,16 @@ def model_files(spec: ComponentSpec, identity: str) -> tuple[dict[str, str], tup
     elif isinstance(behaviour, WaveField):
         record_waves(writer, behaviour)
         sources = ("waves.c",)
-    elif isinstance(behaviour, LINK_BEHAVIOUR.LinkChannel):
+    elif isinstance(behaviour, LinkChannel):
         sources = record_link(writer, behaviour)
     elif isinstance(behaviour, SignalTable):
         sources = record_table(writer, behaviour)
     else:
         raise TypeError(f"{spec.name}: the native shell has no C for {type(behaviour).__name__}")
-    return writer.files(identity), sources
+    files = writer.files(identity)
+    if "packet_link.c" in sources:
+        files["link_step.h"] = link_step_header()
+    return files, sources
 
 
 def record_delay_plant(writer: ModelWriter, behaviour: DelayPlant) -> None:
@@ -145,7 +150,7 @@ def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:
         writer.references(array, [f"{name}[{i}]" for i in numbers], size)
     if behaviour.kind == "transport":
         return ("transport_link.c",)
-    for number, order in enumerate(LINK_BEHAVIOUR.ORDERS):
+    for number, order in enumerate(get_args(Order)):
         writer.define(f"ORDER_{order.upper().replace('-', '_')}", number)
     writer.header.append("extern const char model_link_name[];")
     writer.body.append(f"const char model_link_name[] = {c_string(behaviour.name)};")

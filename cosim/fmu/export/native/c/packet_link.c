@@ -1,6 +1,6 @@
 /* A packet link between two communication points of whatever master steps it.
 
-   As cosim/network with events = "grid": a message is sent at the first point at or after its
+   What becomes of a message is decided in link_step.h. As cosim/network with events = "grid": a message is sent at the first point at or after its
    instant and arrives at the first point at or after sending + queue + delay + jitter. What is
    sent at the beginning of a step is what the inputs are there; what arrives by its end is in
    the outputs then. A message that would arrive where it was sent is thus one step late: there
@@ -13,36 +13,32 @@
 #include "behaviour.h"
 #include "clock.h"
 #include "draws.h"
+#include "link_step.h"
 #include "model.h"
 #include "variable.h"
 
-#define NONE_YET (-1)
-#define SUBSTITUTE (-2)
 #define MOST_MESSAGES 50000000
-#define LONGEST 1e8 /* s */
-
-typedef enum { ARRIVES, LOST, REFUSED } Fate;
+#define LONGEST 9007199.254740992 /* s: 2^53 ns, up to which doubles count them exactly */
 
 typedef struct {
-    int64_t arrival, sent, message;
-    Fate fate;
+    int64_t arrival;
+    LinkArrival is;
     double value[MODEL_LANES];
 } Entry;
 
 typedef struct {
     Source source;
     Jitter jitter;
-    int64_t period, offset, delay, frame;
-    double longest_wait; /* ns; HUGE_VAL without a limit */
+    int64_t period, offset, delay;
+    LinkRules rules;
 } Settings;
 
 struct Behaviour {
     Settings is;
     Clock clock;
-    int64_t next;   /* message to be sent */
-    int64_t free;   /* when the sender has sent all it took [ns] */
-    int64_t behind; /* under fifo, when the last one to wait for arrives [ns] */
-    int64_t newest, used, origin, dropped;
+    int64_t next; /* message to be sent */
+    LinkSender sender;
+    LinkReceiver receiver;
     int bad; /* state of the Gilbert-Elliott chain at the last message sent */
     Entry *entry; /* on their way, as they were sent */
     size_t count, room;
@@ -80,10 +76,14 @@ static int settle(Settings *is, const double *v, Message *why) {
     is->period = nanoseconds(v[V_sample_time]);
     is->offset = nanoseconds(v[V_offset]);
     is->delay = nanoseconds(v[V_delay]);
-    is->frame = frame_time(size, rate);
-    is->longest_wait = v[V_queue_limit] < 0.0 ? HUGE_VAL : v[V_queue_limit] * (double)is->frame;
-    if (v[V_queue_limit] >= 0.0 && is->frame == 0)
-        return say(why, "queue_limit must be -1 without a data_rate");
+    int64_t frame = frame_time(size, rate), limit = (int64_t)v[V_queue_limit];
+    if (limit >= 0 && frame == 0) return say(why, "queue_limit must be -1 without a data_rate");
+    is->rules.frame_ns = frame;
+    is->rules.longest_wait_ns =
+        limit < 0 || (limit > 0 && frame > LINK_NO_LIMIT / limit) ? LINK_NO_LIMIT : limit * frame;
+    is->rules.fifo = v[V_order] == ORDER_FIFO;
+    is->rules.newest_wins = v[V_order] == ORDER_NEWEST_WINS;
+    is->rules.substitutes = v[V_on_loss_hold] == 0.0;
     is->jitter.kind = (int)v[V_jitter_kind];
     is->jitter.width = rint(v[V_jitter_width] * 1e9);
     is->jitter.mean = rint(v[V_jitter_mean] * 1e9);
@@ -96,16 +96,19 @@ static int settle(Settings *is, const double *v, Message *why) {
 }
 
 static void publish(const Behaviour *b, double *v) {
-    v[V_age] = (double)(b->clock.now - b->origin) / 1e9;
-    v[V_sequence] = (double)b->used;
-    v[V_dropped] = (double)b->dropped;
+    v[V_age] = (double)(b->clock.now - b->receiver.origin_ns) / 1e9;
+    v[V_sequence] = (double)b->receiver.sequence;
+    v[V_dropped] = (double)b->receiver.dropped;
 }
 
 int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
+    static const LinkSender sender = LINK_SENDER_AT_FIRST;
+    static const LinkReceiver receiver = LINK_RECEIVER_AT_FIRST;
     if (!settle(&b->is, v, why)) return 0;
     b->clock = clock_at(start);
-    b->next = b->free = b->behind = b->origin = b->dropped = 0;
-    b->newest = b->used = NONE_YET;
+    b->next = 0;
+    b->sender = sender;
+    b->receiver = receiver;
     b->bad = 0;
     b->count = 0;
     for (size_t i = 0; i < MODEL_LANES; i++) v[model_outputs[i]] = v[model_initials[i]];
@@ -129,16 +132,12 @@ static int is_lost(Behaviour *b, const double *v, uint64_t k) {
     return u < (b->bad ? v[V_loss_bad] : v[V_loss_good]);
 }
 
-static void put(Behaviour *b, const double *v, int64_t arrival, Fate fate) {
+static void put(Behaviour *b, const double *v, int64_t arrival, int64_t fate) {
     Entry *e = &b->entry[b->count++];
-    if (v[V_order] == ORDER_FIFO && fate != REFUSED) {
-        if (arrival < b->behind) arrival = b->behind;
-        if (fate == ARRIVES) b->behind = arrival;
-    }
     e->arrival = arrival;
-    e->sent = b->clock.now;
-    e->message = b->next;
-    e->fate = fate;
+    e->is.message = b->next;
+    e->is.sent_ns = b->clock.now;
+    e->is.fate = fate;
     for (size_t i = 0; i < MODEL_LANES; i++)
         e->value[i] = quantized(v[model_inputs[i]], v[V_quantization]);
 }
@@ -146,18 +145,14 @@ static void put(Behaviour *b, const double *v, int64_t arrival, Fate fate) {
 /* Send the next message, with its draws, which are made whatever becomes of it. */
 static void send(Behaviour *b, const double *v, const int64_t jitter[2]) {
     uint64_t k = (uint64_t)b->next;
-    int64_t sent = b->clock.now;
-    int lost = is_lost(b, v, k);
-    if ((double)(b->free - sent) > b->is.longest_wait) {
-        put(b, v, sent, REFUSED);
-    } else {
-        b->free = (b->free > sent ? b->free : sent) + b->is.frame;
-        int64_t crosses = b->free + b->is.delay;
-        put(b, v, crosses + jitter[0], lost ? LOST : ARRIVES);
-        if (!lost && v[V_duplicate] > 0.0 &&
-            draw_uniform(&b->is.source, "duplicate", 0, k) < v[V_duplicate])
-            put(b, v, crosses + jitter[1], ARRIVES);
-    }
+    LinkMessage message = {b->clock.now, b->is.delay, jitter[0], is_lost(b, v, k), 0, jitter[1]};
+    if (v[V_duplicate] > 0.0)
+        message.copied = draw_uniform(&b->is.source, "duplicate", 0, k) < v[V_duplicate];
+    LinkSending found = link_send(&b->is.rules, &b->sender, &message);
+    b->sender.free_ns = found.free_ns;
+    b->sender.behind_ns = found.behind_ns;
+    put(b, v, found.arrival_ns, found.fate);
+    if (found.copies) put(b, v, found.copy_arrival_ns, LINK_DELIVERED);
     b->next++;
 }
 
@@ -168,6 +163,8 @@ static int send_due(Behaviour *b, const double *v, Message *why) {
     if (b->next + due > MOST_MESSAGES)
         return say(why, "more than %d messages: sample_time is too short for this run",
                    MOST_MESSAGES);
+    if (b->is.rules.frame_ns > 0 && b->next + due > LINK_NO_LIMIT / b->is.rules.frame_ns)
+        return say(why, "the messages take too long to send: data_rate is too small");
     size_t needed = b->count + 2 * (size_t)(due > 0 ? due : 0);
     if (needed > b->room) {
         Entry *more = realloc(b->entry, 2 * needed * sizeof *more);
@@ -188,21 +185,18 @@ static int send_due(Behaviour *b, const double *v, Message *why) {
     return 1;
 }
 
-/* ---- the receiver, as cosim/network/receiver.py */
+/* ---- the receiver */
 
 static void receive(Behaviour *b, double *v, const Entry *e) {
-    int hold = v[V_on_loss_hold] != 0.0;
-    if (e->fate == ARRIVES && !(v[V_order] == ORDER_NEWEST_WINS && e->message <= b->newest)) {
-        for (size_t i = 0; i < MODEL_LANES; i++) v[model_outputs[i]] = e->value[i];
-        b->used = e->message;
-        b->newest = e->message > b->newest ? e->message : b->newest;
-        b->origin = e->sent;
-        return;
-    }
-    b->dropped++;
-    if (e->fate == LOST && !hold && b->newest < e->message) {
-        for (size_t i = 0; i < MODEL_LANES; i++) v[model_outputs[i]] = v[V_on_loss_value];
-        b->used = SUBSTITUTE;
+    LinkReception found = link_receive(&b->is.rules, &b->receiver, &e->is);
+    b->receiver.newest = found.newest;
+    b->receiver.sequence = found.sequence;
+    b->receiver.origin_ns = found.origin_ns;
+    b->receiver.dropped = found.dropped;
+    b->receiver.delivered = found.delivered;
+    for (size_t i = 0; i < MODEL_LANES; i++) {
+        if (found.status == LINK_DELIVERED) v[model_outputs[i]] = e->value[i];
+        if (found.noticed) v[model_outputs[i]] = v[V_on_loss_value];
     }
 }
 
@@ -235,23 +229,26 @@ void behaviour_direction(const Behaviour *b, const double *v, const double *chan
 
 /* ---- the whole state */
 
-#define HEAD (CLOCK_NUMBERS + 8)
+#define OWN 9
+#define HEAD (CLOCK_NUMBERS + OWN)
 #define EACH (4 + MODEL_LANES)
 
 size_t behaviour_size(const Behaviour *b) { return HEAD + EACH * b->count; }
 
 void behaviour_save(const Behaviour *b, double *to) {
-    const int64_t own[8] = {b->next, b->free,   b->behind,  b->newest,
-                            b->used, b->origin, b->dropped, b->bad};
+    const LinkReceiver *r = &b->receiver;
+    const int64_t own[OWN] = {b->next,       b->sender.free_ns, b->sender.behind_ns,
+                              r->newest,     r->sequence,       r->origin_ns,
+                              r->dropped,    r->delivered,      b->bad};
     clock_save(&b->clock, to);
     to += CLOCK_NUMBERS;
-    for (size_t i = 0; i < 8; i++) *to++ = (double)own[i];
+    for (size_t i = 0; i < OWN; i++) *to++ = (double)own[i];
     for (size_t i = 0; i < b->count; i++) {
         const Entry *e = &b->entry[i];
         *to++ = (double)e->arrival;
-        *to++ = (double)e->sent;
-        *to++ = (double)e->message;
-        *to++ = (double)e->fate;
+        *to++ = (double)e->is.message;
+        *to++ = (double)e->is.sent_ns;
+        *to++ = (double)e->is.fate;
         memcpy(to, e->value, sizeof e->value);
         to += MODEL_LANES;
     }
@@ -272,22 +269,21 @@ int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t 
     b->room = entries ? entries : 1;
     b->count = entries;
     from += CLOCK_NUMBERS;
+    LinkSender sender = {(int64_t)from[1], (int64_t)from[2]};
+    LinkReceiver receiver = {(int64_t)from[3], (int64_t)from[4], (int64_t)from[5],
+                             (int64_t)from[6], (int64_t)from[7]};
     b->next = (int64_t)from[0];
-    b->free = (int64_t)from[1];
-    b->behind = (int64_t)from[2];
-    b->newest = (int64_t)from[3];
-    b->used = (int64_t)from[4];
-    b->origin = (int64_t)from[5];
-    b->dropped = (int64_t)from[6];
-    b->bad = from[7] != 0.0;
-    from += 8;
+    b->sender = sender;
+    b->receiver = receiver;
+    b->bad = from[8] != 0.0;
+    from += OWN;
     for (size_t i = 0; i < entries; i++, from += EACH) {
-        if (!(fabs(from[0]) < 1e18 && fabs(from[1]) < 1e18 && fabs(from[2]) < 1e18))
-            return say(why, "the saved messages do not fit this link");
+        for (size_t j = 0; j < 4; j++)
+            if (!(fabs(from[j]) < 1e18))
+                return say(why, "the saved messages do not fit this link");
+        LinkArrival is = {(int64_t)from[1], (int64_t)from[2], (int64_t)from[3]};
         entry[i].arrival = (int64_t)from[0];
-        entry[i].sent = (int64_t)from[1];
-        entry[i].message = (int64_t)from[2];
-        entry[i].fate = from[3] == LOST ? LOST : from[3] == REFUSED ? REFUSED : ARRIVES;
+        entry[i].is = is;
         memcpy(entry[i].value, from + 4, sizeof entry[i].value);
     }
     return 1;

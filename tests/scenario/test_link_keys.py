@@ -1,0 +1,204 @@
+"""The keys of links: one declaration, and the same range in every form of a link."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+import cosim
+from cosim.core import InputError
+from cosim.fmu import component_module
+from cosim.network import (
+    ChoiceKey,
+    CountKey,
+    DeclaredKey,
+    DelaySignal,
+    DurationKey,
+    GilbertElliott,
+    Jitter,
+    NumberKey,
+    PacketLink,
+    ProbabilityKey,
+    TransportLink,
+    WordOrNumberKey,
+    keys_of,
+)
+from cosim.scenario import link_of
+from cosim.scenario.links import (
+    BurstPart,
+    JitterPart,
+    PacketPart,
+    SignalDelayPart,
+    TransportPart,
+)
+
+VARIABLES = component_module("link_channel.variables")
+DOCS = Path(cosim.__file__).parents[1] / "docs" / "links.md"
+PARTS = {
+    PacketLink: PacketPart,
+    TransportLink: TransportPart,
+    Jitter: JitterPart,
+    GilbertElliott: BurstPart,
+    DelaySignal: SignalDelayPart,
+}
+NOT_KEYS = {"name", "delay", "windows"}
+RATE = {"data_rate": 1000, "frame_size": 10}
+
+
+def test_every_field_is_a_key() -> None:
+    """A field of a link is declared with meaning and range, or has none in a scenario."""
+    for declared in PARTS:
+        named = {key.field for key in keys_of(declared).values()}
+        assert {f.name for f in fields(declared)} - named <= NOT_KEYS
+
+
+@pytest.mark.parametrize("declared", PARTS)
+def test_a_scenario_has_the_same_keys(declared: type) -> None:
+    """Each key once, in order, with its meaning in the JSON schema; nothing else but a few."""
+    part = PARTS[declared]
+    names = [field.alias or name for name, field in part.model_fields.items()]
+    assert [n for n in names if n not in ("kind", "signal") or n in keys_of(declared)] == [
+        *keys_of(declared)
+    ]
+    properties = part.model_json_schema()["properties"]
+    for name, found in keys_of(declared).items():
+        assert properties[name]["description"] == found.key.text
+
+
+def edges(found: DeclaredKey, r: random.Random) -> list[Any]:
+    """Values of a key, in the link's units, inside, at and beyond the ends of its range."""
+    values: list[Any] = [None, True, "other", float("nan"), -1]
+    match found.key:
+        case DurationKey(least_ns=least):
+            inside = r.randint(least, 2**50)  # a double of seconds has it to the nanosecond
+            values = [least, least - 1, 2**53, 2**53 + 2**20, -inside, inside, None]
+        case ProbabilityKey():
+            values += [0.0, 1.0, r.random(), -1e-9, 1.0 + 1e-9]
+        case NumberKey():
+            values += [0.0, 1.0, -1.0, 1e-100, 1e-101, 1e300, float("inf")]
+        case CountKey(most=most):
+            values += [0, 1, most, most + 1, r.randint(0, most), 1.5]
+        case ChoiceKey(words=words):
+            values += [*words, 2.5]
+    return values
+
+
+def beside(found: DeclaredKey) -> dict[str, Any]:
+    """Keys without which this one has no meaning."""
+    return RATE if found.name in ("data_rate", "frame_size", "queue_limit") else {}
+
+
+def in_network(found: DeclaredKey, value: Any) -> PacketLink | str:
+    """The packet link with this value, or what is said against it."""
+    given = {"name": "up", "sample_time_ns": 10**8, **beside(found), found.field: value}
+    try:
+        return PacketLink(**given)
+    except InputError as error:
+        return str(error.where)
+
+
+def in_scenario(found: DeclaredKey, value: Any) -> Any:
+    """The link of [links.up] with this value, or what is said against it."""
+    seconds = isinstance(found.key, DurationKey) and value is not None
+    table = {"kind": "packet", "sample_time": 0.1, **beside(found)}
+    table[found.name] = value / 1e9 if seconds else value
+    try:
+        part = PacketPart.model_validate(table)
+    except ValidationError as error:
+        return str(error)
+    return link_of("up", part, 0)  # a value that the table lets through makes a link
+
+
+@pytest.mark.parametrize("name", [n for n in keys_of(PacketLink) if n != "jitter"])
+def test_a_range_is_the_same_everywhere(name: str) -> None:
+    """Link and scenario accept the same values; a link FMU those that FMI has numbers for."""
+    found = keys_of(PacketLink)[name]
+    values = edges(found, random.Random(name))  # noqa: S311 - cases, not secrets
+    if name in ("data_rate", "frame_size"):  # zero goes with zero; a frame must not take for ever
+        values = [v for v in values if isinstance(v, str) or v is None or not (v == 0 or v > 10**6)]
+    accepted = 0
+    for value in values:
+        made, read = in_network(found, value), in_scenario(found, value)
+        if isinstance(made, str):
+            assert found.field in made
+            if (name, value) != ("seed", None):  # a scenario has another one: that of the run
+                assert isinstance(read, str), value
+                assert name in read
+            continue
+        assert read == made, value
+        accepted += 1
+        if name == "seed" and made.seed > VARIABLES.MOST_INTEGER:
+            continue
+        for variable in VARIABLES.packet_parameters(made):
+            low, high = variable.minimum, variable.maximum
+            assert low is None or low <= variable.start
+            assert high is None or variable.start <= high
+    assert accepted
+
+
+@pytest.mark.parametrize("kind", ["uniform", "exponential", "normal"])
+@pytest.mark.parametrize("name", ["width", "mean", "sigma", "max"])
+def test_a_range_of_jitter_is_the_same_everywhere(kind: str, name: str) -> None:
+    """Link and scenario accept the same jitter."""
+    found = keys_of(Jitter)[name]
+    needed = {"uniform": "width", "exponential": "mean", "normal": "sigma"}[kind]
+    for value in edges(found, random.Random(name)):  # noqa: S311 - cases, not secrets
+        try:
+            made: Jitter | None = Jitter(**{"kind": kind, f"{needed}_ns": 1000, found.field: value})
+        except InputError:
+            made = None
+        try:
+            table = {"kind": kind, needed: 1e-6, name: None if value is None else value / 1e9}
+            given = {"kind": "packet", "sample_time": 0.1, "jitter": table}
+            link = link_of("up", PacketPart.model_validate(given), 0)
+            assert isinstance(link, PacketLink)
+            read: Jitter | None = link.jitter
+        except ValueError:
+            read = None
+        assert read == made, value
+
+
+def values_in_words(found: DeclaredKey) -> str:
+    """The range of a key, for people."""
+    key, words = found.key, "a table"
+    match key:
+        case DurationKey(least_ns=least):
+            words = f"{'1e-9' if least else '0'} to 9.007e6 s"
+        case ProbabilityKey(instead=instead):
+            words = "0 to 1" + (", or a table" if instead else "")
+        case NumberKey(least=least):
+            words = "any number" if least is None else f"0, or from {least:g} up"
+        case CountKey(most=most, unit=unit):
+            words = f"whole, 0 to {'2^53' if most == 2**53 else '2^63 - 1'} {unit or ''}".rstrip()
+        case ChoiceKey():
+            words = ", ".join(f'`"{w}"`' for w in key.words if w != "none")
+            words += ", or a number" if isinstance(key, WordOrNumberKey) else ""
+    return words
+
+
+def rows(declared: type) -> list[str]:
+    """The rows of a table of the documentation."""
+    lines = ["| key | values | default | meaning |", "|---|---|---|---|"]
+    for name, found in keys_of(declared).items():
+        field = PARTS[declared].model_fields[name]
+        default = "none" if field.default is None else f"{field.default}"
+        if isinstance(field.default, int | float):
+            default = f"{field.default:g}"
+        elif isinstance(field.default, str):
+            default = f'`"{default}"`'
+        if field.is_required():
+            default = "required"
+        lines.append(f"| `{name}` | {values_in_words(found)} | {default} | {found.key.text} |")
+    return lines
+
+
+@pytest.mark.parametrize("declared", PARTS)
+def test_the_documentation_has_the_table(declared: type) -> None:
+    """Each key of scenarios with its values, its default and its meaning."""
+    table = "\n".join(rows(declared))
+    assert f"\n{table}\n" in DOCS.read_text("utf-8"), f"{DOCS.name} needs:\n{table}"
