@@ -54,7 +54,7 @@ def unknown(folder: Path) -> Path:
     return scalar_fmu(folder, declared=False)
 
 
-@pytest.fixture(params=["python", "compiled"])
+@pytest.fixture(params=["python", "kernel"])
 def engine(request: pytest.FixtureRequest) -> EngineName:
     name: EngineName = request.param
     return name
