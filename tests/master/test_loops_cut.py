@@ -502,11 +502,11 @@ def test_solved_loops_are_the_strongly_connected_components(fmu: Path, unknown: 
         if not edges:
             continue
         found = receiving_order(graph(fmu, unknown, names, edges, solve=True))
-        reach = {(a, b) for a, b in edges}
+        reached = {(a, b) for a, b in edges}
         for via in names:
-            reach |= {(a, b) for a in names for b in names if {(a, via), (via, b)} <= reach}
+            reached |= {(a, b) for a in names for b in names if {(a, via), (via, b)} <= reached}
         used = sorted({name for edge in edges for name in edge})
-        loops = {tuple(sorted(b for b in used if {(a, b), (b, a)} <= reach)) for a in used} - {()}
+        loops = {tuple(sorted(b for b in used if {(a, b), (b, a)} <= reached)) for a in used} - {()}
         assert {tuple(sorted(loop)) for loop in found.loops} == loops
         place = {name: i for i, name in enumerate(found.order)}
         for loop in found.loops:
