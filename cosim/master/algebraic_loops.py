@@ -13,8 +13,8 @@ from typing import TypeVar
 Node = TypeVar("Node")
 Costs = Mapping[tuple[int, int], int]
 
-_MOST_EXACT = 12
-"""Groups of which the cheapest order is computed exactly: 2 ** 12 sets of groups."""
+_MOST_EXACT = 10
+"""Groups of which the cheapest order is computed exactly: 2 ** 10 sets of groups."""
 
 
 def strongly_connected(graph: Mapping[Node, Sequence[Node]]) -> list[tuple[Node, ...]]:
@@ -87,7 +87,7 @@ def shortest_loop(group: Sequence[Node], graph: Mapping[Node, Sequence[Node]]) -
 def cheapest_order(count: int, costs: Costs, fixed: set[tuple[int, int]]) -> list[int]:
     """Return the order of 0 ... count - 1 in which the edges that lead backwards cost least.
 
-    Exact for up to 12; for more, each place goes to the one whose edges from those that are not
+    Exact for up to 10; for more, each place goes to the one whose edges from those that are not
     placed yet cost least. Of equal choices the least number comes first.
 
     Parameters

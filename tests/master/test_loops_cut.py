@@ -200,6 +200,39 @@ def test_feedthrough_names_outputs_elements_and_groups(folder: Path, unknown: Pa
             Component(arrays, {"n": 3}, feedthrough=wrong)
 
 
+def test_arrays_texts_and_integers_are_cut_alike(folder: Path) -> None:
+    """A loop of two FMI 3.0 slaves of every type that declare nothing: all at one place."""
+    xml = every().replace('dependencies=""', "")
+    fmu = describe_fmu(c_fmu("every_fmi3.c", xml, folder))
+    row = {"n": 3, "Float64.row": np.arange(9.0), "String.row": ["a", "b"], "Int8.in": 7}
+    ways = [
+        ("Float64.reversed", "Float64.row"),
+        ("Int8.out", "Int8.in"),
+        ("Boolean.out", "Boolean.in"),
+        ("String.reversed", "String.row"),
+    ]
+    pairs = [("a", "b"), ("b", "a")]
+    system = System(
+        {"a": Component(fmu, row), "b": Component(fmu, {"n": 3})},
+        [Connection(end(f"{s}.{out}"), end(f"{t}.{into}")) for s, t in pairs for out, into in ways],
+        {},
+        {},
+        make_schedule({}, ns(0.25), ns(2.0), "grid"),
+        1e12,
+        unknown_feedthrough="previous",
+    )
+    cut = receiving_order(system).cut
+    assert [str(c.source) for c in cut] == [f"b.{out}" for out, _ in ways]
+    run = simulate(system)
+    assert run.status == "finished", run.reason
+    element = {"Float64.reversed": "[3,1]", "Float64.row": "[3,1]"}
+    element |= {"String.reversed": "[1]", "String.row": "[1]"}
+    for out, into in ([name + element.get(name, "") for name in way] for way in ways):
+        assert np.array_equal(run.signal("b", into), run.signal("a", out)), out
+        assert np.array_equal(run.signal("a", into)[1:], run.signal("b", out)[:-1]), out
+        assert run.signal("a", into)[0] == run.signal("b", out)[0], out
+
+
 SOURCE = {"a": -1.0, "x0": 1.0, "g": 0.5, "e": 0.3}
 AFTER = {
     "wire": (),
@@ -248,6 +281,36 @@ def test_previous_is_hold_one_point_later(
     assert other[0] == one[0] or algorithm == "gauss-seidel"
     assert np.array_equal(other[1:], one[:-1])
     assert len(set(other.tolist())) > 4
+
+
+@pytest.mark.parametrize("case", ["wire", "transport", "varying transport", "packet at once"])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_previous_where_points_are_added(
+    fmu: Path, case: str, algorithm: str, engine: EngineName
+) -> None:
+    """A live link elsewhere adds points during the run: the point before may be one of them."""
+    over = "l" if AFTER[case] else ""
+    system = scalars(
+        fmu,
+        {"source": SOURCE, "one": {}, "other": {}, "far": {}},
+        (
+            ("source.y", "one.u", over),
+            ("source.y", "other.u", over, "previous"),
+            ("source.x", "far.u", "live"),
+        ),
+        step=STEP,
+        stop=STOP,
+        links=[*AFTER[case], PacketLink("live", ns(0.07), 0, delay=DelaySignal(0.05, ns(0.02)))],
+        algorithm=algorithm,
+        delays={"live": DelaySource((end("source.x"),))},
+    )
+    assert system.grows
+    run = simulate(system, engine=engine)
+    assert run.status == "finished"
+    one, other = run.signal("one", "u"), run.signal("other", "u")
+    assert np.array_equal(other[1:], one[:-1])
+    assert run.points_ns.size > 30
+    assert len(set(one.tolist())) > 8
 
 
 @pytest.mark.parametrize("every_s", [{"source": 0.2}, {"one": 0.3, "other": 0.3}])

@@ -87,7 +87,7 @@ def test_summary_and_trace_name_what_is_cut(folder: Path) -> None:
     assert cosim("trace", "verify", "t.mcap", cwd=folder).code == 0
 
 
-def test_without_a_cut_nothing_is_said(folder: Path) -> None:
+def test_without_a_cut_nothing_is_reported(folder: Path) -> None:
     """Also where it is allowed and not needed."""
     for words in (
         ("--set", "components.p.feedthrough='none'"),

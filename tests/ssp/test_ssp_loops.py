@@ -61,7 +61,7 @@ def test_no_key_is_set_where_it_is_not_needed_or_does_not_help(
     assert "unknown_feedthrough" not in path.read_text("utf-8")
 
 
-def test_people_are_told_of_the_key(tmp_path: Path) -> None:
+def test_people_read_of_the_key(tmp_path: Path) -> None:
     archive(tmp_path, *LOOP, declared=False)
     done = cosim("ssp", "import", "foreign.ssp", "-o", "s.toml", "--step", "0.1", cwd=tmp_path)
     assert done.code == 0, done.err
