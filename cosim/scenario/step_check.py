@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, Progress, silent
-from cosim.master import EngineName, Run, System
+from cosim.master import EngineName, Run, System, receiving_order
 from cosim.network import PacketLink
 from cosim.scenario.channels import nanoseconds
 from cosim.scenario.execute import assembled_system, execute_unrecorded
@@ -171,9 +171,10 @@ def expected_order(system: System) -> int:
     """Return the order of the coupling error in the communication step.
 
     2 where every input that comes from a component has a policy that looks ahead, or the messages
-    of a packet link whose instants are communication points; 1 otherwise.
+    of a packet link whose instants are communication points; 1 otherwise, also where a connection
+    is cut.
     """
-    if system.algorithm != "jacobi" or system.driven:
+    if system.algorithm != "jacobi" or system.driven or receiving_order(system).cut:
         return 1
     exact = system.comm_schedule.events == "align"
     links = {name for name, link in system.links.items() if isinstance(link, PacketLink) and exact}

@@ -105,6 +105,16 @@ def test_estimate_is_within_a_factor_of_two_of_the_true_error(
             assert found.observed_order is None
 
 
+def test_cut_loop_is_of_order_one_whatever_its_policies(tmp_path: Path) -> None:
+    """The cut connection is delayed by a step in place of being extrapolated."""
+    scalar_fmu(tmp_path, declared=False).rename(tmp_path / "scalar.fmu")
+    text = text_of('unknown_feedthrough = "previous"', 'policy = "linear"')
+    check = checked(tmp_path, text, observe_order=True)
+    assert check.order == 1
+    observed = {s.name: s.observed_order for s in check.signals}
+    assert observed["a.x"] == pytest.approx(1.0, abs=0.3)
+
+
 def test_difference_is_that_of_two_runs(folder: Path, tmp_path: Path) -> None:
     """Its size and its time, from the traces of the two runs; the range is that of the finer."""
     found = {s.name: s for s in checked(folder, text_of()).signals}["b.x"]
