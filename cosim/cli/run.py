@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,9 +20,19 @@ from cosim.cli.common import (
     progress,
 )
 from cosim.cli.run_view import demo_view, outcome_view
-from cosim.core import CheckFailedError
-from cosim.master import Pace
-from cosim.scenario import check_writable, demonstrate, execute_run, load, prepare
+from cosim.cli.step_check_view import step_check_view
+from cosim.core import CheckFailedError, InputError
+from cosim.master import EngineName, Pace
+from cosim.scenario import (
+    FmuCache,
+    LoadedScenario,
+    check_step as check_communication_step,
+    check_writable,
+    demonstrate,
+    execute_run,
+    load,
+    prepare,
+)
 
 
 def demo(
@@ -76,19 +87,42 @@ def run(
         bool,
         typer.Option("--fsync", help="Write each second of the trace through to the disk."),
     ] = False,
+    check_step: Annotated[
+        bool,
+        typer.Option(
+            "--check-step",
+            help="Run at the communication step and at half of it instead, without a trace, and "
+            "say whether the step is small enough.",
+        ),
+    ] = False,
+    check_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="With --check-step: the largest estimated error, as a share of a signal's range, "
+            "beyond which the exit code is 1 (the verdict without it: 0.01)."
+        ),
+    ] = None,
+    check_order: Annotated[
+        bool,
+        typer.Option(
+            "--check-order",
+            help="With --check-step: run at a quarter of the step too, and observe the order.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario and write its trace.
 
     Exit code 0: the run is done; the output says if it diverged, ended in a limit cycle or was
-    stopped; 1: an assertion did not have the expected result; 4: a component failed, and what
-    was recorded until then is kept.
+    stopped; 1: an assertion did not have the expected result, or the step is not small enough
+    for --check-tolerance; 4: a component failed, and what was recorded until then is kept.
 
     \b
     cosim run auv-acoustic
     cosim run auv-acoustic --set links.uplink.delay='400 ms' --set run.end=60
     cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
     cosim run auv-acoustic --until '1 min' --pace 10
+    cosim run auv-acoustic --check-step
     """
     settings = list(changed or ())
     if log_level is not None:
@@ -99,6 +133,17 @@ def run(
     if stop_when is not None:
         stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
     loaded = load(name, settings, stops)
+    if check_step:
+        _refuse_together("--check-step", {"--out": out, "--pace": pace, "--fsync": fsync or None})
+        cache = make_fmu_cache(fmus, loaded.folder, flavour)
+        _check_step(loaded, cache, engine, check_tolerance, as_json, observe_order=check_order)
+        return
+    if check_tolerance is not None or check_order:
+        raise InputError(
+            "this option belongs to --check-step",
+            where="--check-order" if check_order else "--check-tolerance",
+            hint="add --check-step",
+        )
     trace = out or TRACES / f"{loaded.name}.mcap"
     check_writable(trace)
     with progress() as report_progress:
@@ -113,6 +158,43 @@ def run(
     if outcome.status == "failed":
         raise typer.Exit(4)
     if not outcome.as_expected:
+        raise typer.Exit(CheckFailedError.exit_code)
+
+
+def _refuse_together(option: str, others: Mapping[str, object]) -> None:
+    """Refuse options that have no effect beside another one."""
+    for other, value in others.items():
+        if value is not None:
+            raise InputError(
+                f"{other} has no effect with {option}",
+                where=option,
+                expected="no trace, at full speed",
+                hint=f"leave out {other}",
+            )
+
+
+def _check_step(
+    loaded: LoadedScenario,
+    fmu_cache: FmuCache,
+    engine: EngineName,
+    tolerance: float | None,
+    as_json: bool,  # noqa: FBT001 - as `answer`
+    *,
+    observe_order: bool,
+) -> None:
+    with progress() as report_progress:
+        prepared = prepare(loaded, fmu_cache, progress=report_progress)
+        check = check_communication_step(
+            prepared,
+            tolerance=tolerance,
+            observe_order=observe_order,
+            progress=report_progress,
+            engine=engine,
+        )
+    answer(as_json, check.to_json, lambda: step_check_view(check))
+    if "failed" in check.statuses:
+        raise typer.Exit(4)
+    if tolerance is not None and check.verdict != "yes":
         raise typer.Exit(CheckFailedError.exit_code)
 
 

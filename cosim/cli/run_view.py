@@ -41,6 +41,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
             facts.add_row(label, value, how)
     parts += [
         facts,
+        *_cut(outcome.metrics.get("cut_connections", ())),
         *_pace(outcome),
         *_links(outcome.links),
         _assumptions(outcome.metrics["assumptions"]),
@@ -137,6 +138,17 @@ def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
         ("coupling delay", number(m["coupling_delay_s"], 4, "s"), "in addition to the links"),
         ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
     ]
+
+
+def _cut(cut: Iterable[Mapping[str, Any]]) -> list[RenderableType]:
+    """Show the connections that cut algebraic loops of unknown feedthrough."""
+    words = "{from} -> {to} is delayed by one step ({delay_s:g} s): it closes an algebraic loop"
+    lines = [words.format_map(each) for each in cut]
+    if lines:
+        lines.append(
+            "if these outputs do not depend on inputs at once, feedthrough in [components] says so"
+        )
+    return [Text(line, style="yellow") for line in lines]
 
 
 def _pace(outcome: Outcome) -> list[RenderableType]:

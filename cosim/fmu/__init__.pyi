@@ -42,6 +42,7 @@ from .export.spec import (
     Variable as Variable,
     solver_step as solver_step,
 )
+from .feedthrough import Feedthrough as Feedthrough
 from .float_mode import (
     restore_function as restore_function,
     saved_float_mode as saved_float_mode,

@@ -16,6 +16,7 @@ from fmpy import read_model_description
 from fmpy.model_description import ValidationError
 
 from cosim.core import InputError
+from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
 from cosim.fmu.inspect.archive import Archive
 from cosim.fmu.inspect.findings import refusal
 from cosim.fmu.inspect.variables import identifier_findings
@@ -119,6 +120,18 @@ class FmuDescription:
                 )
             values[name] = int(value)
         ports = {name: port.resized(values) for name, port in self.ports.items()}
+        return replace(self, ports=MappingProxyType(ports))
+
+    def with_feedthrough(self, given: Feedthrough | None) -> FmuDescription:
+        """Return the description with direct feedthrough as `declared_feedthrough`; None: as it is.
+
+        Raises
+        ------
+        InputError : a name that is no output.
+        """
+        if given is None:
+            return self
+        ports = declared_feedthrough(self.ports, given, where=f"{self.path.name}: feedthrough")
         return replace(self, ports=MappingProxyType(ports))
 
 

@@ -72,6 +72,8 @@ class Port:
         of them, the last index running fastest.
     minimum, maximum : of a number, its own or else its type's.
     feedthrough : an output with direct feedthrough from some input.
+    feedthrough_declared : whether `feedthrough` is declared, by the FMU or on its behalf; an
+        output whose dependencies are not declared counts as one with feedthrough from all inputs.
     getter_type : type in the names of its functions: fmi3Get + getter_type.
     c_type : numpy's name of the C type of an element; "S" for texts.
     shape : () for a scalar; structural parameters at their present values.
@@ -99,6 +101,7 @@ class Port:
     initial: str | None = None
     items: tuple[int, ...] = ()
     nominal: float | None = None
+    feedthrough_declared: bool = True
 
     @property
     def size(self) -> int:

@@ -18,12 +18,13 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
     ------
     ValueError : start values that do not fit.
     """
-    direct = _direct(model)
+    direct, undeclared = _feedthrough(model)
     words = _Words(xml) if version == "3.0" else None
     names = {v.valueReference: v.name for v in reversed(model.modelVariables)}
     ports = {}
     for variable in model.modelVariables:
         type_mapping = TYPE_MAPPINGS[version][variable.type]
+        key = _key(model, variable)
         low, high = _range(variable, words, type_mapping.kind)
         declared = variable.declaredType
         shape = tuple(variable.shape or ())
@@ -47,7 +48,7 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
             minimum=low,
             maximum=high,
             description=variable.description,
-            feedthrough=(variable.name if version == "2.0" else variable.valueReference) in direct,
+            feedthrough=key in direct,
             getter_type=type_mapping.getter_type,
             c_type=type_mapping.c_type,
             shape=shape,
@@ -58,6 +59,7 @@ def declared_ports(model: Any, xml: bytes, version: FmiVersion) -> dict[str, Por
             initial=variable.initial,
             items=_items(variable),
             nominal=_nominal(variable, words, type_mapping.kind),
+            feedthrough_declared=key not in undeclared,
         )
     return ports
 
@@ -123,22 +125,25 @@ def _items(variable: Any) -> tuple[int, ...]:
     return tuple(int(item.value) for item in declared.items)
 
 
-def _direct(model: Any) -> set[Any]:
-    """Return the outputs with direct feedthrough; undeclared dependencies mean all inputs.
+def _key(model: Any, variable: Any) -> Any:
+    """Return a name in FMI 2, where two variables may share a reference; a reference in FMI 3."""
+    return variable.name if model.fmiVersion == "2.0" else variable.valueReference
 
-    By name in FMI 2, where two variables may share a reference; by reference in FMI 3.
+
+def _feedthrough(model: Any) -> tuple[set[Any], set[Any]]:
+    """Return the outputs with direct feedthrough, and those of them that do not declare it.
+
+    Undeclared dependencies mean all inputs (FMI 2.0.4 2.2.8, FMI 3.0 2.4.8).
     """
-
-    def key(variable: Any) -> Any:
-        return variable.name if model.fmiVersion == "2.0" else variable.valueReference
-
-    declared = {key(unknown.variable): unknown.dependencies for unknown in model.outputs}
-    found = set()
+    declared = {_key(model, unknown.variable): unknown.dependencies for unknown in model.outputs}
+    found, undeclared = set(), set()
     for variable in model.modelVariables:
         if variable.causality == "output":
-            dependencies: Iterable[Any] | None = declared.get(key(variable))
-            if dependencies is None:
-                dependencies = model.modelVariables
-            if any(v.causality == "input" for v in dependencies):
-                found.add(key(variable))
-    return found
+            key = _key(model, variable)
+            dependencies: Iterable[Any] | None = declared.get(key)
+            given = model.modelVariables if dependencies is None else dependencies
+            if any(v.causality == "input" for v in given):
+                found.add(key)
+                if dependencies is None:
+                    undeclared.add(key)
+    return found, undeclared

@@ -13,6 +13,10 @@ from .engine import (
     EngineName as EngineName,
 )
 from .observers import Observer as Observer
+from .order import (
+    ReceivingOrder as ReceivingOrder,
+    receiving_order as receiving_order,
+)
 from .pacing import Pace as Pace
 from .parts import (
     Algorithm as Algorithm,
@@ -22,6 +26,7 @@ from .parts import (
     Endpoint as Endpoint,
     LogLevel as LogLevel,
     Policy as Policy,
+    UnknownFeedthrough as UnknownFeedthrough,
 )
 from .recorder import (
     TraceRecorder as TraceRecorder,

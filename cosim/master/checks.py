@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import Port, SignalKind
 from cosim.master.communication_schedule import Link
-from cosim.master.parts import Connection, Endpoint, Parts
+from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
 from cosim.network import PacketLink, TransportLink
 
 LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
@@ -20,6 +21,8 @@ LINK_STATE: Mapping[str, SignalKind] = MappingProxyType(
 """State of a packet link that a connection can read, `Endpoint(link, ...)`, and its kind."""
 
 _NUMBERS = ("float", "int", "bool")
+_OF_ROWS: tuple[Policy, ...] = ("hold", "previous")
+"""Policies that read a row as it is."""
 
 
 def check_links(system: Parts) -> None:
@@ -69,7 +72,12 @@ def _check_delay(system: Parts, name: str) -> None:
                 where=f"{where}, {end}",
                 expected="a Real output without direct feedthrough",
                 got=f"{port.causality}, {port.kind}"
-                + (", direct feedthrough" if port.feedthrough else ""),
+                + (", direct feedthrough" if port.feedthrough else "")
+                + (" (dependencies not declared)" if not port.feedthrough_declared else ""),
+                hint=None
+                if port.feedthrough_declared
+                else f'components.{end.component}.feedthrough = "none" or the list of outputs '
+                "that depend on inputs at once, where this one does not",
             )
 
 
@@ -80,6 +88,7 @@ def check_parts(system: Parts) -> None:
     _check_driven(system, taken)
     _check_order(system)
     _check_threads(system)
+    _check_loop_keys(system)
     for name, component in system.components.items():
         if system.grows and component.every_ns is not None:
             raise InputError(
@@ -121,6 +130,24 @@ def _check_threads(system: Parts) -> None:
         )
 
 
+def _check_loop_keys(system: Parts) -> None:
+    """Check what is to be done about algebraic loops."""
+    if system.unknown_feedthrough not in get_args(UnknownFeedthrough):
+        raise InputError.unknown(
+            "way to treat unknown feedthrough",
+            str(system.unknown_feedthrough),
+            get_args(UnknownFeedthrough),
+            where="unknown_feedthrough",
+        )
+    if not 0.0 < system.solve_tolerance < float("inf") or system.solve_limit < 1:
+        raise InputError(
+            "an algebraic loop cannot be solved like this",
+            where="solve",
+            expected="solve_tolerance > 0 and solve_limit >= 1",
+            got=f"{system.solve_tolerance!r} and {system.solve_limit!r}",
+        )
+
+
 def _check_connections(system: Parts, taken: dict[Endpoint, str]) -> None:
     for connection in system.connections:
         where = f"connection {connection.source} -> {connection.target}"
@@ -134,11 +161,13 @@ def _check_connections(system: Parts, taken: dict[Endpoint, str]) -> None:
 def _check_connection(system: Parts, connection: Connection, where: str) -> None:
     source, target = system.port(connection.source), system.port(connection.target)
     link, policy = connection.link, connection.policy
-    if system.grows and policy != "hold":
+    if policy not in get_args(Policy):
+        raise InputError.unknown("policy", str(policy), get_args(Policy), where=where)
+    if system.grows and policy not in _OF_ROWS:
         raise InputError(
             "the next point is not known where points are added during the run",
             where=where,
-            expected="the policy hold",
+            expected="the policy hold or previous",
             got=policy,
             hint='events = "grid"',
         )
@@ -151,11 +180,11 @@ def _check_connection(system: Parts, connection: Connection, where: str) -> None
         raise InputError("the units of the two ends differ", where=where, got=got)
     if link is not None and link not in system.links:
         raise InputError.unknown("link", link, system.links, where=where)
-    if source.kind != "float" and policy != "hold":
+    if source.kind != "float" and policy not in _OF_ROWS:
         raise InputError(
             "only real numbers can be interpolated",
             where=where,
-            expected="the policy hold",
+            expected="the policy hold or previous",
             got=policy,
         )
     if link is not None and source.kind != "float":

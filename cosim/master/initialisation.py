@@ -2,7 +2,8 @@
 
 In initialization mode each output may depend on inputs, and each input on the outputs of others.
 A pass sets all inputs that have a value at the first point, and reads all outputs; passes are
-repeated until one changes nothing.
+repeated until one changes nothing. Inputs that are delayed by a point keep the value on which this
+settles at the first point.
 """
 
 from __future__ import annotations
@@ -57,6 +58,8 @@ def _settle(wiring: Wiring) -> int:
                 component.ask(row)
             changes |= found
         if not changes:
+            for component in ends:
+                component.keep_settled(row, wiring)
             return turn
     worst = sorted(changes, key=lambda end: -changes[end])[:5]
     raise ComponentError(
@@ -75,7 +78,7 @@ class _InitialisedComponent:
 
     def __init__(self, instance: ComponentInstance) -> None:
         self._instance = instance
-        self._routes = [route for route in instance.routes if route.in_step.row[0] >= 0]
+        self._routes = [route for route in instance.routes if route.at_start]
         numbers = {instance.routes.index(route) for route in self._routes}
         self.connected_inputs = [
             Exchange(instance, group, "set")
@@ -110,6 +113,13 @@ class _InitialisedComponent:
     def ask(self, row: Rows) -> None:
         """Read the outputs."""
         self._do(self._gets, row, "get")
+
+    def keep_settled(self, row: Rows, wiring: Wiring) -> None:
+        """Put settled inputs that no row of a sender brings at the first point into row 0."""
+        for route in self._routes:
+            if route.initialised:
+                wiring.settled.append((route.targets, row[route.targets]))
+                wiring.rows[0, route.targets] = row[route.targets]
 
     def _do(self, exchanges: list[Exchange], row: Rows, what: str) -> None:
         for exchange in exchanges:

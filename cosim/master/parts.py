@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import FmuDescription, Port
+from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master.communication_schedule import CommunicationSchedule, Link
 from cosim.master.component_points import ComponentPoints, component_points
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 Algorithm = Literal["jacobi", "gauss-seidel"]
-Policy = Literal["hold", "midpoint", "linear"]
+UnknownFeedthrough = Literal["refuse", "previous"]
+"""What is done about algebraic loops through outputs that do not declare their dependencies."""
+Policy = Literal["hold", "midpoint", "linear", "previous"]
 """Value of an input during a step: see `cosim.master.routes`."""
 
 
@@ -47,7 +49,13 @@ class Component:
     `every_ns` : its own communication step [ns]; None: it communicates at every point.
     `log_level` : messages below this level ("debug" ... "fatal") are left out;
     `log_categories` : those of the FMU's categories that are logged; None: all.
+    `feedthrough` : the outputs with direct feedthrough, in place of what the FMU declares:
+    "none", or their names (`cosim.fmu.feedthrough`); None: as the FMU declares.
     Arrays have the lengths that structural parameters among `parameters` give them.
+
+    Raises
+    ------
+    InputError : a length that is none, or a name in `feedthrough` that is no output.
     """
 
     description: FmuDescription
@@ -55,10 +63,11 @@ class Component:
     every_ns: int | None = None
     log_level: LogLevel = "debug"
     log_categories: Sequence[str] | None = None
+    feedthrough: Feedthrough | None = None
 
     def __post_init__(self) -> None:
         resized = self.description.resized(self.parameters)
-        object.__setattr__(self, "description", resized)
+        object.__setattr__(self, "description", resized.with_feedthrough(self.feedthrough))
 
 
 class DelaySource(NamedTuple):
@@ -91,6 +100,10 @@ class Parts:
     order: Sequence[str] | None = None
     delays: Mapping[str, DelaySource] = field(default_factory=dict)
     threads: int = 1
+    unknown_feedthrough: UnknownFeedthrough = "refuse"
+    solve: bool = False
+    solve_tolerance: float = 1e-10
+    solve_limit: int = 100
 
     @property
     def grows(self) -> bool:

@@ -5,7 +5,9 @@ An input is constant during a step of its receiver. The policy says at which val
 * hold: the signal, delayed by its link, at the beginning of the step (order 1);
 * midpoint: the delayed signal in the middle of the step, which must be known: over a transport
   link with a delay of at least half a step (order 2);
-* linear: the same, extrapolated from past values where it is not known (order 2).
+* linear: the same, extrapolated from past values where it is not known (order 2);
+* previous: what hold reads at the communication point before, one step of delay more. At the
+  first point it is the value that the initialisation settled on.
 """
 
 from __future__ import annotations
@@ -48,14 +50,35 @@ class RowsInUse(NamedTuple):
 
     Attributes
     ----------
-    row : -1 none yet, -2 the link's substitute, int64 (n,).
+    row : -1 none yet: the input keeps the value that the row has, -2 the link's substitute,
+        int64 (n,).
     after : the second row of an interpolated value, int64 (n,); None without weights.
     weight : the value is (1 - weight) row + weight after, (n,); None: row alone.
+    initialised : at the first point the inputs have the values that the initialisation settled
+        on: their senders' outputs at that point, which the row may not contain yet.
     """
 
     row: Integers
     after: Integers | None = None
     weight: NDArray[np.float64] | None = None
+    initialised: bool = False
+
+    def from_initialisation(self) -> RowsInUse:
+        """Return the same rows, but at the first point the value of the initialisation."""
+        first = np.arange(self.row.size) == 0
+        weight = None if self.weight is None else np.where(first, 0.0, self.weight)
+        return RowsInUse(
+            np.where(first & (self.row >= 0), -1, self.row),
+            self.after,
+            weight,
+            initialised=bool(self.row[0] >= 0),
+        )
+
+    def one_point_later(self) -> RowsInUse:
+        """Return the rows that were read one point earlier."""
+        before = np.maximum(np.arange(self.row.size) - 1, 0)
+        parts = (None if part is None else part[before] for part in self[:3])
+        return RowsInUse(*parts).from_initialisation()  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +93,7 @@ class Route:
     at_point : those read for the outputs of the point itself, where they are others: the receiver
         has direct feedthrough, and its policy looks ahead.
     link : the packet link, or None.
+    initialised : as in `RowsInUse`.
     """
 
     route_key: RouteKey
@@ -78,6 +102,12 @@ class Route:
     in_step: RowsInUse
     link: PacketLink | None
     at_point: RowsInUse | None = None
+    initialised: bool = False
+
+    @property
+    def at_start(self) -> bool:
+        """Whether the inputs have a value of the sender at the first point."""
+        return self.initialised or bool(self.in_step.row[0] >= 0)
 
     @property
     def source(self) -> str:
@@ -107,9 +137,44 @@ RouteFiller = Callable[[int, int], None]
 
 
 def growing_rows_in_use(
+    system: System,
+    comm_points: CommunicationPoints,
+    route_key: RouteKey,
+    *,
+    stepped_before: bool,
+    initialised: bool = False,
+) -> tuple[RowsInUse, RouteFiller | None]:
+    """Return as `rows_in_use` for points that are added during the run, and what sets the rows.
+
+    `initialised` : as `RowsInUse.from_initialisation`.
+    """
+    hold, fill = _growing(system, comm_points, route_key, stepped_before=stepped_before)
+    later = route_key.policy == "previous"
+    if not (later or initialised):
+        return hold, fill
+    name = route_key.link
+    if name is None or fill is None:
+        return hold.one_point_later(), None
+    if isinstance(system.links[name], PacketLink):
+        known = name not in comm_points.live
+        initialised = known and bool(comm_points.rows_of_messages(name, 0, 1)[0] >= 0)
+    else:
+        initialised = True
+    found = RowsInUse(*(None if part is None else part.copy() for part in hold[:3]))  # type: ignore[arg-type]
+
+    def fill_later(first: int, last: int) -> None:
+        fill(first, last)
+        start = max(first, 1)
+        for mine, of_hold in zip(found[:3], hold[:3], strict=True):
+            if mine is not None and of_hold is not None and start < last:
+                mine[start:last] = of_hold[start - later : last - later]
+
+    return found._replace(initialised=initialised), fill_later
+
+
+def _growing(
     system: System, comm_points: CommunicationPoints, route_key: RouteKey, *, stepped_before: bool
 ) -> tuple[RowsInUse, RouteFiller | None]:
-    """Return as `rows_in_use` for points that are added during the run, and what sets the rows."""
     most = comm_points.points_ns.size
     here = np.arange(most)
     channel = None if route_key.link is None else system.links[route_key.link]
@@ -158,12 +223,15 @@ def rows_in_use(
     points = system.comm_schedule.points_ns
     channel = None if route_key.link is None else system.links[route_key.link]
     here = np.arange(points.size)
+    later = route_key.policy == "previous"
+    if later:
+        route_key = route_key._replace(policy="hold")
     if isinstance(channel, PacketLink):
         if route_key.policy != "hold":
             raise InputError(
                 "over a packet link an input is held until the next message",
                 where=f"connection {route_key}",
-                expected="the policy hold",
+                expected="the policy hold or previous",
                 got=route_key.policy,
             )
         row = system.comm_schedule.schedules[channel.name].rows(points)
@@ -175,11 +243,14 @@ def rows_in_use(
         found = RowsInUse(sender.last[sender_rows])
     elif not isinstance(channel, PacketLink):
         found = _sampled(system, route_key, channel, sender, receiver)
+    if later:
+        found = found.one_point_later()
     return found if receiver.always else _at_own_points(found, receiver)
 
 
 def _at_own_points(found: RowsInUse, receiver: ComponentPoints) -> RowsInUse:
-    return RowsInUse(*(None if part is None else part[receiver.last] for part in found))  # type: ignore[arg-type]
+    rows = RowsInUse(*(None if part is None else part[receiver.last] for part in found[:3]))  # type: ignore[arg-type]
+    return rows._replace(initialised=found.initialised)
 
 
 def _sampled(

@@ -29,6 +29,13 @@ class System(Parts):
         one after the other, each on the new outputs of those before it.
     order : of all components under Gauss-Seidel; None: senders before receivers with direct
         feedthrough, else as in `components`.
+    unknown_feedthrough : algebraic loops through outputs that do not declare their dependencies:
+        "refuse" them, or delay connections of the loop by one step, "previous"
+        (`cosim.master.order`).
+    solve : solve algebraic loops at every communication point, by iteration to a fixed point.
+    solve_tolerance : largest change of an input of a solved loop in its last iteration, relative
+        to the greater of its magnitude and 1.
+    solve_limit : most iterations of a loop at one point.
 
     Raises
     ------

@@ -9,7 +9,7 @@ signal.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from cosim.master.component_instance import (
     element_names,
 )
 from cosim.master.component_points import component_points
-from cosim.master.order import receiving_order
+from cosim.master.order import ReceivingOrder, receiving_order
 from cosim.master.parts import Component, Connection, Endpoint, Signal
 from cosim.master.routes import (
     LOOKING_AHEAD,
@@ -43,6 +43,7 @@ from cosim.master.routes import (
 from cosim.master.system import System
 from cosim.network import LinkState, PacketLink
 
+Columns = NDArray[np.intp]
 NOMINAL_RANGE = 1e6
 """An output that declares its nominal value is in range up to so many times this value."""
 _KINDS = ("float", "int", "bool", "string")
@@ -59,6 +60,8 @@ class Wiring:
     bounds : largest magnitude of each output in range, (outputs,).
     instances : in the order in which they receive, and under Gauss-Seidel step.
     comm_points : the communication points of the run.
+    receiving : the order in which components receive, and what becomes of algebraic loops.
+    settled : columns and values of inputs at the first point on which the initialisation settled.
     fills : set the rows of the routes that are not known from the start.
     whole_from : the first row that the loop leaves whole, (1, 1). In the rows before it
         `make_whole` copies the inputs that were set from the sender's row.
@@ -72,8 +75,10 @@ class Wiring:
     texts: Texts
     comm_points: CommunicationPoints
     fills: tuple[RouteFiller, ...]
+    receiving: ReceivingOrder
     whole_from: Rows
     whole_rows: int = 0
+    settled: list[tuple[Columns, Rows]] = field(default_factory=list)
 
     @property
     def rows(self) -> Rows:
@@ -93,8 +98,10 @@ class Wiring:
     def direct_routes(self) -> frozenset[Route]:
         """The routes whose values an FMI call can set from the sender's row, without a copy."""
         found = set()
+        # the values of an algebraic loop are in the row while it is iterated
+        iterated = {name for loop in self.receiving.loops for name in loop}
         for instance in self.instances:
-            for group in instance.connected_inputs:
+            for group in () if instance.name in iterated else instance.connected_inputs:
                 route = None if group.route is None else instance.routes[group.route]
                 if route is not None and route.at_point is None and route.verbatim:
                     whole = group.c_type == "f8" and group.size == route.targets.size
@@ -121,13 +128,20 @@ class Wiring:
         """Clear the rows from `first` on: inputs have their start values or driven signals."""
         self.whole_rows = min(self.whole_rows, first)
         self.rows[first:] = self._start
+        self._settle(first)
         self.fill_rows(first, self.comm_points.horizon)
 
     def reset_inputs(self, k: int) -> None:
         """Give the inputs of row k their start values or driven signals again."""
         self.whole_rows = min(self.whole_rows, k)
         self.rows[k, self.outputs :] = self._start[self.outputs :]
+        self._settle(k)
         self._drive(k, k + 1)
+
+    def _settle(self, k: int) -> None:
+        """At the first point, give inputs the values on which the initialisation settled."""
+        for columns, values in self.settled if k == 0 else ():
+            self.rows[0, columns] = values
 
     @cached_property
     def _start(self) -> Rows:
@@ -194,10 +208,15 @@ def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros)
 
     Raises
     ------
-    InputError : an algebraic loop, named by its components; a policy that a link does not allow.
+    InputError : as `receiving_order`; a policy that a link does not allow.
     """
-    order = receiving_order(system)
-    turns = {name: turn for turn, name in enumerate(order)}
+    receiving = receiving_order(system)
+    if receiving.cut:
+        cut = set(receiving.cut)
+        connections = [c._replace(policy="previous") if c in cut else c for c in system.connections]
+        system = replace(system, connections=connections)
+    turns = {name: turn for turn, name in enumerate(receiving.order)}
+    from_start = frozenset(receiving.initialised)
     arriving = {name: _Arriving({}, {}) for name in system.components}
     for end, signal in system.driven.items():
         arriving[end.component].driven[end.variable] = signal
@@ -247,6 +266,7 @@ def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros)
                     stepped_before=system.algorithm == "gauss-seidel"
                     and turns[route_key.source] < turns[name],
                     feeds_through=prompt < len(sent),
+                    initialised=not from_start.isdisjoint(members),
                 )
                 for route_key, members in arriving[name].routes.items()
             ),
@@ -255,12 +275,14 @@ def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros)
             comm_points=comm_points,
             driven=arriving[name].driven,
         )
-    ordered = tuple(instances[name] for name in order)
+    ordered = tuple(instances[name] for name in receiving.order)
     sent_columns = [c for name in system.components for c in instances[name].output_columns]
     bounds = _bounds(sent_columns, system.divergence)
     whole_from = allocate((1, 1))
     whole_from[:] = np.inf
-    wiring = Wiring(rows, total, bounds, ordered, texts, comm_points, tuple(fills), whole_from)
+    wiring = Wiring(
+        *(rows, total, bounds, ordered, texts, comm_points, tuple(fills), receiving, whole_from)
+    )
     wiring.reset_rows(0)
     return wiring
 
@@ -388,11 +410,12 @@ def _route(
     *,
     stepped_before: bool,
     feeds_through: bool,
+    initialised: bool,
 ) -> Route:
     at_point = None
     if comm_points.grows or route_key.link in comm_points.live:
         used, fill = growing_rows_in_use(
-            system, comm_points, route_key, stepped_before=stepped_before
+            system, comm_points, route_key, stepped_before=stepped_before, initialised=initialised
         )
         fills += [fill] if fill is not None else []
     else:
@@ -402,6 +425,10 @@ def _route(
             _check_in_turns(system, name, route_key)
             holding = route_key._replace(policy="hold")
             at_point = rows_in_use(system, holding, sender, receiver, stepped_before=stepped_before)
+        if initialised and at_point is not None:
+            at_point = at_point.from_initialisation()
+        elif initialised:
+            used = used.from_initialisation()
     pairs = [
         (columns.of("out", c.source) + i, columns.of("in", c.target) + i)
         for c in sorted(members, key=lambda c: columns.of("in", c.target))
@@ -416,4 +443,5 @@ def _route(
         in_step=used,
         link=channel if isinstance(channel, PacketLink) else None,
         at_point=at_point,
+        initialised=(used if at_point is None else at_point).initialised,
     )

@@ -66,5 +66,9 @@ from .ssp.importing import (
     SspImport as SspImport,
     import_ssp as import_ssp,
 )
+from .step_check import (
+    StepCheck as StepCheck,
+    check_step as check_step,
+)
 from .system_run import run_system as run_system
 from .templates import template as template

@@ -45,13 +45,13 @@ def measurement_age_ns(
 
 
 def _feedthrough(controller: ComponentInstance, back: Route) -> bool:
-    """Whether all commands on this route depend on inputs of the same point."""
+    """Whether all commands on this route are known to depend on inputs of the same point."""
     first = min(
         group.column
         for group in (*controller.outputs_without_feedthrough, *controller.outputs_with_feedthrough)
     )
     ports = [controller.output_columns[int(c) - first].port for c in back.columns]
-    return all(port.feedthrough for port in ports)
+    return all(port.feedthrough and port.feedthrough_declared for port in ports)
 
 
 def _read_row(controller: ComponentInstance, points: Integers) -> Integers:

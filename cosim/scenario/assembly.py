@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.fmu import FmuDescription, Port
+from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.hinf import WorstCase
 from cosim.master import (
     CommunicationSchedule,
@@ -22,6 +22,7 @@ from cosim.master import (
     LogLevel,
     System,
     make_schedule,
+    receiving_order,
 )
 from cosim.scenario.channels import delay_source, link_of
 from cosim.scenario.fmu_cache import FmuCache
@@ -112,7 +113,12 @@ def parts_of(
         if name not in scenario.components:
             with findings.at("log", "components", name):
                 raise InputError.unknown("component", name, scenario.components)
+    declared: dict[str, Feedthrough | None] = {}
     shaped = {name: fmus[name].resized(values) for name, values in own.items()}
+    for name, fmu in shaped.items():
+        with findings.at("components", name, "feedthrough"):
+            fmu.with_feedthrough(scenario.components[name].feedthrough)
+            declared[name] = scenario.components[name].feedthrough
     wires = _wires(scenario, shaped, findings)
     driven = _driven(scenario, shaped, comm_schedule, worst_case, findings, at_rest=at_rest)
     connected = {c.target for c, _ in wires} | set(driven)
@@ -130,6 +136,7 @@ def parts_of(
             {**own[name], **parameters.get(name, {})},
             None if step is None else nanoseconds(step),
             *_wanted_log(scenario, name),
+            feedthrough=declared.get(name),
         )
     return SystemParts(components, wires, links, driven, comm_schedule)
 
@@ -210,10 +217,15 @@ def _driven(
 
 
 def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> System:
-    """Make the system; an error of `System` is located at the part of the scenario it names."""
+    """Make the system; an error of it is located at the part of the scenario it names.
+
+    Raises
+    ------
+    InputError : as `System` and `receiving_order`.
+    """
     run = scenario.run
     try:
-        return System(
+        system = System(
             parts.components,
             [connection for connection, _ in parts.wires],
             parts.links,
@@ -224,9 +236,15 @@ def system_of(scenario: Scenario, parts: SystemParts, findings: Findings) -> Sys
             run.order,
             delay_sources(scenario),
             run.threads,
+            run.unknown_feedthrough,
+            run.solve,
+            run.solve_tolerance,
+            run.solve_limit,
         )
+        receiving_order(system)  # an algebraic loop is found here, not when the run begins
     except InputError as error:
         raise findings.placed(error, _blamed(error, parts.wires, scenario)) from error
+    return system
 
 
 def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
@@ -237,9 +255,10 @@ def delay_sources(scenario: Scenario) -> dict[str, DelaySource]:
 
 def _blamed(error: InputError, wires: Wires, scenario: Scenario) -> Path:
     where = error.where or ""
+    named = f"{where} {error.got}"  # an algebraic loop lists its connections as what it got
     for connection, path in reversed(wires):
         if (
-            f"{connection.source} -> {connection.target}" in where
+            f"{connection.source} -> {connection.target}" in named
             or str(connection.target) == where
         ):
             return path

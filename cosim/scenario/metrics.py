@@ -19,7 +19,7 @@ from cosim.master import Run, System
 from cosim.models import total
 from cosim.network import PacketSchedule
 from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
-from cosim.scenario.coupling import coupling_delays_s
+from cosim.scenario.coupling import coupling_delays_s, cut_delays_s
 from cosim.scenario.gain import Problem
 from cosim.scenario.limits import Saturation, saturation
 from cosim.scenario.performance import binding_for, measured_gain
@@ -85,14 +85,23 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
 
 
 def _coupling(context: RunContext) -> dict[str, Any]:
-    """Return the largest coupling delay, and that of each connection where steps differ."""
+    """Return the largest coupling delay, and that of each connection where they may differ."""
     if context.system is None or context.run.points_ns.size < 2:
         return {"coupling_delay_s": None}
     delays = coupling_delays_s(context.run, context.system)
     own = context.scenario.components.values()
     plain = context.scenario.run.algorithm == "jacobi" and all(p.step is None for p in own)
-    most = {"coupling_delay_s": max(delays.values(), default=0.0)}
-    return most if plain else {**most, "coupling_delays_s": delays}
+    routes = (route for instance in context.run.instances for route in instance.routes)
+    plain &= all(route.route_key.policy != "previous" for route in routes)
+    found: dict[str, Any] = {"coupling_delay_s": max(delays.values(), default=0.0)}
+    if not plain:
+        found["coupling_delays_s"] = delays
+    cut = cut_delays_s(context.run, context.system)
+    if cut:
+        found["cut_connections"] = [
+            {"from": str(c.source), "to": str(c.target), "delay_s": late} for c, late in cut.items()
+        ]
+    return found
 
 
 def _assumptions(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.hinf import Design, certificate_bytes, design_to_json
-from cosim.master import Link, System
+from cosim.master import Link, System, receiving_order
 from cosim.network import DelayProfile
 from cosim.scenario.gain import starts_with
 from cosim.scenario.preparation import PreparedScenario
@@ -53,6 +53,10 @@ def run_metadata_of(
         entries["host.scenario.source.sha256"] = loaded.source_sha256
     for package in ("fmpy", "pythonfmu", "numpy", "mcap"):
         entries[f"host.{package}"] = importlib.metadata.version(package)
+    cut = receiving_order(system).cut
+    if cut:
+        pairs = [{"from": str(c.source), "to": str(c.target)} for c in cut]
+        entries["cut_connections"] = json.dumps(pairs, sort_keys=True)
     if prepared.worst_case is not None:
         entries["disturbance"] = json.dumps(asdict(prepared.worst_case), sort_keys=True)
     for name, link in system.links.items():

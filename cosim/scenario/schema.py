@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 import tomli_w
 from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
-from cosim.master import Algorithm, Policy
+from cosim.master import Algorithm, Policy, UnknownFeedthrough
 from cosim.scenario.events import AssertionPart, EventPart
 from cosim.scenario.fields import (
     Angle,
@@ -46,6 +46,11 @@ class RunPart(Part):
     value of an output that declares one.
     `threads` : on so many the components step side by side, with the same results; worth it where
     a step takes far more than 10 microseconds.
+    `unknown_feedthrough` : algebraic loops through outputs whose dependencies the FMU does not
+    declare: "refuse" them, or delay as few connections of each as cut it by one step, "previous".
+    `solve` : solve algebraic loops at every communication point: inputs are exchanged until none
+    changes by more than `solve_tolerance`, relative to the greater of its magnitude and 1, or
+    fail after `solve_limit` iterations.
     """
 
     end: Duration
@@ -56,6 +61,10 @@ class RunPart(Part):
     events: Literal["align", "grid"] = "align"
     divergence: Positive | None = None
     threads: Annotated[int, Field(ge=1, le=256)] = 1
+    unknown_feedthrough: UnknownFeedthrough = "refuse"
+    solve: bool = False
+    solve_tolerance: Positive = 1e-10
+    solve_limit: Annotated[int, Field(ge=1, le=1_000_000)] = 100
 
 
 class ComponentPart(Part):
@@ -63,11 +72,14 @@ class ComponentPart(Part):
 
     `step` : its own communication step; without one it communicates at every point. Parameters
     and start values have the variable's type: numbers (in the variable's unit, or with one),
-    texts, truth values, and nested lists of them for arrays.
+    texts, truth values, and nested lists of them for arrays. `feedthrough` : the outputs that
+    depend on inputs at the same instant, in place of what the FMU declares: "none", or a list of
+    names; a group's name means all its outputs, an element's name its whole array.
     """
 
     fmu: Text
     step: Duration | None = None
+    feedthrough: Literal["none"] | list[Text] | None = None
     parameters: dict[str, FmiValue] = Field(default_factory=dict)
 
 
@@ -75,7 +87,8 @@ class ConnectionPart(Part):
     """[[connections]]: `from = "plant.eta"` means every variable `eta.*` or `eta[...]`.
 
     `policy` : the value of the input during a step: that at its beginning ("hold"), or that at
-    its middle, known from a transport delay ("midpoint") or extrapolated ("linear").
+    its middle, known from a transport delay ("midpoint") or extrapolated ("linear"), or that of
+    one communication point before ("previous"), which cuts an algebraic loop.
     """
 
     source: Reference = Field(alias="from")

@@ -26,8 +26,13 @@ _VARIABLES = (
 )
 
 
-def scalar_fmu(folder: Path, *, variable_step: bool = True, states: bool = True) -> Path:
-    """scalar.fmu, compiled by the system's compiler, with or without two capabilities."""
+def scalar_fmu(
+    folder: Path, *, variable_step: bool = True, states: bool = True, declared: bool = True
+) -> Path:
+    """scalar.fmu, compiled by the system's compiler, with or without two capabilities.
+
+    `declared` : whether it says which outputs depend on the input.
+    """
     library = folder / f"scalar{fmpy.sharedLibraryExtension}"
     source = Path(__file__).with_name("scalar.c")
     command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
@@ -39,6 +44,8 @@ def scalar_fmu(folder: Path, *, variable_step: bool = True, states: bool = True)
     )
     outputs = '<Unknown index="2" dependencies=""/><Unknown index="3" dependencies="1"/>'
     initial = '<Unknown index="2" dependencies="1"/><Unknown index="3" dependencies="1"/>'
+    if not declared:
+        outputs = outputs.replace(' dependencies=""', "").replace(' dependencies="1"', "")
     flags = {
         "canHandleVariableCommunicationStepSize": variable_step,
         "canGetAndSetFMUstate": states,
@@ -53,7 +60,7 @@ def scalar_fmu(folder: Path, *, variable_step: bool = True, states: bool = True)
         f"<ModelStructure><Outputs>{outputs}</Outputs>"
         f"<InitialUnknowns>{initial}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
     )
-    path = folder / f"scalar-{variable_step:d}{states:d}.fmu"
+    path = folder / f"scalar-{variable_step:d}{states:d}{'' if declared else '-undeclared'}.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", description)
         archive.write(library, f"binaries/{fmpy.platform}/{library.name}")

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from cli.shell import cosim
+from master.coupled import rewritten
 
 LOOP = """\
 title = "Section 5, its gain"
@@ -90,3 +91,19 @@ def test_age_and_coupling_by_hand(
         assert found["coupling_delay_s"] == pytest.approx(max(delays.values()))
     else:
         assert found["coupling_delay_s"] == pytest.approx(delays)
+
+
+def test_undeclared_dependencies_make_no_measurement_younger(fmus: Path, tmp_path: Path) -> None:
+    """A controller that may compute in its step: the age is that of one that does."""
+    rewritten(
+        fmus / "PaperController.fmu",
+        tmp_path / "quiet.fmu",
+        (r'(<Outputs>\s*<Unknown index="\d+") dependencies="[^"]*"', r"\1"),
+    )
+    text = LOOP.replace('fmu = "PaperController"', f'fmu = "{tmp_path / "quiet.fmu"}"')
+    for key in ("RUN", "PLANT", "CONTROLLER", "UP"):
+        text = text.replace(f"\n{key}\n", "\n\n")
+    (tmp_path / "s.toml").write_text(text)
+    result = cosim("run", "s.toml", "--json", "--fmus", fmus.parent, cwd=tmp_path)
+    assert result.code == 0, result.err
+    assert result.json["metrics"]["message_age_s"] == pytest.approx(0.2)

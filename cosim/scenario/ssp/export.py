@@ -157,11 +157,18 @@ def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
             )
         if component.description.needs_execution_tool:
             sentences.append(f"component {name!r} needs another program, such as a Python host")
-    interpolated_inputs = sorted({str(c.target) for c in system.connections if c.policy != "hold"})
-    if interpolated_inputs:
-        sentences.append(
-            f"other tools hold these inputs over a step: {', '.join(interpolated_inputs)}"
-        )
+        if component.feedthrough is not None:
+            sentences.append(
+                f"component {name!r}: its feedthrough is left out: other tools read what its FMU "
+                "declares"
+            )
+    for policies, what in (
+        (("midpoint", "linear"), "hold these inputs over a step"),
+        (("previous",), "do not delay these inputs by a step"),
+    ):
+        inputs = sorted({str(c.target) for c in system.connections if c.policy in policies})
+        if inputs:
+            sentences.append(f"other tools {what}: {', '.join(inputs)}")
     return sentences
 
 

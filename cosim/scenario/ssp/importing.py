@@ -8,7 +8,7 @@ import tomllib
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,18 @@ import tomli_w
 
 from cosim.core import InputError
 from cosim.fmu import FmuDescription, describe_fmu
-from cosim.scenario.read import parse
+from cosim.master import receiving_order
+from cosim.scenario.assembly import assemble
+from cosim.scenario.read import LoadedScenario, parse
+from cosim.scenario.schema import Scenario
 from cosim.scenario.ssp.archive import MAX_XML, Archive
 from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD
 from cosim.scenario.ssp.parameters import values_for
 from cosim.scenario.ssp.tree import Description, read_description
+
+_MOST_LISTED = 12
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,8 @@ class SspImport:
     ----------
     names : element of the archive -> component of the scenario.
     links : from annotations and from link FMUs of this project.
+    keys_set : keys of the scenario that the archive does not contain and that it needs to run,
+        with their values; the description of the scenario and `unsupported` say why.
     unsupported : sentences about what was left out or changed.
     """
 
@@ -44,6 +51,7 @@ class SspImport:
     step_s: float
     end_s: float
     unsupported: tuple[str, ...]
+    keys_set: Mapping[str, str] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, object]:
         """Return what `cosim ssp import --json` prints."""
@@ -56,6 +64,7 @@ class SspImport:
             "step": self.step_s,
             "end": self.end_s,
             "unsupported": list(self.unsupported),
+            "keys_set": dict(self.keys_set),
         }
 
 
@@ -102,8 +111,11 @@ def import_ssp(
         }
         rest = _table(archive, "scenario", description.rest)
         data |= {key: value for key, value in rest.items() if key not in data}
-        text = tomli_w.dumps({key: value for key, value in data.items() if value})
-        loaded = parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
+        by_name = {names[place]: fmu for place, fmu in fmus.items()}
+        text, loaded = _parsed(data, path)
+        keys_set = _cut_loops(data, loaded.scenario, by_name, archive.notes)
+        if keys_set:
+            text, loaded = _parsed(data, path)
         try:
             folder.mkdir(exist_ok=True)
             for file in files.values():
@@ -120,7 +132,43 @@ def import_ssp(
         step_s=loaded.scenario.run.step,
         end_s=loaded.scenario.run.end,
         unsupported=tuple(archive.notes),
+        keys_set=keys_set,
     )
+
+
+def _parsed(data: Mapping[str, Any], path: Path) -> tuple[str, LoadedScenario]:
+    text = tomli_w.dumps({key: value for key, value in data.items() if value})
+    return text, parse(text, name=path.stem, where=str(path), folder=path.resolve().parent)
+
+
+def _cut_loops(
+    data: dict[str, Any], scenario: Scenario, fmus: Mapping[str, FmuDescription], notes: list[str]
+) -> dict[str, str]:
+    """Cut loops whose FMUs do not declare dependencies, as the tools do that write such archives.
+
+    Returns the key that was set; empty where no loop needs it, or the archive says what to do.
+    """
+    key = "unknown_feedthrough"
+    if scenario.run.unknown_feedthrough != "refuse" or scenario.run.solve:
+        return {}
+    run = scenario.run.model_copy(update={key: "previous"})
+    try:
+        system = assemble(scenario.model_copy(update={"run": run}), fmus, parameters={})
+    except InputError:
+        return {}  # what else keeps it from running is reported when it is run
+    cut = receiving_order(system).cut
+    if not cut:
+        return {}
+    data["run"][key] = "previous"
+    listed = [f"{c.source} -> {c.target}" for c in cut[:_MOST_LISTED]]
+    more = f", {len(cut) - _MOST_LISTED} more" if len(cut) > _MOST_LISTED else ""
+    why = (
+        f'run.{key} = "previous" is set: the FMUs of a loop do not declare which outputs depend on '
+        f"which inputs; delayed by one step: {', '.join(listed)}{more}"
+    )
+    notes.append(why)
+    data["description"] += f" {why}."
+    return {f"run.{key}": "previous"}
 
 
 @contextmanager

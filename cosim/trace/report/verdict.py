@@ -122,12 +122,15 @@ def figures_of(metrics: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         ("designed_age_s", "age designed for", "s", "certified up to it"),
         ("saturated_fraction", "time at a limit", "%", "measured"),
         ("abscissa", "spectral abscissa", "1/s", "computed, nominal loop"),
-        ("coupling_delay_s", "delay the coupling adds", "s", "one step, measured"),
+        ("coupling_delay_s", "delay the coupling adds", "s", "measured, beyond the links"),
     ):
         value = _number(metrics, key)
         if value is not None:
             formatted = f"{100 * value:.4g} %" if unit == "%" else f"{value:.5g} {unit}".strip()
             yield label, formatted, how
+    for cut in metrics.get("cut_connections") or ():
+        late = f"{cut.get('delay_s', 0.0):.5g} s"
+        yield f"delay added to {cut.get('from')} -> {cut.get('to')}", late, "unknown feedthrough"
 
 
 def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:

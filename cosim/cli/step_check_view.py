@@ -1,0 +1,60 @@
+"""The check of a communication step, formatted for a terminal."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from cosim.cli.terminal import NONE, number
+from cosim.scenario import StepCheck
+
+_ROWS = 20
+_COLOUR = {"yes": "green", "no": "red", "unclear": "yellow"}
+_ANSWER = {
+    "yes": "the step is small enough",
+    "no": "the step is too long",
+    "unclear": "it cannot be said whether the step is small enough",
+}
+
+
+def step_check_view(check: StepCheck) -> RenderableType:
+    """Show the verdict, and the signals with the largest estimated error."""
+    observed = len(check.steps_s) > 2
+    steps = ", ".join(f"{step:g} s" for step in check.steps_s)
+    head = Text.assemble(
+        (check.title, "bold"),
+        f"\nrun with steps of {steps}\n",
+        (_ANSWER[check.verdict], f"bold {_COLOUR[check.verdict]}"),
+        f": {check.reason}",
+    )
+    suggested = check.suggested_step_s
+    if suggested is not None:
+        head.append(f"\na step of about {suggested:.2g} s would meet it")
+    table = Table(box=None, pad_edge=False)
+    table.add_column("signal", no_wrap=True)
+    for column in ("largest difference", "at", "range", "error at h", "of range"):
+        table.add_column(column, justify="right")
+    if observed:
+        table.add_column("order", justify="right")
+    for signal in check.signals[:_ROWS]:
+        relative = signal.relative_error
+        row = [
+            signal.name,
+            number(signal.difference, 3, signal.unit or ""),
+            f"{signal.at_s:g} s",
+            number(signal.span, 3, signal.unit or ""),
+            number(signal.error, 3, signal.unit or ""),
+            NONE if relative is None else f"{100 * relative:.2g} %",
+        ]
+        table.add_row(*row, *[number(signal.observed_order, 3)] * observed)
+    parts: list[RenderableType] = [head, table]
+    if len(check.signals) > _ROWS:
+        parts.append(Text(f"{len(check.signals) - _ROWS} more with smaller errors: --json"))
+    how = (
+        f"estimated from the order observed, or {check.order} where there is none"
+        if observed
+        else f"estimated for order {check.order}, which the coupling should have; "
+        "--check-order runs at a quarter of the step too and observes it"
+    )
+    return Group(*parts, Text(how, style="dim"))
