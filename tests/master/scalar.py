@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import fmpy
+from compiled import compile_fmu
 
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Connection, Endpoint, Link, System, make_schedule
@@ -28,10 +26,6 @@ _VARIABLES = (
 
 def scalar_fmu(folder: Path, *, variable_step: bool = True, states: bool = True) -> Path:
     """scalar.fmu, compiled by the system's compiler, with or without two capabilities."""
-    library = folder / f"scalar{fmpy.sharedLibraryExtension}"
-    source = Path(__file__).with_name("scalar.c")
-    command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
-    subprocess.run([*command, "-lm"], check=True)  # noqa: S603 - our own source
     variables = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '
         f'variability="{variability}">{kind}</ScalarVariable>'
@@ -54,10 +48,7 @@ def scalar_fmu(folder: Path, *, variable_step: bool = True, states: bool = True)
         f"<InitialUnknowns>{initial}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
     )
     path = folder / f"scalar-{variable_step:d}{states:d}.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-    return path
+    return compile_fmu(Path(__file__).with_name("scalar.c"), description, path)
 
 
 def ns(seconds: float) -> int:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from faulty import CALLS, faulty_fmu
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns
 
 from cosim.core.errors import ComponentError
@@ -40,8 +40,8 @@ ENGINES, ALGORITHMS, VERSIONS = ("python", "kernel"), ("jacobi", "gauss-seidel")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The FMU that fails, of each version, and another one of the same code that does not."""
     folder = tmp_path_factory.mktemp("faulty")
-    found = {version: faulty_fmu(folder, version, f"pump{version[0]}") for version in VERSIONS}
-    return found | {"sound": faulty_fmu(folder, "2.0", "sound")}
+    found = {version: hostile_fmu(folder, version, f"pump{version[0]}") for version in VERSIONS}
+    return found | {"sound": hostile_fmu(folder, "2.0", "sound")}
 
 
 def ring(fmus: dict[str, Path], version: str, algorithm: Any, **fault: float) -> System:
@@ -60,7 +60,7 @@ def ring(fmus: dict[str, Path], version: str, algorithm: Any, **fault: float) ->
 
 
 def fault(what: str, status: int, at: float = FAIL_AT) -> dict[str, float]:
-    return {"fail_in": CALLS.index(what), "status": status, "fail_at": at}
+    return misbehaviour(WORDS[status].lower(), what, at)
 
 
 def recorded(system: System, path: Path, engine: Any) -> Run:

@@ -11,7 +11,7 @@ import fmpy
 import pytest
 from cli.shell import cosim
 from fmu.packed import XML, files_of, pack
-from master.faulty import faulty_fmu
+from hostile.hostile_fmu import hostile_fmu
 
 from cosim.core.errors import InputError
 from cosim.scenario.python_api import open_session
@@ -100,7 +100,7 @@ def test_fmu_with_paths_outside_is_refused_by_all_that_run_it(tmp_path: Path, ki
     change, entry, message = HOSTILE[kind]
     home = tmp_path / "home"
     home.mkdir()
-    fmu = faulty_fmu(home, "2.0", "guest")
+    fmu = hostile_fmu(home, "2.0", "guest")
     (home / "s.toml").write_text(SCENARIO)
     (home / "study.toml").write_text(STUDY)
     sound = cosim("run", "s.toml", "--json", cwd=home)
