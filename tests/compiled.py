@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import fmpy
@@ -30,18 +31,27 @@ def compile_fmu(
 
     The test is skipped without a compiler.
     """
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("needs a C compiler (cc)")
-    line = [compiler, "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{_HEADERS}"]
     identifier = re.findall('modelIdentifier="(.*?)"', description)[0]
     platform = fmpy.platform if 'fmiVersion="2.0"' in description else fmpy.platform_tuple
-    with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(path, "w") as archive:
-        library = Path(folder) / f"{identifier}{fmpy.sharedLibraryExtension}"
-        command = [*line, *flags, str(source), "-lm", "-o", str(library)]
-        subprocess.run(command, check=True)  # noqa: S603 - our own source
+    library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
+    with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{platform}/{library.name}")
+        archive.writestr(library, _library(source.read_text("utf-8"), source.parent, flags))
         for name, text in (resources or {}).items():
             archive.writestr(f"resources/{name}", text)
     return path
+
+
+@cache
+def _library(text: str, home: Path, flags: tuple[str, ...]) -> bytes:
+    """The shared library of a C file that stands in `home`, compiled once per process."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler (cc)")
+    strict = ("-O1", "-Wall", "-Wextra", "-Werror", f"-I{_HEADERS}", f"-I{home}")
+    with tempfile.TemporaryDirectory() as folder:
+        source, library = Path(folder) / "source.c", Path(folder) / "library"
+        source.write_text(text, "utf-8")
+        line = [compiler, *strict, "-shared", "-fPIC", *flags, source, "-lm", "-o", library]
+        subprocess.run(line, check=True)  # noqa: S603 - our own source
+        return library.read_bytes()

@@ -43,8 +43,8 @@ enum { /* faults */
     ROUNDING, FLUSH_TO_ZERO, SIGNALS, THREAD, CLOSE_OUTPUT, CHILD, CHANGE_FOLDER, DELETE_RESOURCES
 };
 
-typedef struct { /* of the calls after the initialisation */
-    int64_t begun, done, got, set;
+typedef struct { /* steps begun and done, gets and sets after the initialisation, and faults */
+    int64_t begun, done, got, set, faults;
 } Counts;
 typedef struct {
     const fmi2CallbackFunctions *two;
@@ -144,8 +144,10 @@ static void die(int signal_number) {
 /* Does what is asked for; the status that the call returns. */
 static int misbehave(Model *m, int fault) {
     static volatile int *nowhere;
-    static char *twice;
+    static char *volatile twice;
     pthread_t thread;
+    if (m->counts)
+        m->counts->faults++;
     switch (fault) {
     case SEGFAULT: signal(SIGSEGV, SIG_DFL); *nowhere = 1; break;
     case ABORT: die(SIGABRT); break;
@@ -153,7 +155,7 @@ static int misbehave(Model *m, int fault) {
     case EXIT_0: exit(0);
     case EXIT_3: exit(3);
     case STACK_OVERFLOW: overflow(0); break;
-    case DOUBLE_FREE: free(twice = malloc(5000)), free(twice); break;
+    case DOUBLE_FREE: twice = malloc(5000), free(twice), free(twice); break;
     case HANG_DEAF: ignore_signals(); /* fall through */
     case HANG: for (volatile int on = 1; on;) {} break;
     case SLEEP: wait_for(REAL(m, SECONDS)); break;
@@ -194,8 +196,9 @@ static int misbehave(Model *m, int fault) {
 /* Every function of FMI begins with this; the status that it is to return. */
 static int call(Model *m, int which) {
     m->calls[which]++;
-    if (INTEGER(m, CALL_) != which || m->time < REAL(m, AT) - 1e-9 ||
-        m->calls[which] < INTEGER(m, NTH) || fabs(m->u) <= REAL(m, BEYOND))
+    if (INTEGER(m, FAULT_) == NOTHING || INTEGER(m, CALL_) != which ||
+        m->time < REAL(m, AT) - 1e-9 || m->calls[which] < INTEGER(m, NTH) ||
+        fabs(m->u) <= REAL(m, BEYOND))
         return fmi2OK;
     return misbehave(m, INTEGER(m, FAULT_));
 }
@@ -274,7 +277,7 @@ static int step(Model *m, double t, double h) {
         return status;
     m->x += h * (m->u - REAL(m, DECAY) * m->x);
     if (m->number == GROW)
-        m->x = 10.0 * fmax(fabs(m->x), 1.0);
+        m->x = 1e10 * fmax(fabs(m->x), 1.0);
     m->time = t + h;
     if (m->counts)
         m->counts->done++;

@@ -35,12 +35,16 @@ _FIRST_REAL, _FIRST_INTEGER = 2, 8
 
 
 class Counts(NamedTuple):
-    """How often an FMU was called after its initialisation; it survives the process."""
+    """What was done after the initialisation, and how often it misbehaved.
+
+    It survives the process.
+    """
 
     begun: int
     done: int
     got: int
     set: int
+    faults: int
 
 
 def hostile_fmu(
@@ -72,6 +76,7 @@ def hostile_fmu(
         describe(name, starts, integers),
         folder / f"{name}.fmu",
         "-pthread",
+        "-ffp-contract=off",  # so that its numbers are those of the same sums elsewhere
         resources={"hostile.txt": settings},
     )
 
