@@ -153,7 +153,9 @@ def expectation(row: Row) -> Expectation:
     elif fault in _STATUSES and call != "terminate":
         failed = (*place, "refuses" if call == "instantiate" else _STATUSES[fault])
     if failed is not None:
-        return Expectation((4,), ("failed",), failed)
+        # after its last row the run itself is finished
+        over = call in ("terminate", "free")
+        return Expectation((4,), ("failed", "finished") if over else ("failed",), failed)
     if fault == "grow":
         return Expectation((0,), ("diverged",), (r"h\.x|'h'",))
     if fault == "end":

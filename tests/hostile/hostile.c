@@ -51,7 +51,6 @@ typedef struct {
     fmi3LogMessageCallback three;
     void *environment;
     char name[200];
-    Counts *counts;
     double u, x, time, reached;
     double reals[6]; /* from AT on */
     int32_t integers[3]; /* from FAULT on */
@@ -61,6 +60,9 @@ typedef struct {
 enum { U, X, AT, BEYOND, SECONDS, MEGABYTES, DECAY, X0, FAULT_, CALL_, NTH };
 #define REAL(m, reference) (m)->reals[(reference) - AT]
 #define INTEGER(m, reference) (m)->integers[(reference) - FAULT_]
+
+static Counts *counts; /* of all instances */
+static volatile int freed;
 
 static int say(Model *m, int status, const char *text) {
     if (m->three)
@@ -101,11 +103,10 @@ static void wait_for(double seconds) {
     }
 }
 
-static void *go_on_writing(void *memory) {
-    for (;;) {
-        usleep(100);
-        ((Model *)memory)->x += 1.0;
-    }
+static void *write_after_the_end(void *memory) {
+    for (;; usleep(100))
+        if (freed)
+            ((Model *)memory)->x += 1.0;
     return NULL;
 }
 
@@ -146,8 +147,8 @@ static int misbehave(Model *m, int fault) {
     static volatile int *nowhere;
     static char *volatile twice;
     pthread_t thread;
-    if (m->counts)
-        m->counts->faults++;
+    if (counts)
+        counts->faults++;
     switch (fault) {
     case SEGFAULT: signal(SIGSEGV, SIG_DFL); *nowhere = 1; break;
     case ABORT: die(SIGABRT); break;
@@ -178,7 +179,7 @@ static int misbehave(Model *m, int fault) {
     case ROUNDING: fesetround(FE_UPWARD); break;
     case FLUSH_TO_ZERO: flush_to_zero(); break;
     case SIGNALS: ignore_signals(); break;
-    case THREAD: if (m->number != THREAD) pthread_create(&thread, NULL, go_on_writing, m);
+    case THREAD: if (m->number != THREAD) pthread_create(&thread, NULL, write_after_the_end, m);
         m->number = THREAD; break;
     case CLOSE_OUTPUT: close(STDOUT_FILENO), close(STDERR_FILENO); break;
     case CHILD:
@@ -207,7 +208,7 @@ static int call(Model *m, int which) {
 
 static void read_settings(Model *m) {
     Dl_info here;
-    char path[4200], counts[4200] = "";
+    char path[4200], shared[4200] = "";
     if (!dladdr((void *)read_settings, &here))
         return;
     snprintf(path, sizeof path, "%.*s/../../resources/hostile.txt",
@@ -216,12 +217,12 @@ static void read_settings(Model *m) {
     if (file == NULL)
         return;
     if (fscanf(file, "%d %d %lf %d %4100[^\n]", &INTEGER(m, FAULT_), &INTEGER(m, CALL_),
-               &REAL(m, AT), &INTEGER(m, NTH), counts) == 5) {
-        int opened = open(counts, O_RDWR);
+               &REAL(m, AT), &INTEGER(m, NTH), shared) == 5) {
+        int opened = open(shared, O_RDWR);
         void *memory = opened < 0 ? MAP_FAILED : mmap(NULL, sizeof(Counts), PROT_READ | PROT_WRITE,
                                                       MAP_SHARED, opened, 0);
         if (memory != MAP_FAILED)
-            m->counts = memory;
+            counts = memory;
         close(opened);
     }
     fclose(file);
@@ -229,7 +230,7 @@ static void read_settings(Model *m) {
 
 static void start(Model *m) {
     REAL(m, BEYOND) = -1.0;
-    REAL(m, SECONDS) = 0.2;
+    REAL(m, SECONDS) = 0.05;
     REAL(m, MEGABYTES) = 1024.0;
     INTEGER(m, NTH) = 1;
     read_settings(m);
@@ -269,8 +270,8 @@ static int leave(Model *m) {
 
 static int step(Model *m, double t, double h) {
     m->time = t;
-    if (m->counts)
-        m->counts->begun++;
+    if (counts)
+        counts->begun++;
     int status = call(m, STEP);
     m->reached = status == fmi2OK || status == fmi2Warning ? t + h : t + h / 2;
     if (m->reached < t + h)
@@ -279,8 +280,8 @@ static int step(Model *m, double t, double h) {
     if (m->number == GROW)
         m->x = 1e10 * fmax(fabs(m->x), 1.0);
     m->time = t + h;
-    if (m->counts)
-        m->counts->done++;
+    if (counts)
+        counts->done++;
     return status;
 }
 
@@ -294,8 +295,8 @@ static double output(const Model *m) {
 }
 
 static int get_reals(Model *m, const unsigned v[], size_t n, double value[]) {
-    if (m->counts && m->stepping)
-        m->counts->got++;
+    if (counts && m->stepping)
+        counts->got++;
     int status = call(m, GET);
     for (size_t i = 0; i < n; i++)
         value[i] = v[i] == U ? m->u : v[i] == X ? output(m) : REAL(m, v[i]);
@@ -303,8 +304,8 @@ static int get_reals(Model *m, const unsigned v[], size_t n, double value[]) {
 }
 
 static int set_reals(Model *m, const unsigned v[], size_t n, const double value[]) {
-    if (m->counts && m->stepping)
-        m->counts->set++;
+    if (counts && m->stepping)
+        counts->set++;
     for (size_t i = 0; i < n; i++)
         *(v[i] == U ? &m->u : &REAL(m, v[i])) = value[i];
     return call(m, SET);
@@ -319,6 +320,7 @@ static void end(Model *m) {
     call(m, FREE);
     say(m, fmi2OK, "freed");
     free(m);
+    freed = 1;
 }
 
 static int reset(Model *m) {

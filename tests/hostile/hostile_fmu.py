@@ -28,7 +28,7 @@ FAULTS = _enumeration("faults")
 """What may happen there; the first one is nothing."""
 
 _REALS = (
-    *(("at", 0.0), ("beyond", -1.0), ("seconds", 0.2), ("megabytes", 1024.0)),
+    *(("at", 0.0), ("beyond", -1.0), ("seconds", 0.05), ("megabytes", 1024.0)),
     *(("decay", 0.0), ("x0", 0.0)),
 )
 _FIRST_REAL, _FIRST_INTEGER = 2, 8

@@ -248,7 +248,8 @@ def _wrong(columns: dict[tuple[str, str], list[float]], row: Row) -> Iterator[st
         if other and not _equal(u, columns[other, "x"][: len(u)]):
             yield f"{name}.u is not {other}.x"
         # the fault may change numbers of its own component from its time on
-        until = min(first if name == "h" else len(x) - 1, len(x) - 1, len(u))
+        last = first - (row.call == "get") if name == "h" else len(x)
+        until = min(last, len(x) - 1, len(u))
         expected = X0[name]
         for k in range(until + 1 if x else 0):
             if not _equal([x[k]], [expected]):
