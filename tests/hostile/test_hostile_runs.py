@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from hostile.expected import RUN_CALLS, VERSIONS, Expectation, Row, rows
+from hostile.hostile_fmu import FAULTS
 from hostile.judged import departures
 from hostile.runs import STEPS, Interrupt, run_row
+from study.deadly import DEADLY, U, folder, truth
 
+from cosim.study.table import read_table
 from cosim.trace import Trace
 
 SAMPLE = (
@@ -98,3 +103,38 @@ def test_what_an_fmu_prints_is_no_part_of_the_json(tmp_path: Path, row: Row) -> 
         ("a line that the FMU prints" if row.fault == "print" else "~~~") in m for m in logged
     )
     assert (tmp_path / "run" / "t.mcap").stat().st_size < 4 << 20
+
+
+STUDY = """
+title = "x follows u"
+scenario = "{scenario}"
+[[vary]]
+kind = "grid"
+name = "u"
+path = "{path}"
+values = [0.0, 1.0, {deadly}, 2.0]
+[metrics]
+x = "final.tiny.x"
+[set]
+"components.tiny.parameters.fault" = {fault}
+"limits.call" = "2 s"
+"""
+
+
+@pytest.mark.parametrize("fault", ["exit-0", "hang"])
+def test_study_in_one_process_goes_on_after_such_a_run(tmp_path: Path, fault: str) -> None:
+    """Its row is failed and says why; all others are the closed form."""
+    given = {"scenario": folder() / "tiny.toml", "path": U, "deadly": DEADLY}
+    text = STUDY.format(**given, fault=FAULTS.index(fault))
+    (tmp_path / "s.toml").write_text(text)
+    line = [sys.executable, "-m", "cosim", "study", "run", "s.toml", "--out", "out"]
+    done = subprocess.run(  # noqa: S603 - ourselves
+        line, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    found = read_table(tmp_path / "out")[0].to_pydict()
+    assert found["status"] == ["finished", "finished", "failed", "finished"]
+    assert "'tiny'" in found["reason"][2]
+    assert "step" in found["reason"][2]
+    values = [value for value, u in zip(found["x"], found["u"], strict=True) if u != DEADLY]
+    assert values == pytest.approx([truth(u) for u in (0.0, 1.0, 2.0)])
