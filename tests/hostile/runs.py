@@ -23,6 +23,7 @@ import psutil
 from hostile.expected import RUN_CALLS, Row, at
 from hostile.hostile_fmu import counts_in, hostile_fmu
 
+import cosim
 from cosim.scenario import Scenario
 from cosim.trace import Trace, recover
 
@@ -59,6 +60,8 @@ start = "{CALL_LIMIT_S:g} s"
 end = "{CALL_LIMIT_S:g} s"
 memory = "{MEMORY_LIMIT}"
 """
+_SAME_PROJECT = {"PYTHONPATH": str(Path(cosim.__file__).parents[1])}
+"""The command is that of the project which is imported here."""
 
 
 class Interrupt(NamedTuple):
@@ -134,7 +137,7 @@ def run_row(
         process = subprocess.Popen(  # noqa: S603 - ourselves
             line,
             cwd=home,
-            env={**os.environ, "TMPDIR": str(scratch), "COLUMNS": "200"},
+            env={**os.environ, **_SAME_PROJECT, "TMPDIR": str(scratch), "COLUMNS": "200"},
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=subprocess.STDOUT,
