@@ -149,9 +149,10 @@ def run_row(
             code: int | None = process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             code = None
-        seconds = time.monotonic() - began
-    left = tuple(_end_all(scratch, process.pid))
-    process.wait()
+        finally:  # also where the table itself is interrupted
+            seconds = time.monotonic() - began
+            left = tuple(_end_all(scratch, process.pid))
+            process.wait()
     trace = home / "t.mcap"
     kept, finished, status, wrong = _look_at(trace, row, folder)
     printed = out.read_text("utf-8", "replace")
