@@ -51,11 +51,16 @@ from .inspect import (
     Inspection as Inspection,
     inspect_fmu as inspect_fmu,
 )
+from .inspect.archive import (
+    BROKEN_ARCHIVE as BROKEN_ARCHIVE,
+    CheckedArchive as CheckedArchive,
+)
 from .inspect.findings import (
     LEVELS as LEVELS,
     printable as printable,
 )
 from .inspect.inspection_facts import fmu_facts as fmu_facts
+from .inspect.markup import MAX_XML as MAX_XML
 from .inspect.run import run_findings as run_findings
 from .messages import LogSink as LogSink
 from .port import (

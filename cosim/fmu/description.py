@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +16,10 @@ from fmpy.model_description import ValidationError
 
 from cosim.core import InputError
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
-from cosim.fmu.inspect.archive import Archive
+from cosim.fmu.inspect.archive import CheckedArchive
+from cosim.fmu.inspect.declared_model import XML
 from cosim.fmu.inspect.findings import refusal
+from cosim.fmu.inspect.markup import MAX_XML, parse_xml
 from cosim.fmu.inspect.variables import identifier_findings
 from cosim.fmu.port import FmiVersion, Port
 from cosim.fmu.port_declarations import declared_ports
@@ -166,9 +167,9 @@ _described: dict[tuple[Path, str], FmuDescription] = {}
 
 def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            Archive(path, archive).require_sound()
-            xml = archive.read("modelDescription.xml")
+        archive = CheckedArchive(path, content)
+        archive.require_sound()
+        xml = _description_in(archive)
         model, departures = _read_model(content)
         version = _version(model, path)
         ports = declared_ports(model, xml, version)
@@ -181,6 +182,14 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
     for wrong in identifier_findings(model.coSimulation.modelIdentifier, "co-simulation"):
         raise refusal("its library is not loaded", path, wrong, "a C identifier")
     return FmuDescription(path, digest, model, MappingProxyType(ports), xml, version, departures)
+
+
+def _description_in(archive: CheckedArchive) -> bytes:
+    """Return modelDescription.xml, which is of a bounded size and has no entities of its own."""
+    xml = archive.read(XML, MAX_XML)
+    for wrong in parse_xml(xml, XML)[1]:
+        raise refusal("not a valid FMU", archive.path, wrong, "XML within limits, without DTD")
+    return xml or b""
 
 
 def _read_model(content: bytes) -> tuple[Any, tuple[str, ...]]:

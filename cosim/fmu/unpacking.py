@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import hashlib
 import os
 import shutil
 import sys
@@ -91,11 +90,10 @@ def unpack_fmu(description: FmuDescription) -> Path:
         folder = own_folder() / description.sha256
         if folder.is_dir():
             return folder
-        _check_unchanged(description)
+        archive = open_archive(description.path, description.sha256)
         draft = folder.with_suffix(".new")
         try:
-            with open_archive(description.path) as archive:
-                archive.unpack(draft)
+            archive.unpack(draft)
             (draft / "resources").mkdir(exist_ok=True)  # FMUs get its path
             draft.rename(folder)
         except OSError as error:
@@ -105,21 +103,6 @@ def unpack_fmu(description: FmuDescription) -> Path:
         finally:
             shutil.rmtree(draft, ignore_errors=True)
         return folder
-
-
-def _check_unchanged(description: FmuDescription) -> None:
-    try:
-        digest = hashlib.sha256(description.path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(
-            "the FMU cannot be read any more", where=str(description.path), got=str(error)
-        ) from error
-    if digest != description.sha256:
-        raise InputError(
-            "the FMU has changed since it was read",
-            where=str(description.path),
-            hint="start again",
-        )
 
 
 def _remove_stale(parent: Path) -> None:

@@ -49,10 +49,10 @@ def out_of_range(wiring: Wiring, k: int, column: int) -> tuple[bool, str]:
     row, seconds = wiring.rows[k], int(wiring.comm_points.points_ns[k]) / 1e9
     if np.isfinite(row[column]):
         bound = wiring.bounds[column]
-        name = wiring.output(column)
+        name = wiring.signal(column)
         return True, f"{name} left the range of +-{bound:g} at t = {seconds:g} s"
     origin = _origin(wiring, k, column)
-    name, value = wiring.output(origin), row[origin]
+    name, value = wiring.signal(origin), row[origin]
     instance = wiring.instance(name.component)
     if has_grown(instance, k):
         return True, f"{name} grew step by step and is {value:g} at t = {seconds:g} s"

@@ -35,13 +35,14 @@ def initialise(system: System, wiring: Wiring) -> int:
         instance = wiring.instance(name)
         instance.slave.set_start(instance.component.parameters)
         instance.slave.enter_initialisation(0.0, end)
-    passes = _settle(wiring)
+    most = max(MOST_PASSES, system.solve_limit) if system.solve else MOST_PASSES
+    passes = _settle(wiring, most)
     for name in system.components:
         wiring.instance(name).slave.exit_initialisation()
     return passes
 
 
-def _settle(wiring: Wiring) -> int:
+def _settle(wiring: Wiring, most: int) -> int:
     ends = [_InitialisedComponent(instance) for instance in wiring.instances]
     if not any(component.connected_inputs for component in ends):
         return 0
@@ -49,7 +50,7 @@ def _settle(wiring: Wiring) -> int:
     for component in ends:
         component.ask(row)
     changes: dict[Endpoint, float] = {}
-    for turn in range(1, MOST_PASSES + 1):
+    for turn in range(1, most + 1):
         changes = {}
         for component in ends:
             found = component.moved(row)
@@ -66,7 +67,7 @@ def _settle(wiring: Wiring) -> int:
         "the initial values do not settle",
         where=", ".join(str(end) for end in worst),
         expected=f"inputs that stay within {_TOLERANCE:g} of themselves "
-        f"before pass {MOST_PASSES} of the initialisation",
+        f"before pass {most} of the initialisation",
         got=f"changes of up to {changes[worst[0]]:.3g} in that pass",
         hint="an algebraic loop with a gain of 1 or more: break it by a packet link, or give "
         "it consistent start values",

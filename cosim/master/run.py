@@ -67,6 +67,8 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
     if early_stop.what == "range":
         diverged, reason = out_of_range(wiring, early_stop.k, early_stop.instance)
         return ("diverged" if diverged else "failed"), reason
+    if early_stop.what == "loop":
+        return "failed", _unsettled(wiring, early_stop).text()
     instance = wiring.instances[early_stop.instance]
     slave, what = instance.slave, early_stop.what
     if what in ("step", "end"):
@@ -87,3 +89,19 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
     overflow = "no longer finite" in (error.got or "")
     diverged = overflow and has_grown(instance, early_stop.complete)
     return ("diverged" if diverged else "failed"), error.text()
+
+
+def _unsettled(wiring: Wiring, early_stop: EarlyStop) -> ComponentError:
+    """Make the error of an algebraic loop whose values change with every pass."""
+    signal = wiring.signal(early_stop.instance)
+    loop = next(one for one in wiring.receiving.loops if signal.component in one)
+    seconds = int(wiring.comm_points.points_ns[early_stop.k]) / 1e9
+    return ComponentError(
+        f"an algebraic loop does not settle at t = {seconds:g} s",
+        where=" -> ".join([*loop, loop[0]]),
+        expected="values that stay within run.solve_tolerance of themselves before pass "
+        "run.solve_limit",
+        got=f"{signal} = {wiring.rows[early_stop.k, early_stop.instance]:g} in the last pass",
+        hint="a loop with a gain of 1 or more never settles: cut it by a policy previous or a link "
+        "with a delay; one with a gain just below 1 needs more passes",
+    )

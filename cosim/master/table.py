@@ -254,7 +254,7 @@ def make_table(system: System, wiring: Wiring, adjustments: Adjustments, word: I
     if system.algorithm == "gauss-seidel":
         receiving, steps = _gauss_seidel(parts)
     else:
-        receiving, steps = _jacobi(system, parts)
+        receiving, steps = _jacobi(system, wiring, parts)
         sending = [operation for part in parts for operation in part.gets(direct=False)]
     return Table(
         operations=(*sending, *receiving, Complete(), *steps),
@@ -276,15 +276,34 @@ _Parts = tuple[list[Operation], list[Operation]]
 """What comes before a row is complete, and after it."""
 
 
-def _jacobi(system: System, parts: Sequence[_InstanceOperations]) -> _Parts:
-    receiving: list[Operation] = []
-    for part in parts:
-        receiving += [*part.takes(), *part.gets(direct=True)]
+def _jacobi(system: System, wiring: Wiring, parts: Sequence[_InstanceOperations]) -> _Parts:
     by_name = {part.instance.name: part for part in parts}
+    loops = {loop[0]: [by_name[name] for name in loop] for loop in wiring.receiving.loops}
+    iterated = {name for loop in wiring.receiving.loops for name in loop}
+    sent = sum(1 for part in parts for _ in part.gets(direct=False))
+    receiving: list[Operation] = []
+    for name, part in by_name.items():
+        if name in loops:
+            receiving += _iterate(system, loops[name], sent + len(receiving))
+        elif name not in iterated:
+            receiving += [*part.takes(), *part.gets(direct=True)]
     steps: list[Operation] = []
     for part in (by_name[name] for name in system.components):
         steps += [*part.takes_in_step(), part.step()]
     return receiving, steps
+
+
+def _iterate(
+    system: System, parts: Sequence[_InstanceOperations], number: int
+) -> Iterator[Operation]:
+    """Yield the operations of an algebraic loop; its guess gets this number."""
+    columns = np.array([c for part in parts for c in part.columns_in_loop()], np.int64)
+    loop = AlgebraicLoop(columns, system.solve_tolerance, system.solve_limit)
+    yield Guess(loop=loop)
+    for part in parts:
+        yield from part.takes()
+        yield from part.gets(direct=True)
+    yield Settle(loop=loop, begin=number)
 
 
 def _gauss_seidel(parts: Sequence[_InstanceOperations]) -> _Parts:
@@ -323,6 +342,13 @@ class _InstanceOperations:
         for group in self.instance.connected_inputs:
             if group.route in later:
                 yield Set(group=group, **given)
+
+    def columns_in_loop(self) -> Iterator[int]:
+        """Yield the columns of its inputs, and of its outputs with direct feedthrough."""
+        instance = self.instance
+        for group in (*instance.connected_inputs, *instance.outputs_with_feedthrough):
+            if group.c_type != "S":
+                yield from range(group.column, group.column + group.size)
 
     def gets(
         self, *, direct: bool, when: When = When.ALWAYS, ahead: bool = False

@@ -194,13 +194,16 @@ class Wiring:
             for name in self.comm_points.live
         }
 
-    def output(self, column: int) -> Endpoint:
-        """Return the output in a column."""
+    def signal(self, column: int) -> Endpoint:
+        """Return the output or input in a column."""
         for instance in self.instances:
-            first = instance.output_column
-            if 0 <= column - first < len(instance.output_columns):
-                return Endpoint(instance.name, instance.output_columns[column - first].name)
-        raise ValueError(f"expected the column of an output, got {column}")
+            for first, columns in (
+                (instance.output_column, instance.output_columns),
+                (instance.input_column, instance.input_columns),
+            ):
+                if 0 <= column - first < len(columns):
+                    return Endpoint(instance.name, columns[column - first].name)
+        raise ValueError(f"expected a column of the rows, got {column}")
 
 
 def wire(system: System, allocate: Callable[[tuple[int, int]], Rows] = np.zeros) -> Wiring:

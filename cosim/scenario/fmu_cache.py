@@ -34,7 +34,9 @@ class FmuCache:
         if fmu in self.wanted:
             for path in sorted(self.root.rglob("*.fmu")):
                 if hashlib.sha256(path.read_bytes()).hexdigest() == self.wanted[fmu]:
-                    return describe_fmu(path)
+                    found = describe_fmu(path)
+                    if found.sha256 == self.wanted[fmu]:  # it may have changed meanwhile
+                        return found
         if fmu in CATALOGUE:
             try:
                 return describe_fmu(ensure_fmu(fmu, self.root, flavour=self.flavour).path)

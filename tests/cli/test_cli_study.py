@@ -18,15 +18,15 @@ scenario = "{scenario}"
 [[vary]]
 kind = "grid"
 name = "u"
-path = "components.tiny.parameters.u[1]"
+path = "components.tiny.parameters.u"
 values = [0.0, 1.0, 2.0]
 [[vary]]
 kind = "replicates"
 name = "seed"
 count = 2
 [metrics]
-x = "final.tiny.x[1]"
-small = {{ path = "final.tiny.x[1]", below = 1.5 }}
+x = "final.tiny.x"
+small = {{ path = "final.tiny.x", below = 1.5 }}
 """
 
 

@@ -82,7 +82,7 @@ FMI2_DAMAGE: dict[str, tuple[Damage, str, str]] = {
     "absolute": (with_file("/etc/outside.txt", b""), "path-escapes", "error"),
     "drive": (with_file("C:/outside.txt", b""), "path-escapes", "error"),
     "control": (with_file("resources/a\nb", b""), "path-control", "error"),
-    "case": (with_file("Documentation/index.html", b""), "entry-case", "warning"),
+    "case": (with_file("Documentation/index.html", b""), "entry-case", "error"),
     "malformed": (described_as((r"<ModelVariables>", "<ModelVariables")), "xml-malformed", "error"),
     "empty-xml": (with_file(XML, b""), "xml-malformed", "error"),
     "binary-xml": (with_file(XML, bytes(range(256))), "xml-malformed", "error"),

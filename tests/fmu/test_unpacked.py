@@ -11,8 +11,10 @@ from pathlib import Path
 
 import pytest
 from foreign.c_fmu import c_fmu, talker
+from packed import files_of, pack
 
-from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
+from cosim.core.errors import InputError
+from cosim.fmu import CheckedArchive, FmuDescription, FmuSlave, describe_fmu
 from cosim.fmu.unpacking import PREFIX, remove_unpacked, unpack_fmu
 
 
@@ -49,6 +51,27 @@ def test_instances_share_unpacked_files(described: FmuDescription, scratch: Path
     assert unpack_fmu(described).parent != folder.parent
     assert (folder.parent / described.sha256).is_dir() is False
     remove_unpacked()
+
+
+def test_what_is_unpacked_is_what_was_checked(
+    described: FmuDescription, scratch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is exchanged between the check and the unpacking is not read again."""
+    files, path = files_of(described.path), tmp_path / "x.fmu"
+    sound = describe_fmu(pack({**files, "resources/one": b"1"}, path))
+    check = CheckedArchive.require_sound
+
+    def exchange(archive: CheckedArchive) -> None:
+        check(archive)
+        pack({**files, "resources/two": b"2"}, path)
+
+    monkeypatch.setattr(CheckedArchive, "require_sound", exchange)
+    resources = unpack_fmu(sound) / "resources"
+    assert [p.name for p in resources.iterdir()] == ["one"]
+    remove_unpacked()
+    assert list(scratch.iterdir()) == []
+    with pytest.raises(InputError, match="the FMU has changed since it was read"):
+        unpack_fmu(sound)
 
 
 _CODE = """

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import zipfile
 from pathlib import Path
 
-import fmpy
-import pytest
+from compiled import compile_fmu
 
-_HEADERS = Path(__file__).parents[2] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
 TYPES = (
     *("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64"),
     *("UInt64", "Boolean", "String"),
@@ -23,24 +18,11 @@ def c_fmu(source: str, description: str, folder: Path, *, text: str | None = Non
 
     `text` is compiled in place of the file.
     """
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("needs a C compiler")
-    name = source.removesuffix(".c")
-    library = folder / f"{name}{fmpy.sharedLibraryExtension}"
-    line = [compiler, "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", f"-I{_HEADERS}"]
     code = Path(__file__).with_name(source)
     if text is not None:
         code = folder / source
         code.write_text(text)
-    line += [str(code), "-o", str(library)]
-    subprocess.run(line, check=True)  # noqa: S603 - our own source
-    platform = fmpy.platform if 'fmiVersion="2.0"' in description else fmpy.platform_tuple
-    path = folder / f"{name}.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{platform}/{library.name}")
-    return path
+    return compile_fmu(code, description, folder / f"{code.stem}.fmu")
 
 
 def source_of(name: str) -> str:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import zipfile
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
+from compiled import compile_fmu
 from master.scalar import end, ns
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -33,10 +31,6 @@ START = (0.1, 0.1, 0.2, 0.1)
 
 def mass_fmu(folder: Path) -> Path:
     """masses.fmu, compiled by the system's compiler."""
-    library = folder / f"masses{fmpy.sharedLibraryExtension}"
-    source = Path(__file__).with_name("masses.c")
-    command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
-    subprocess.run([*command, "-lm"], check=True)  # noqa: S603 - our own source
     variables = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '
         f'variability="{variability}"{_EXACT if start and causality == "output" else ""}>'
@@ -53,11 +47,9 @@ def mass_fmu(folder: Path) -> Path:
         f"<ModelStructure><Outputs>{unknowns}{force}</Outputs>"
         f"<InitialUnknowns>{force}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
     )
-    path = folder / "masses.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-    return path
+    return compile_fmu(
+        Path(__file__).with_name("masses.c"), description, folder / "masses.fmu", "-lm"
+    )
 
 
 def oscillator(fmu: Path, policy: Any, *, step: float, stop: float) -> System:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import zipfile
 from pathlib import Path
 
-import fmpy
+from compiled import compile_fmu
 
 _VARIABLES = (
     ("u", "input", "continuous", '<Real start="0"/>'),
@@ -23,10 +21,6 @@ _VARIABLES = (
 
 def mixed_fmu(folder: Path) -> Path:
     """mixed.fmu, compiled by the system's compiler."""
-    library = folder / f"mixed{fmpy.sharedLibraryExtension}"
-    source = Path(__file__).with_name("mixed.c")
-    command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
-    subprocess.run(command, check=True)  # noqa: S603 - our own source
     variables = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '
         f'variability="{variability}">{kind}</ScalarVariable>'
@@ -43,8 +37,4 @@ def mixed_fmu(folder: Path) -> Path:
         f"<ModelStructure><Outputs>{unknowns}</Outputs>"
         f"<InitialUnknowns>{unknowns}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
     )
-    path = folder / "mixed.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-    return path
+    return compile_fmu(Path(__file__).with_name("mixed.c"), description, folder / "mixed.fmu")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import fmpy
+from compiled import compile_fmu
 
 from cosim.fmu import describe_fmu
 from cosim.master import Component, Connection, Endpoint, Link, System, make_schedule
@@ -33,10 +31,6 @@ def scalar_fmu(
 
     `declared` : whether it says which outputs depend on the input.
     """
-    library = folder / f"scalar{fmpy.sharedLibraryExtension}"
-    source = Path(__file__).with_name("scalar.c")
-    command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
-    subprocess.run([*command, "-lm"], check=True)  # noqa: S603 - our own source
     variables = "".join(
         f'<ScalarVariable name="{name}" valueReference="{i}" causality="{causality}" '
         f'variability="{variability}">{kind}</ScalarVariable>'
@@ -61,10 +55,7 @@ def scalar_fmu(
         f"<InitialUnknowns>{initial}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
     )
     path = folder / f"scalar-{variable_step:d}{states:d}{'' if declared else '-undeclared'}.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.write(library, f"binaries/{fmpy.platform}/{library.name}")
-    return path
+    return compile_fmu(Path(__file__).with_name("scalar.c"), description, path)
 
 
 def ns(seconds: float) -> int:

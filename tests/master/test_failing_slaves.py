@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from faulty import CALLS, faulty_fmu
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns
 
 from cosim.core.errors import ComponentError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cosim.master import Run
 
 STEP, LAST, FAIL_AT = 0.1, 0.8, 0.3
-DISCARD, ERROR, FATAL = 2, 3, 4
+DISCARD, ERROR, FATAL, UNKNOWN = 2, 3, 4, 77
 WORDS = {DISCARD: "Discard", ERROR: "Error", FATAL: "Fatal"}
 MESSAGE = "the <pump> has lost its prime"
 ORDER = ("first", "middle", "last")
@@ -40,8 +40,8 @@ ENGINES, ALGORITHMS, VERSIONS = ("python", "kernel"), ("jacobi", "gauss-seidel")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The FMU that fails, of each version, and another one of the same code that does not."""
     folder = tmp_path_factory.mktemp("faulty")
-    found = {version: faulty_fmu(folder, version, f"pump{version[0]}") for version in VERSIONS}
-    return found | {"sound": faulty_fmu(folder, "2.0", "sound")}
+    found = {version: hostile_fmu(folder, version, f"pump{version[0]}") for version in VERSIONS}
+    return found | {"sound": hostile_fmu(folder, "2.0", "sound")}
 
 
 def ring(fmus: dict[str, Path], version: str, algorithm: Any, **fault: float) -> System:
@@ -60,7 +60,7 @@ def ring(fmus: dict[str, Path], version: str, algorithm: Any, **fault: float) ->
 
 
 def fault(what: str, status: int, at: float = FAIL_AT) -> dict[str, float]:
-    return {"fail_in": CALLS.index(what), "status": status, "fail_at": at}
+    return misbehaviour(WORDS.get(status, "unknown").lower(), what, at)
 
 
 def recorded(system: System, path: Path, engine: Any) -> Run:
@@ -213,7 +213,7 @@ def test_after_fatal_no_instance_of_that_fmu_is_called(faulty: dict[str, Path]) 
     assert not any(name in ("first", "middle") and text == "freed" for name, text in ear.heard)
 
 
-@pytest.mark.parametrize("status", [ERROR, FATAL, 77])
+@pytest.mark.parametrize("status", [ERROR, FATAL, UNKNOWN])
 @pytest.mark.parametrize("version", VERSIONS)
 def test_failure_of_terminate_is_logged(faulty: dict[str, Path], version: str, status: int) -> None:
     """The run is finished; the instance is freed unless the failure is fatal."""

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 from cli.shell import cosim
-from master.faulty import CALLS, faulty_fmu
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 
 from cosim.trace import Trace
 
 PUMP = """
 [components.pump]
 fmu = "pump.fmu"
-parameters = {{ u = 2.0, fail_in = {call}, status = {status} }}
+parameters = {{ u = 2.0, {fault} }}
 """
 ALONE = '\ntitle = "A pump"\n[run]\nend = 1.0\nstep = 0.1\n'
 BESIDE = '\nextends = "auv-direct"\n[run]\nend = 1.0\n'
@@ -26,10 +26,14 @@ BESIDE = '\nextends = "auv-direct"\n[run]\nend = 1.0\n'
 MESSAGE = "the <pump> has lost its prime"
 
 
-def scenario(folder: Path, call: str, status: int, text: str = ALONE, version: str = "2.0") -> None:
-    faulty_fmu(folder, version, "pump")
-    reported = PUMP.format(call=CALLS.index(call), status=status)
-    (folder / "s.toml").write_text(text + reported)
+def scenario(folder: Path, call: str, fault: str, text: str = ALONE, version: str = "2.0") -> None:
+    hostile_fmu(folder, version, "pump")
+    (folder / "s.toml").write_text(text + PUMP.format(fault=", ".join(settings(call, fault))))
+
+
+def settings(call: str, fault: str) -> list[str]:
+    """Assignments of the pump's parameters."""
+    return [f"{name} = {value}" for name, value in misbehaviour(fault, call).items()]
 
 
 def apart(folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -45,13 +49,14 @@ RUN = ("run", "s.toml", "--out", "t.mcap")
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(
-    ("call", "number"), [("terminate", signal.SIGABRT), ("free", signal.SIGSEGV)]
+    ("call", "fault", "number"),
+    [("terminate", "abort", signal.SIGABRT), ("free", "segfault", signal.SIGSEGV)],
 )
 def test_process_that_dies_with_its_slave_leaves_a_whole_trace(
-    tmp_path: Path, call: str, number: int, version: str
+    tmp_path: Path, call: str, fault: str, number: int, version: str
 ) -> None:
     """Every row, every figure, verified; only what was to be printed is lost."""
-    scenario(tmp_path, call, -number, version=version)
+    scenario(tmp_path, call, fault, version=version)
     done = apart(tmp_path, *RUN)
     assert done.returncode == -number
     assert [p.name for p in tmp_path.glob("t.mcap*")] == ["t.mcap"]
@@ -68,11 +73,11 @@ def test_process_that_dies_with_its_slave_leaves_a_whole_trace(
 def test_zero_state_run_is_made_before_slaves_are_ended(native_fmus: Path, tmp_path: Path) -> None:
     """The gain is that of a run whose pump ends as it should."""
     more = ("--flavour", "native", "--fmus", native_fmus.parent)
-    scenario(tmp_path, "nothing", 0, BESIDE)
+    scenario(tmp_path, "step", "nothing", BESIDE)
     sound = apart(tmp_path, *RUN, *more)
     assert sound.returncode == 0, sound.stderr
     (tmp_path / "t.mcap").unlink()
-    scenario(tmp_path, "free", -signal.SIGABRT, BESIDE)
+    scenario(tmp_path, "free", "abort", BESIDE)
     assert apart(tmp_path, *RUN, *more).returncode == -signal.SIGABRT
     trace = Trace(tmp_path / "t.mcap")
     assert trace.result is not None
@@ -84,7 +89,7 @@ def test_zero_state_run_is_made_before_slaves_are_ended(native_fmus: Path, tmp_p
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_slave_that_refuses_to_terminate_is_reported(tmp_path: Path, version: str) -> None:
     """As a warning, with the words of the FMU: in the summary and as JSON, after the trace."""
-    scenario(tmp_path, "terminate", 3, version=version)
+    scenario(tmp_path, "terminate", "error", version=version)
     message = [
         {"level": "info", "name": "pump", "message": "terminated"},
         {"level": "error", "name": "pump", "message": MESSAGE},
@@ -102,17 +107,17 @@ def test_slave_that_refuses_to_terminate_is_reported(tmp_path: Path, version: st
 
 def test_injection_is_on_disk_before_its_slave_is_ended(tmp_path: Path) -> None:
     """Also for an injection; its refusal to terminate is reported there, too."""
-    scenario(tmp_path, "nothing", 0)
+    scenario(tmp_path, "step", "nothing")
     assert cosim(*RUN, cwd=tmp_path).code == 0
     words = ("trace", "inject", "t.mcap", "--into", "pump.fmu", "--map", "pump.x=u", "-o", "i.mcap")
-    refuses = ("--set", f"fail_in={CALLS.index('terminate')}", "--set", "status=3")
+    refuses = [word for each in settings("terminate", "error") for word in ("--set", each)]
     reported = cosim(*words, *refuses, "--json", cwd=tmp_path)
     assert reported.code == 0, reported.err
     late = "terminating the slave: status 3"
     assert {"level": "warning", "name": "pump", "message": late} in reported.json["log_after_end"]
     assert late in cosim(*words, *refuses, cwd=tmp_path).out
     (tmp_path / "i.mcap").unlink()
-    dies = ("--set", f"fail_in={CALLS.index('free')}", "--set", f"status={-signal.SIGABRT}")
+    dies = [word for each in settings("free", "abort") for word in ("--set", each)]
     assert apart(tmp_path, *words, *dies).returncode == -signal.SIGABRT
     trace = Trace(tmp_path / "i.mcap")
     assert trace.finished

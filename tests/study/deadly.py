@@ -1,18 +1,15 @@
 """Studies of one tiny FMU, whose every run is known in closed form.
 
-x' = u - x by Euler steps of h from 1: x_k = u + (1 - u) (1 - h)^k.
+x' = u - x by Euler steps of h from 1: x_k = u + (1 - u) (1 - h)^k. Beyond |u| = 600 a run kills its
+process, unless another fault is given.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import zipfile
 from pathlib import Path
 from typing import Any
 
-import fmpy
-from benchmarks._tiny import tiny_fmu
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from shared import made_once
 
 from cosim.scenario.read import parse
@@ -28,12 +25,11 @@ end = {STEP * STEPS}
 step = {STEP}
 divergence = 1e9
 [components.tiny]
-fmu = "tiny1.fmu"
+fmu = "tiny.fmu"
 [components.tiny.parameters]
-"u[1]" = 0.0
 """
-U = 'components.tiny.parameters."u[1]"'
-DEADLY, FAILING, SLOW = 667.0, -667.0, 100.0
+U = "components.tiny.parameters.u"
+DEADLY = 667.0
 
 
 def truth(u: float, k: int = STEPS) -> float:
@@ -47,25 +43,20 @@ def folder() -> Path:
 
 
 def _make(path: Path) -> None:
-    plain = tiny_fmu(1, path)
-    source = Path(__file__).with_name("deadly.c")
-    library = path / f"tiny1{fmpy.sharedLibraryExtension}"
-    command = ["cc", "-O1", "-shared", "-fPIC", "-DN=1", str(source), "-o", str(library)]
-    subprocess.run(command, check=True)  # noqa: S603 - our own source
-    made = path / "made.fmu"
-    with zipfile.ZipFile(plain) as old, zipfile.ZipFile(made, "w") as new:
-        for entry in old.namelist():
-            binary = entry.startswith("binaries/")
-            new.writestr(entry, library.read_bytes() if binary else old.read(entry))
-    shutil.move(made, plain)
-    (path / "tiny.toml").write_text(SCENARIO)
+    hostile_fmu(path, "2.0", "tiny")
+    (path / "tiny.toml").write_text(_scenario("kill"))
 
 
-def base() -> BaseScenario:
-    """The scenario."""
-    where = folder()
-    loaded = parse(SCENARIO, name="tiny", where="tiny.toml", folder=where)
-    return BaseScenario("tiny", loaded.scenario, SCENARIO, where, where / "fmus", "native")
+def _scenario(fault: str) -> str:
+    given = {"decay": 1.0, "x0": 1.0, **misbehaviour(fault, beyond=600.0, seconds=0.002)}
+    return SCENARIO + "".join(f"{name} = {value}\n" for name, value in {"u": 0.0, **given}.items())
+
+
+def base(fault: str = "kill") -> BaseScenario:
+    """The scenario, in which a fault happens where |u| is large."""
+    where, text = folder(), _scenario(fault)
+    loaded = parse(text, name="tiny", where="tiny.toml", folder=where)
+    return BaseScenario("tiny", loaded.scenario, text, where, where / "fmus", "native")
 
 
 def study(values: list[float], **more: Any) -> Study:
@@ -75,12 +66,12 @@ def study(values: list[float], **more: Any) -> Study:
             "title": "x follows u",
             "scenario": "tiny.toml",
             "vary": [{"kind": "grid", "name": "u", "path": U, "values": values}],
-            "metrics": {"x": "final.tiny.x[1]"},
+            "metrics": {"x": "final.tiny.x"},
             **more,
         }
     )
 
 
-def plan(values: list[float], **more: Any) -> Plan:
+def plan(values: list[float], fault: str = "kill", **more: Any) -> Plan:
     """The same, ready to be run."""
-    return make_plan(study(values, **more), base())
+    return make_plan(study(values, **more), base(fault))

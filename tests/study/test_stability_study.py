@@ -137,7 +137,7 @@ def test_certified_is_inside_only_where_every_run_is_stable(
     tmp_path: Path, certified: float, *, inside: bool
 ) -> None:
     """Runs that end near 1 ... 8, stable below 5, and certified below some number."""
-    x = {"path": "final.tiny.x[1]"}
+    x = {"path": "final.tiny.x"}
     metrics = {"stable": {**x, "below": 5.0}, "certified": {**x, "below": certified}}
     stability = {"delay": "u", "stable": "stable", "certified": "certified"}
     values = [float(u) for u in range(1, 9)]

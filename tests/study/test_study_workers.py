@@ -13,7 +13,7 @@ from typing import Any
 
 import dask
 import pytest
-from study.deadly import DEADLY, SLOW, U, folder, plan, truth
+from study.deadly import DEADLY, U, folder, plan, truth
 
 from cosim.core.errors import ComponentError, InputError
 from cosim.study.execution import execute_study
@@ -46,8 +46,8 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
     """Three processes, one ended by -9 after a third of the runs: the undisturbed table."""
-    values = [SLOW + 0.1 * i for i in range(150)]
-    execute_study(plan(values), tmp_path / "undisturbed")
+    values = [DEADLY + 0.1 * i for i in range(150)]
+    execute_study(plan(values, "sleep"), tmp_path / "undisturbed")
     killed: list[int] = []
     with local(3) as pool:
         pids = list(pool._client.run(os.getpid).values())
@@ -58,7 +58,10 @@ def test_a_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
                 os.kill(pids[0], signal.SIGKILL)
 
         done = execute_study(
-            plan(values), tmp_path / "hit", lambda: contextlib.nullcontext(pool), progress=kill
+            plan(values, "sleep"),
+            tmp_path / "hit",
+            lambda: contextlib.nullcontext(pool),
+            progress=kill,
         )
     assert len(killed) == 1
     assert (done.runs, done.executed) == (150, 150)
@@ -129,7 +132,7 @@ def test_many_runs_that_kill_their_workers_do_not_stop_the_study(tmp_path: Path)
     (tmp_path / "s.toml").write_text(
         f'title = "x follows u"\nscenario = "{folder() / "tiny.toml"}"\n'
         f'[[vary]]\nkind = "grid"\nname = "u"\npath = {U!r}\nvalues = {values}\n'
-        '[metrics]\nx = "final.tiny.x[1]"\n'
+        '[metrics]\nx = "final.tiny.x"\n'
     )
     line = [sys.executable, "-m", "cosim", "study", "run", "s.toml", "--workers", "2"]
     subprocess.run(  # noqa: S603 - ourselves

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import re
 import stat
 import struct
+import unicodedata
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
@@ -24,25 +27,29 @@ _CHUNK = 1 << 20
 _ALLOWED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _LEADING = re.compile(r"^(?:[A-Za-z]:|[/\\])")
 # what zipfile raises for damaged files
-BROKEN = (
+BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, NotImplementedError),
     *(RuntimeError, ValueError, KeyError, IndexError, OverflowError),
 )
 
 
-class Archive:
-    """The open archive of an FMU, from `open_archive`.
+class CheckedArchive:
+    """An archive, checked without unpacking it; of an FMU from `open_archive`.
 
     Attributes
     ----------
     path : the file.
     entries : path inside -> entry, files only, the first of each name.
     findings : what is wrong with the ZIP itself.
+    size : of the file [bytes].
+    sha256 : of the bytes that were checked, which all else is read from.
     """
 
-    def __init__(self, path: Path, zipped: zipfile.ZipFile) -> None:
+    def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
-        self._zip = zipped
+        self.size = len(content)
+        self._content = content
+        zipped = self._zip = zipfile.ZipFile(io.BytesIO(content))
         self.findings: list[Finding] = []
         entries: dict[str, zipfile.ZipInfo] = {}
         folded: dict[str, str] = {}
@@ -57,7 +64,9 @@ class Archive:
                 self.findings.append(finding("entry-twice", name, "the entry is there twice"))
                 continue
             entries[name] = info
-            other = folded.setdefault(name.casefold(), name)
+            # macOS also takes composed and decomposed letters for the same
+            same = unicodedata.normalize("NFC", name.casefold())
+            other = folded.setdefault(same, name)
             if other != name:
                 self.findings.append(finding("entry-case", name, f"differs from {other} by case"))
         self.entries = MappingProxyType(entries)
@@ -66,8 +75,12 @@ class Archive:
             size = f"{len(every)} entries of {self.unpacked_bytes} bytes in all"
             limit = f"at most {MAX_ENTRIES} of {MOST_BYTES}"
             self.findings.append(finding("archive-bomb", path.name, f"{size}; {limit}"))
-        # many small entries can be a bomb together
-        self.findings += _bomb(path.name, sum(i.compress_size for i in every), self.unpacked_bytes)
+        # many small entries can be a bomb together, and several can lie on the same bytes
+        self.findings += _bomb(path.name, self.size, self.unpacked_bytes)
+
+    @cached_property
+    def sha256(self) -> str:  # noqa: D102 - see the class
+        return hashlib.sha256(self._content).hexdigest()
 
     @property
     def may_be_unpacked(self) -> bool:
@@ -82,7 +95,7 @@ class Archive:
         try:
             with self._zip.open(info) as stream:
                 content = stream.read(most + 1)
-        except BROKEN:
+        except BROKEN_ARCHIVE:
             return None
         return content if len(content) <= most else None
 
@@ -98,7 +111,7 @@ class Archive:
                         read += len(chunk)
                 if read != info.file_size:
                     raise EOFError(f"{read} bytes instead of {info.file_size}")
-            except BROKEN as error:
+            except BROKEN_ARCHIVE as error:
                 self.findings.append(finding("entry-damaged", name, str(error)))
 
     def require_sound(self) -> None:
@@ -122,42 +135,55 @@ class Archive:
         self.require_sound()
         try:
             self._zip.extractall(folder)
-        except BROKEN as error:
+        except BROKEN_ARCHIVE as error:
             raise InputError(
                 "the FMU cannot be unpacked", where=str(self.path), got=printable(str(error))
             ) from error
 
 
-@contextmanager
-def open_archive(path: Path) -> Iterator[Archive]:
-    """Open the archive of an FMU as a context, and close it.
+def open_archive(path: Path, sha256: str | None = None) -> CheckedArchive:
+    """Read the archive of an FMU, once: what is checked is what is unpacked.
+
+    Parameters
+    ----------
+    sha256 : of the file as it was described; None if it was not.
 
     Raises
     ------
-    InputError : no such file, not a ZIP file, or one without modelDescription.xml.
+    InputError : no such file, not a ZIP file, one without modelDescription.xml, or one that has
+        changed since it was described.
     """
     where = str(path)
-    if not path.is_file():
-        raise InputError("no such FMU", where=where)
+    content = _content(path, described=sha256 is not None)
+    if sha256 not in (None, hashlib.sha256(content).hexdigest()):
+        raise InputError("the FMU has changed since it was read", where=where, hint="start again")
     try:
-        zipped = zipfile.ZipFile(path)
-    except BROKEN as error:
+        archive = CheckedArchive(path, content)
+    except BROKEN_ARCHIVE as error:
         raise InputError(
             "not an FMU",
             where=where,
             expected="a ZIP archive with modelDescription.xml",
             got=printable(str(error)) or type(error).__name__,
         ) from error
-    with zipped:
-        archive = Archive(path, zipped)
-        if "modelDescription.xml" not in archive.entries:
-            raise InputError(
-                "not an FMU",
-                where=where,
-                expected="modelDescription.xml at the top of the archive",
-                got=_instead(archive.entries),
-            )
-        yield archive
+    if "modelDescription.xml" not in archive.entries:
+        raise InputError(
+            "not an FMU",
+            where=where,
+            expected="modelDescription.xml at the top of the archive",
+            got=_instead(archive.entries),
+        )
+    return archive
+
+
+def _content(path: Path, *, described: bool) -> bytes:
+    if not (described or path.is_file()):
+        raise InputError("no such FMU", where=str(path))
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        what = "the FMU cannot be read any more" if described else "the FMU cannot be read"
+        raise InputError(what, where=str(path), got=str(error)) from error
 
 
 def _instead(names: MappingProxyType[str, zipfile.ZipInfo]) -> str:
@@ -173,7 +199,7 @@ def _path_findings(name: str) -> Iterator[Finding]:
     if "\\" in name:
         yield finding("path-backslash", name, "the path has a backslash")
     if _LEADING.match(name) or ".." in parts:
-        yield finding("path-escapes", name, "the path leaves the folder of the FMU")
+        yield finding("path-escapes", name, "the path leaves the folder of the archive")
     if not name or any(ord(c) < 32 or ord(c) == 127 for c in name):
         yield finding("path-control", name, "the path is empty or has a control character")
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.fmu.inspect.archive import Archive, open_archive
+from cosim.fmu.inspect.archive import CheckedArchive, open_archive
 from cosim.fmu.inspect.binaries import binary_entries, binary_findings
 from cosim.fmu.inspect.content import BUILD, SOURCES, TERMINALS, content_findings
 from cosim.fmu.inspect.declared_model import XML, DeclaredModel, known_version, read_declared_model
@@ -69,41 +68,39 @@ def inspect_fmu(path: Path) -> Inspection:
     ------
     InputError : no such file, no ZIP file, no modelDescription.xml, or another XML in its place.
     """
-    with open_archive(path) as archive:
-        archive.read_all()
-        findings = list(archive.findings)
-        xml = archive.read(XML, MAX_XML)
-        model = None
-        root, found = parse_xml(xml, XML)
+    archive = open_archive(path)
+    archive.read_all()
+    findings = list(archive.findings)
+    xml = archive.read(XML, MAX_XML)
+    model = None
+    root, found = parse_xml(xml, XML)
+    findings += found
+    if root is not None and xml is not None:
+        model, found = _describe(root, xml)
         findings += found
-        if root is not None and xml is not None:
-            model, found = _describe(root, xml)
-            findings += found
-        names = sorted(archive.entries)
-        binaries = [
-            read_binary(folder, name, content)
-            for folder, name in binary_entries(names)
-            if (content := archive.read(name, _MOST_BINARY)) is not None
-        ]
-        if model is not None:
-            build, found = _further(archive, model)
-            findings += found
-            sources = any(name.startswith(SOURCES) for name in names)
-            findings += binary_findings(model, names, binaries, sources=sources)
-            findings += content_findings(model, names, build)
-        with path.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return Inspection(
-            path=path,
-            sha256=digest,
-            size=path.stat().st_size,
-            names=tuple(names),
-            unpacked_bytes=archive.unpacked_bytes,
-            may_be_unpacked=archive.may_be_unpacked,
-            model=model,
-            binaries=tuple(binaries),
-            findings=tuple(ordered(findings)),
-        )
+    names = sorted(archive.entries)
+    binaries = [
+        read_binary(folder, name, content)
+        for folder, name in binary_entries(names)
+        if (content := archive.read(name, _MOST_BINARY)) is not None
+    ]
+    if model is not None:
+        build, found = _further(archive, model)
+        findings += found
+        sources = any(name.startswith(SOURCES) for name in names)
+        findings += binary_findings(model, names, binaries, sources=sources)
+        findings += content_findings(model, names, build)
+    return Inspection(
+        path=path,
+        sha256=archive.sha256,
+        size=archive.size,
+        names=tuple(names),
+        unpacked_bytes=archive.unpacked_bytes,
+        may_be_unpacked=archive.may_be_unpacked,
+        model=model,
+        binaries=tuple(binaries),
+        findings=tuple(ordered(findings)),
+    )
 
 
 def _describe(root: Any, xml: bytes) -> tuple[DeclaredModel | None, list[Finding]]:
@@ -123,7 +120,7 @@ def _describe(root: Any, xml: bytes) -> tuple[DeclaredModel | None, list[Finding
     return model, findings + own
 
 
-def _further(archive: Archive, model: DeclaredModel) -> tuple[Any, list[Finding]]:
+def _further(archive: CheckedArchive, model: DeclaredModel) -> tuple[Any, list[Finding]]:
     """Check the other XML files of FMI 3; return the build description's root and findings."""
     build = None
     findings: list[Finding] = []

@@ -11,7 +11,7 @@ from lxml import etree
 
 from cosim.fmu.inspect.findings import Finding, finding, printable
 
-MAX_XML = 256 << 20
+MAX_XML = 64 << 20  # 100,000 variables take about 30 MiB
 _SCHEMAS = Path(fmpy.__file__).with_name("schema")
 
 

@@ -34,7 +34,7 @@ _ARCHIVE = {
     "entry-twice": _error(
         "tools take the first or the last of them, so that two people load two models: keep one"
     ),
-    "entry-case": _warning("on Windows and macOS one overwrites the other: rename one"),
+    "entry-case": _error("on Windows and macOS one overwrites the other: rename one"),
     "entry-link": _error("a link may point outside the FMU, and many tools refuse it: pack files"),
     "entry-encrypted": _error("no FMI tool asks for a password: pack without encryption"),
     "entry-method": _error("FMI allows stored and deflated entries only: pack with deflate"),

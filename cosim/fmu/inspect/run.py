@@ -45,16 +45,14 @@ def run_findings(inspection: Inspection, seconds: float) -> list[Finding]:
 
     Raises
     ------
-    InputError : the archive does not unpack.
+    InputError : the archive does not unpack, or has changed since it was inspected.
     """
     model = inspection.model
     if model is None or not inspection.may_be_unpacked:
         return [finding("run-absent", inspection.path.name, "it cannot be unpacked or read")]
     findings: list[Finding] = []
-    with (
-        tempfile.TemporaryDirectory(prefix="cosim-") as scratch,
-        open_archive(inspection.path) as archive,
-    ):
+    archive = open_archive(inspection.path, inspection.sha256)
+    with tempfile.TemporaryDirectory(prefix="cosim-") as scratch:
         folder = Path(scratch) / "fmu"
         archive.unpack(folder)
         for interface in model.interfaces:

@@ -14,10 +14,10 @@ from urllib.parse import unquote, urlsplit
 from lxml import etree
 
 from cosim.core import InputError
+from cosim.fmu import BROKEN_ARCHIVE, MAX_XML, CheckedArchive
 from cosim.scenario.ssp.names import SSD, tag
 from cosim.scenario.ssp.write_ssd import check_schema
 
-MAX_XML = 64 * 2**20
 MAX_FMU = 2**29
 MAX_IN_ALL = 2**31
 MAX_ENTRIES = 10_000
@@ -41,7 +41,7 @@ class Archive:
 
     Raises
     ------
-    InputError : not an archive, too many entries, or two of one name.
+    InputError : not an archive, or one that is not safe to unpack, as an FMU is checked.
     """
 
     def __init__(self, path: Path) -> None:
@@ -51,16 +51,18 @@ class Archive:
 
     def __enter__(self) -> Self:
         try:
-            self._zip = zipfile.ZipFile(self.path)
-        except (OSError, zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+            content = self.path.read_bytes()
+            checked = CheckedArchive(self.path, content)
+            self._zip = zipfile.ZipFile(io.BytesIO(content))
+        except BROKEN_ARCHIVE as error:
             raise self.wrong("not an SSP archive", expected="a zip file", got=str(error)) from error
+        checked.require_sound()
         names = self._zip.namelist()
-        if len(names) > MAX_ENTRIES or len(set(names)) != len(names):
-            self._zip.close()
+        if len(names) > MAX_ENTRIES:
             raise self.wrong(
                 "not an SSP archive that can be read",
-                expected=f"at most {MAX_ENTRIES} entries, each name once",
-                got=f"{len(names)} entries, {len(set(names))} names",
+                expected=f"at most {MAX_ENTRIES} entries",
+                got=f"{len(names)} entries",
             )
         self._names = set(names)
         return self

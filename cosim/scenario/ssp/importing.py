@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tempfile
 import tomllib
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from cosim.master import receiving_order
 from cosim.scenario.assembly import assemble
 from cosim.scenario.read import LoadedScenario, parse
 from cosim.scenario.schema import Scenario
-from cosim.scenario.ssp.archive import MAX_XML, Archive
+from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.flatten import FlatSystem, Path as Place, flatten, scenario_names
 from cosim.scenario.ssp.import_wires import connections_of
 from cosim.scenario.ssp.names import SSD
@@ -93,7 +92,11 @@ def import_ssp(
         names = scenario_names(places)
         folder = path.with_name(f"{path.stem}_fmus")
         files = _unpack(archive, flat, places, unpacked)
-        fmus = {place: describe_fmu(unpacked / files[flat.parts[place].entry]) for place in places}
+        entries = {place: flat.parts[place].entry for place in places}
+        fmus = {
+            place: _described(archive, entry, unpacked / files[entry])
+            for place, entry in entries.items()
+        }
         links = {**description.links, **{link[0]: link[1] for link in channels.values()}}
         components = {}
         for place in places:
@@ -199,22 +202,18 @@ def _unpack(
             file, number = f"{stem}_{number}.fmu", number + 1
         files[entry] = file
         archive.extract(entry, folder / file)
-        _look_into(archive, entry, folder / file)
     return files
 
 
-def _look_into(archive: Archive, entry: str, fmu: Path) -> None:
-    """Refuse a file that is not an FMU, or whose model description is too large."""
+def _described(archive: Archive, entry: str, fmu: Path) -> FmuDescription:
+    """Describe an FMU; an error names the entry of the archive."""
     try:
-        with zipfile.ZipFile(fmu) as packed, packed.open("modelDescription.xml") as stream:
-            left = MAX_XML
-            while left >= 0 and (piece := stream.read(2**20)):
-                left -= len(piece)
-    except Exception as error:  # zipfile raises many kinds; each means the same here
-        raise archive.wrong("not an FMU", entry, got=str(error)) from error
-    if left < 0:
-        what = "the model description is too large"
-        raise archive.wrong(what, entry, expected=f"at most {MAX_XML} bytes")
+        return describe_fmu(fmu)
+    except InputError as error:
+        inside = (error.where or "").partition(f"{fmu}: ")[2]
+        place = f"{entry}: {inside}" if inside else entry
+        more = {"expected": error.expected, "got": error.got, "hint": error.hint}
+        raise archive.wrong(error.what, place, **more) from error
 
 
 def _run(

@@ -8,7 +8,7 @@ import struct
 from pathlib import Path
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from master.faulty import CALLS, faulty_fmu
+from hostile.hostile_fmu import FAULTS, hostile_fmu
 from mcap.writer import Writer
 
 from cosim.scenario.python_api import run
@@ -27,7 +27,7 @@ end = 1.0
 step = 0.1
 [components.pump]
 fmu = "pump.fmu"
-parameters = {{ u = 1.0, fail_in = {CALLS.index("step")}, status = 3, fail_at = 0.4 }}
+parameters = {{ u = 1.0, fault = {FAULTS.index("error")}, at = 0.4 }}
 [[assertions]]
 eventually = "pump.x > 0.15"
 [[assertions]]
@@ -41,7 +41,7 @@ always = "pump.x >= 0"
 
 def failing(folder: Path) -> Path:
     """A run that failed: a component refused a step; markup in title, message and assertion."""
-    faulty_fmu(folder, "2.0", "pump")
+    hostile_fmu(folder, "2.0", "pump")
     (folder / "failing.toml").write_text(FAILING)
     path = folder / "failing.mcap"
     assert run(folder / "failing.toml", path).status == "failed"

@@ -1,0 +1,57 @@
+"""FMUs in C that the tests compile with the system's compiler."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import fmpy
+import pytest
+
+_HEADERS = Path(__file__).parents[1] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
+
+
+def compile_fmu(
+    source: Path,
+    description: str,
+    path: Path,
+    *flags: str,
+    resources: Mapping[str, str] | None = None,
+) -> Path:
+    """Make the FMU `path` of one C file and its model description, and return its path.
+
+    flags : of the compiler, beside those that make every warning an error.
+    resources : name -> text of the files in the folder of that name.
+
+    The test is skipped without a compiler.
+    """
+    identifier = re.findall('modelIdentifier="(.*?)"', description)[0]
+    platform = fmpy.platform if 'fmiVersion="2.0"' in description else fmpy.platform_tuple
+    library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        archive.writestr(library, _library(source.read_text("utf-8"), source.parent, flags))
+        for name, text in (resources or {}).items():
+            archive.writestr(f"resources/{name}", text)
+    return path
+
+
+@cache
+def _library(text: str, home: Path, flags: tuple[str, ...]) -> bytes:
+    """The shared library of a C file that stands in `home`, compiled once per process."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler (cc)")
+    strict = ("-O1", "-Wall", "-Wextra", "-Werror", f"-I{_HEADERS}", f"-I{home}")
+    with tempfile.TemporaryDirectory() as folder:
+        source, library = Path(folder) / "source.c", Path(folder) / "library"
+        source.write_text(text, "utf-8")
+        line = [compiler, *strict, "-shared", "-fPIC", *flags, source, "-lm", "-o", library]
+        subprocess.run(line, check=True)  # noqa: S603 - our own source
+        return library.read_bytes()
