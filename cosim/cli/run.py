@@ -16,12 +16,13 @@ from cosim.cli.common import (
     RunFlavour,
     SetOption,
     answer,
+    interruptions_reported,
     make_fmu_cache,
     progress,
 )
 from cosim.cli.run_view import demo_view, outcome_view
 from cosim.cli.step_check_view import step_check_view
-from cosim.core import CheckFailedError, InputError
+from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.master import EngineName, Pace
 from cosim.scenario import (
     FmuCache,
@@ -32,6 +33,7 @@ from cosim.scenario import (
     execute_run,
     load,
     prepare,
+    supervision_of,
 )
 
 
@@ -41,7 +43,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """Run two gains over the same acoustic link and compare them in one picture."""
-    with progress() as report_progress:
+    with progress() as report_progress, interruptions_reported():
         result = demonstrate(make_fmu_cache(fmus), out, report_progress)
     answer(as_json, result.to_json, lambda: demo_view(result))
 
@@ -109,13 +111,29 @@ def run(
             help="With --check-step: run at a quarter of the step too, and observe the order.",
         ),
     ] = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="End the run beyond a limit: call, run, start, end (seconds, or '2 min') or "
+            "memory ('2 GB'); none: no limit (keys of [limits]). May be repeated.",
+        ),
+    ] = None,
+    no_supervise: Annotated[
+        bool,
+        typer.Option(
+            "--no-supervise",
+            help="Run the components in this process: a component that crashes takes it along.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario and write its trace.
 
     Exit code 0: the run is done; the output says if it diverged, ended in a limit cycle or was
     stopped; 1: an assertion did not have the expected result, or the step is not small enough
-    for --check-tolerance; 4: a component failed, and what was recorded until then is kept.
+    for --check-tolerance; 4: a component failed, crashed or exceeded a limit, and what was
+    recorded until then is kept; 130: interrupted by Ctrl-C.
 
     \b
     cosim run auv-acoustic
@@ -123,6 +141,7 @@ def run(
     cosim run auv-acoustic --stop-when 'abs(plant.eta.x) < 1 m and t > 10 s'
     cosim run auv-acoustic --until '1 min' --pace 10
     cosim run auv-acoustic --check-step
+    cosim run my.toml --limit call=30 --limit memory='2 GB'
     """
     settings = list(changed or ())
     if log_level is not None:
@@ -145,18 +164,27 @@ def run(
             hint="add --check-step",
         )
     trace = out or TRACES / f"{loaded.name}.mcap"
+    supervision = supervision_of(
+        loaded.scenario, limit or (), supervise=False if no_supervise else None
+    )
     check_writable(trace)
-    with progress() as report_progress:
+    with progress() as report_progress, interruptions_reported():
         prepared = prepare(
             loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
         kept = None if pace is None else Pace(pace)
         outcome = execute_run(
-            prepared, trace, progress=report_progress, engine=engine, pace=kept, fsync=fsync
+            prepared,
+            trace,
+            progress=report_progress,
+            engine=engine,
+            pace=kept,
+            fsync=fsync,
+            supervision=supervision,
         )
     answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
     if outcome.status == "failed":
-        raise typer.Exit(4)
+        raise typer.Exit(ComponentError.exit_code)
     if not outcome.as_expected:
         raise typer.Exit(CheckFailedError.exit_code)
 

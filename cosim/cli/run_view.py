@@ -35,6 +35,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     parts: list[RenderableType] = [head]
     if outcome.reason:
         parts.append(Text(outcome.reason, style=colour))
+    parts += _cause(outcome)
     facts = facts_table()
     for label, value, how in _figures(outcome):
         if value != NONE:
@@ -53,6 +54,18 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))
     return Group(*parts)
+
+
+def _cause(outcome: Outcome) -> list[RenderableType]:
+    """Show the typed cause: kind, component, FMI call and time; what failed after the run."""
+    cause = outcome.cause
+    if cause is None:
+        return []
+    facts = [cause.kind.replace("-", " ")]
+    facts += [f"component {cause.component}"] if cause.component else []
+    facts += [cause.call] if cause.call else []
+    facts += [f"t = {cause.time_s:g} s"] if cause.time_s is not None else []
+    return [Text(f"cause: {', '.join(facts)}")]
 
 
 def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType]:

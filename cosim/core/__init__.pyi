@@ -6,6 +6,7 @@ from .errors import (
     LossError as LossError,
     NotAchievableError as NotAchievableError,
     StoppedError as StoppedError,
+    TerminatedError as TerminatedError,
 )
 from .extras import optional as optional
 from .files import write_whole as write_whole

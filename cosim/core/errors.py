@@ -102,3 +102,9 @@ class StoppedError(CosimError):
     """The user interrupted a task that can be resumed; its results so far are kept."""
 
     exit_code = 130
+
+
+class TerminatedError(StoppedError):
+    """SIGTERM ended a task; its results so far are kept."""
+
+    exit_code = 143

@@ -1,4 +1,8 @@
 from .binary import ACCEPTED_STATUSES as ACCEPTED_STATUSES
+from .call_watch import (
+    calling as calling,
+    watch_calls as watch_calls,
+)
 from .compiled import compiled_library as compiled_library
 from .description import (
     FmuDescription as FmuDescription,
@@ -74,4 +78,9 @@ from .slave import (
     StepResults as StepResults,
 )
 from .state import FmuState as FmuState
+from .unpacking import (
+    adopt_folder as adopt_folder,
+    own_folder as own_folder,
+    unpack_fmu as unpack_fmu,
+)
 from .values import checked_scalars as checked_scalars

@@ -18,6 +18,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave, fmi3String, fmi3ValueReference
 
 from cosim.core import ComponentError
+from cosim.fmu.call_watch import calling
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.float_mode import call_with_own_float_mode
 from cosim.fmu.inspect.platforms import FMI2, this_machine
@@ -52,6 +53,7 @@ class CheckedCalls:
 
     where: str
     component: int | None
+    instanceName: str
     dll: Any
     _functions: dict[str, Any]
 
@@ -92,14 +94,16 @@ class CheckedCalls:
         FMICallException : a status that means failure.
         """
         function = self.function(fname)
-        result = call_with_own_float_mode(function, *args)
+        with calling(self.instanceName, fname):
+            result = call_with_own_float_mode(function, *args)
         if function.restype is c_int and result not in ACCEPTED_STATUSES:
             raise FMICallException(function=fname, status=result)
         return result
 
     def freeLibrary(self) -> None:
         """Unload the library; nothing of it may be called afterwards."""
-        call_with_own_float_mode(freeLibrary, self.dll._handle)  # noqa: SLF001 - as FMPy does
+        with calling(self.instanceName, "unloading the library"):
+            call_with_own_float_mode(freeLibrary, self.dll._handle)  # noqa: SLF001 - as FMPy does
 
 
 class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
@@ -141,7 +145,7 @@ def load_slave(description: FmuDescription, folder: Path, component: str, where:
     """
     model = description.model
     try:
-        with _load_guard:
+        with _load_guard, calling(component, "loading the library"):
             before = Path.cwd()
             try:
                 slave = call_with_own_float_mode(

@@ -8,6 +8,7 @@ here, and the number of the instance is passed as its environment.
 from __future__ import annotations
 
 import ctypes
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -81,7 +82,7 @@ def fmi3_logger(environment: int) -> Callable[[int | None, int, bytes, bytes], N
 def _formatting(folder: Path) -> Any:
     """Load a copy of FMPy's formatting library from `folder`, which belongs to this process."""
     source = Path(fmpy.logging.logging._name)  # noqa: SLF001 - where it was loaded from
-    copy = folder / f"logger{source.suffix}"
+    copy = folder / f"logger-{os.getpid()}{source.suffix}"  # the folder may be another process's
     shutil.copyfile(source, copy)
     return ctypes.CDLL(str(copy))
 

@@ -55,7 +55,18 @@ class _ProcessFolder:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
-_process_folder: _ProcessFolder | None = None
+class _AdoptedFolder:
+    """The folder of another process, which removes it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.is_own = True
+
+    def remove_unpacked(self) -> None:
+        """Leave it to its owner."""
+
+
+_process_folder: _ProcessFolder | _AdoptedFolder | None = None
 _guard = threading.Lock()
 
 
@@ -69,6 +80,12 @@ def own_folder() -> Path:
             atexit.register(remove_unpacked)
         _process_folder = _ProcessFolder()
     return _process_folder.folder
+
+
+def adopt_folder(folder: Path) -> None:
+    """Use the folder of another process, which outlives this one and removes the folder."""
+    global _process_folder  # noqa: PLW0603 - there is one process
+    _process_folder = _AdoptedFolder(folder)
 
 
 def remove_unpacked() -> None:

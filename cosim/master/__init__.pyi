@@ -1,3 +1,7 @@
+from .cause import (
+    Cause as Cause,
+    CauseKind as CauseKind,
+)
 from .checks import LINK_STATE as LINK_STATE
 from .communication_schedule import (
     CommunicationSchedule as CommunicationSchedule,
@@ -39,4 +43,9 @@ from .session import (
     simulate as simulate,
 )
 from .snapshot import Snapshot as Snapshot
+from .supervision import (
+    Limits as Limits,
+    Supervisor as Supervisor,
+)
+from .supervision.process import default_method as default_method
 from .system import System as System

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, NamedTuple
@@ -150,6 +150,8 @@ class Texts:
     """The strings of a run; rows contain their numbers. Number 0 is the empty string."""
 
     def __init__(self) -> None:
+        self.on_new: Callable[[int, str], None] | None = None
+        """Called with each new number and text."""
         self._texts = [""]
         self._numbers = {"": 0}
 
@@ -159,6 +161,8 @@ class Texts:
         if found is None:
             found = self._numbers[text] = len(self._texts)
             self._texts.append(text)
+            if self.on_new is not None:
+                self.on_new(found, text)
         return found
 
     def __getitem__(self, number: int) -> str:

@@ -51,7 +51,7 @@ def out_of_range(wiring: Wiring, k: int, column: int) -> tuple[bool, str]:
         bound = wiring.bounds[column]
         name = wiring.signal(column)
         return True, f"{name} left the range of +-{bound:g} at t = {seconds:g} s"
-    origin = _origin(wiring, k, column)
+    origin = origin_of(wiring, k, column)
     name, value = wiring.signal(origin), row[origin]
     instance = wiring.instance(name.component)
     if has_grown(instance, k):
@@ -66,7 +66,7 @@ def out_of_range(wiring: Wiring, k: int, column: int) -> tuple[bool, str]:
     return False, error.text()
 
 
-def _origin(wiring: Wiring, k: int, first: int) -> int:
+def origin_of(wiring: Wiring, k: int, first: int) -> int:
     """Return the column of the output that is not finite though all it is computed from is."""
     row = wiring.rows[k]
     for instance in wiring.instances:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.core import ComponentError
+from cosim.fmu import calling
 from cosim.master.component_instance import ComponentInstance, Rows
 from cosim.master.exchange import Exchange, is_accepted
 from cosim.master.parts import Endpoint
@@ -124,6 +125,7 @@ class _InitialisedComponent:
 
     def _do(self, exchanges: list[Exchange], row: Rows, what: str) -> None:
         for exchange in exchanges:
-            status = exchange(row)
+            with calling(self._instance.name, f"{what} in initialisation"):
+                status = exchange(row)
             if not is_accepted(status):
                 raise self._instance.slave.refused(f"{what} in initialisation", status)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master.adjustments import Adjustment, Adjustments
+from cosim.master.cause import Cause
 from cosim.master.engine import EngineChoice, build_engine
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
@@ -53,12 +54,13 @@ class _SegmentLength:
 class Loop:
     """The execution of a run whose slaves are initialised.
 
-    `word` : for the word in progress, int64 (1,); see `cosim.master.table.WORD_BITS`.
+    `word` : int64 (2,): the word in progress (`cosim.master.table.WORD_BITS`), and whether an
+    engine is at work on it.
 
     Attributes
     ----------
     complete : number of complete rows; the slaves are at the point after them.
-    status, reason : as in `Run`; None while the run can continue.
+    status, reason, cause : as in `Run`; None while the run can continue.
     adjustments : overrides and biases, by column of the rows.
     table : the operations.
     """
@@ -74,17 +76,17 @@ class Loop:
         self._system, self._wiring, self._dispatch = system, wiring, dispatch
         self._choice = choice
         self._comm_points = wiring.comm_points
-        self._delays = wiring.columns_of_delays(system)
         self._segment = _SegmentLength()
         self._early_stop: EarlyStop | None = None
         self._exchanged: int | None = None
         self.adjustments = Adjustments(wiring.rows.shape[1])
-        word = np.zeros(1, np.int64) if word is None else word
-        self.table = make_table(system, wiring, self.adjustments, word)
+        self._word = np.zeros(2, np.int64) if word is None else word
+        self.table = make_table(system, wiring, self.adjustments, self._word)
         self._engine = build_engine(choice.name, self.table)
         self.complete = 0
         self.status: RunStatus | None = None
         self.reason: str | None = None
+        self.cause: Cause | None = None
         self._dispatch.where, self._dispatch.make_whole = self._where, wiring.make_whole
         if system.threads > 1:
             self._turns = {name: i for i, name in enumerate(system.components)}
@@ -118,7 +120,8 @@ class Loop:
                 return False
             longest = 1 if stop is not None else self._segment.points
             if pace is not None:
-                longest = min(longest, pace.wait(points[: self._comm_points.count], first))
+                known = points[: self._comm_points.count]
+                longest = min(longest, pace.wait(known, first, self._dispatch.check_stop))
             self._advance(first, min(last, first + longest))
             if pace is not None:
                 pace.done(points[: self._comm_points.count], first, self.complete)
@@ -131,7 +134,7 @@ class Loop:
         self.complete, self._exchanged = complete, None
         self.adjustments.restore(adjustments)
         self._copy_if_adjusted()
-        self.status = self.reason = self._early_stop = None
+        self.status = self.reason = self.cause = self._early_stop = None
         self._dispatch.where = self._where
 
     def exchange(self, column: int) -> bool:
@@ -146,7 +149,7 @@ class Loop:
             return False
         crossing = k >= self._comm_points.horizon
         if self._exchanged != k:
-            self._engine.run(0, table.sent if crossing else table.complete, k, k + 1)
+            self._execute(0, table.sent if crossing else table.complete, k, k + 1)
             self._exchanged = k
         if self._system.algorithm == "gauss-seidel":
             return column < table.outputs
@@ -187,6 +190,7 @@ class Loop:
             self._wiring.instances,
             self._choice,
             self._comm_points.schedules(int(points[-1]) if points.size else 0),
+            self.cause,
         )
 
     def _advance(self, first: int, last: int) -> None:
@@ -198,12 +202,13 @@ class Loop:
             early_stop = self._cross(horizon)
         else:
             last = min(last, horizon)
-            early_stop = self._engine.run(0, len(self.table.operations), first, last)
+            early_stop = self._execute(0, len(self.table.operations), first, last)
         if self.status is None:
             self.complete = last if early_stop is None else early_stop.complete
         if early_stop is not None:
             self._early_stop = early_stop
-            self.status, self.reason = run_status_of(self._wiring, early_stop)
+            found = run_status_of(self._wiring, early_stop)
+            self.status, self.reason, self.cause = found
             fill_unreceived_inputs(self.table, early_stop)
         elif self.status is None and self.complete > self._comm_points.final:
             self.status = "finished"
@@ -212,21 +217,27 @@ class Loop:
         if self.status is not None:
             self._conclude()
 
+    def _execute(self, begin: int, end: int, first: int, last: int) -> EarlyStop | None:
+        """Carry out operations begin to end - 1 at points first to last - 1."""
+        self._word[1] = 1
+        found = self._engine.run(begin, end, first, last)
+        self._word[1] = 0
+        return found
+
     def _cross(self, k: int) -> EarlyStop | None:
         """Carry out point k, at which the delay of a message is decided by what is sent there."""
         sent = self.table.sent
-        early_stop = self._engine.run(0, sent, k, k + 1)
+        early_stop = self._execute(0, sent, k, k + 1)
         if early_stop is not None:
             return early_stop
-        row, wiring = self._wiring.rows[k], self._wiring
-        if (np.abs(row[: wiring.outputs]) <= wiring.bounds).all():
-            try:
-                self._comm_points.resolve(k, row, self._delays)
-            except InputError as error:
-                self.status, self.reason = "failed", error.text()
-                return None
-        wiring.fill_rows(k, self._comm_points.horizon)
-        return self._engine.run(sent, len(self.table.operations), k, k + 1)
+        try:
+            self._wiring.resolve_delays(self._system, k)
+        except InputError as error:
+            self.status, self.reason = "failed", error.text()
+            self.cause = Cause("delay", time_s=self.time_ns / 1e9, detail=error.what)
+            return None
+        self._wiring.fill_rows(k, self._comm_points.horizon)
+        return self._execute(sent, len(self.table.operations), k, k + 1)
 
     def _conclude(self) -> None:
         points, early_stop = self._comm_points.points_ns, self._early_stop

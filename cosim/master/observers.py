@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cosim.core import InputError
 from cosim.master.component_instance import ComponentInstance
 
@@ -44,7 +47,9 @@ class ObserverDispatch:
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers = observers
         self._lines: list[tuple[int, int, int, str, str, str]] = []
-        self._delivered = 0
+        self._latest_ns = 0
+        self.delivered = 0
+        """Number of rows that the observers have."""
         self.where: Callable[[], tuple[int, int]] = lambda: (0, 0)
         """Returns the number of complete rows, and the time [ns], at any moment."""
         self.make_whole: Callable[[int], None] = _nothing
@@ -56,7 +61,20 @@ class ObserverDispatch:
         """Log a message of a component, or of the loop, now."""
         rows, time_ns = self.where()
         turn = 0 if self.turn is None else self.turn(name)
-        self._lines.append((rows, time_ns, turn, level, name, message))
+        self.add((rows, time_ns, turn, level, name, message))
+
+    def add(self, line: tuple[int, int, int, str, str, str]) -> None:
+        """Add a log line: complete rows, time [ns], turn, level, name, message."""
+        self._lines.append(line)
+
+    def log_now(self, points_ns: NDArray[np.int64], name: str, level: str, message: str) -> None:
+        """Log a message after the rows that the observers have, before all lines not delivered."""
+        self._latest_ns = max(self._latest_ns, int(points_ns[max(self.delivered - 1, 0)]))
+        for observer in self._observers:
+            observer.log(self._latest_ns, level, name, message)
+
+    def check_stop(self) -> None:
+        """Raise an exception if the run is to end between two steps."""
 
     def deliver(self, complete: int) -> None:
         """Deliver the rows before `complete`, and the log lines before, between and after them."""
@@ -67,32 +85,33 @@ class ObserverDispatch:
             if rows > complete:
                 break
             self._span(rows)
+            self._latest_ns = max(self._latest_ns, time_ns)
             for observer in self._observers:
                 observer.log(time_ns, level, name, message)
         self._span(complete)
 
     def rewind(self, complete: int) -> None:
         """Prepare the observers for rows from `complete` on to be computed anew."""
-        if self._delivered > complete:
+        if self.delivered > complete:
             for observer in self._observers:
                 observer.rewind(complete)
         self._lines = []
-        self._delivered = complete
+        self.delivered = complete
 
     def close(self) -> None:
         """Deliver the last log lines and release the observers."""
-        self.deliver(self._delivered)
+        self.deliver(self.delivered)
         # slaves refer to the dispatch, and a trace to the slaves: a cycle would keep all rows
         self._observers = ()
         self.make_whole = _nothing
 
     def _span(self, until: int) -> None:
-        if until > self._delivered:
+        if until > self.delivered:
             if any(observer.reads_inputs for observer in self._observers):
                 self.make_whole(until)
             for observer in self._observers:
-                observer.rows_complete(self._delivered, until)
-            self._delivered = until
+                observer.rows_complete(self.delivered, until)
+            self.delivered = until
 
 
 def _nothing(_count: int) -> None:

@@ -52,11 +52,18 @@ class Pace:
         """Mean lateness [s of wall-clock time]."""
         return self.total_s / self.points if self.points else 0.0
 
-    def wait(self, points_ns: NDArray[np.int64], first: int) -> int:
-        """Sleep until point `first` is due; return how many points are due then, at least one."""
+    def wait(
+        self, points_ns: NDArray[np.int64], first: int, look: Callable[[], None] | None = None
+    ) -> int:
+        """Sleep until point `first` is due; return how many points are due then, at least one.
+
+        `look` is called before each nap; what it raises ends the wait.
+        """
         if self._began is None:
             self._began, self._from_ns = self.clock(), int(points_ns[first])
         while (rest := self._due(int(points_ns[first])) - self.clock()) > 0.0:
+            if look is not None:
+                look()
             self.sleep(min(rest, _NAP_S))
         simulated_ns = self._from_ns + (self.clock() - self._began) * 1e9 * self.factor
         due = int(np.searchsorted(points_ns, simulated_ns, side="right")) - first
@@ -71,6 +78,11 @@ class Pace:
         self.total_s += float(late.sum())
         self.largest_s = max(self.largest_s, float(late.max(initial=0.0)))
         self.late += int(np.count_nonzero(now > due[1:]))
+
+    def take(self, other: Pace) -> None:
+        """Take over the figures of a pace that was kept elsewhere."""
+        self.points, self.late = other.points, other.late
+        self.largest_s, self.total_s = other.largest_s, other.total_s
 
     def _due(self, time_ns: int) -> float:
         assert self._began is not None  # noqa: S101 - set by `wait`

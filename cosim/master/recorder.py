@@ -29,12 +29,14 @@ class TraceRecorder(Observer):
 
     Attributes
     ----------
-    log_after_end : log lines after the end of the trace: `level`, `name`, `message`.
+    run_ended : set it when the run is at its end: later log lines are not part of it.
+    log_after_end : log lines after the end of the run: `level`, `name`, `message`.
     """
 
     def __init__(self, writer: TraceWriter, system: System) -> None:
         self._writer = writer
         self._system = system
+        self.run_ended = False
         self.log_after_end: list[dict[str, str]] = []
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
@@ -110,7 +112,7 @@ class TraceRecorder(Observer):
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Write a line to /log."""
-        if self._writer.ended:
+        if self.run_ended or self._writer.ended:
             self.log_after_end.append({"level": level, "name": name, "message": message})
         else:
             self._writer.log(time_ns, level, name, message)

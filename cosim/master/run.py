@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import ComponentError, InputError
+from cosim.master.cause import Cause, CauseKind
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.divergence import has_grown, out_of_range
+from cosim.master.divergence import has_grown, origin_of, out_of_range
 from cosim.master.engine import EngineChoice
 from cosim.master.exchange import TOO_LARGE
 from cosim.master.table import EarlyStop
@@ -19,6 +20,8 @@ from cosim.master.wiring import Wiring
 from cosim.network import PacketSchedule
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
+
+_CALLS = {"get": "Get", "set": "Set", "step": "DoStep", "end": "DoStep"}
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Run:
     instances : the component instances; the first k rows are valid.
     engine : the engine that executed the run, and why it was chosen.
     schedules : of the packet links, up to the last point.
+    cause : why it did not reach its end; None when it did, or was stopped from outside.
     """
 
     status: RunStatus
@@ -43,6 +47,7 @@ class Run:
     instances: tuple[ComponentInstance, ...]
     engine: EngineChoice
     schedules: Mapping[str, PacketSchedule]
+    cause: Cause | None = None
 
     def signal(self, component: str, variable: str) -> NDArray[np.float64]:
         """Return the values of an output or connected input at the points reached, shape (k,).
@@ -61,21 +66,32 @@ class Run:
         return values if instance.own_points.always else values[instance.own_points.last[:count]]
 
 
-def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str]:
-    """Return status and reason of a run that stopped early."""
+def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str, Cause]:
+    """Return status, reason and cause of a run that stopped early."""
     seconds = int(wiring.comm_points.points_ns[early_stop.k]) / 1e9
     if early_stop.what == "range":
         diverged, reason = out_of_range(wiring, early_stop.k, early_stop.instance)
-        return ("diverged" if diverged else "failed"), reason
+        column, row = early_stop.instance, wiring.rows[early_stop.k]
+        if not np.isfinite(row[column]):
+            column = origin_of(wiring, early_stop.k, column)
+        name = wiring.signal(column)
+        kind: CauseKind = "diverged" if diverged else "not-finite"
+        cause = Cause(kind, name.component, None, seconds, f"{name.variable} = {row[column]:g}")
+        return ("diverged" if diverged else "failed"), reason, cause
     if early_stop.what == "loop":
-        return "failed", _unsettled(wiring, early_stop).text()
+        unsettled = _unsettled(wiring, early_stop)
+        name = wiring.signal(early_stop.instance)
+        cause = Cause("unsettled", name.component, None, seconds, unsettled.what)
+        return "failed", unsettled.text(), cause
     instance = wiring.instances[early_stop.instance]
     slave, what = instance.slave, early_stop.what
+    call = f"fmi{slave.description.version[0]}{_CALLS.get(what, '')}"
     if what in ("step", "end"):
         following = int(instance.own_points.following[early_stop.k])
         end = int(wiring.comm_points.points_ns[following]) / 1e9
         try:
-            return "stopped", slave.early_end(seconds, end, early_stop.status) or ""
+            reason = slave.early_end(seconds, end, early_stop.status) or ""
+            return "stopped", reason, Cause("asked-to-end", instance.name, call, seconds, reason)
         except ComponentError as failure:
             error = failure
     elif early_stop.status == TOO_LARGE:
@@ -88,7 +104,10 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
         error = slave.refused(f"{what} at t = {seconds:g} s", early_stop.status)
     overflow = "no longer finite" in (error.got or "")
     diverged = overflow and has_grown(instance, early_stop.complete)
-    return ("diverged" if diverged else "failed"), error.text()
+    detail = error.what if error.got is None else f"{error.what}: {error.got}"
+    kind = "diverged" if diverged else "not-finite" if overflow else "refused"
+    cause = Cause(kind, instance.name, call, seconds, detail)
+    return ("diverged" if diverged else "failed"), error.text(), cause
 
 
 def _unsettled(wiring: Wiring, early_stop: EarlyStop) -> ComponentError:

@@ -19,11 +19,14 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Any, Self, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cosim.core import CosimError, InputError
 from cosim.fmu import FmuSlave
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.engine import EngineName, choose_engine
+from cosim.master.engine import EngineChoice, EngineName, choose_engine
 from cosim.master.initialisation import initialise
 from cosim.master.loop import Loop
 from cosim.master.observers import Observer, ObserverDispatch
@@ -32,7 +35,7 @@ from cosim.master.parts import LogLevel
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.system import System
-from cosim.master.wiring import wire
+from cosim.master.wiring import Wiring, wire
 from cosim.network import LinkState
 
 _LEVELS = get_args(LogLevel)
@@ -48,6 +51,8 @@ class Session:
     system : the system to run.
     observers : receive rows and log lines, such as a `TraceRecorder`.
     engine : "kernel", "python", or "auto": the kernel where it can be (`choose_engine`).
+    wiring, dispatch, word : those of a process that watches this one
+        (`cosim.master.supervision`); by default the session's own.
 
     Raises
     ------
@@ -57,11 +62,19 @@ class Session:
     """
 
     def __init__(
-        self, system: System, observers: Sequence[Observer] = (), *, engine: EngineName = "auto"
+        self,
+        system: System,
+        observers: Sequence[Observer] = (),
+        *,
+        engine: EngineName = "auto",
+        wiring: Wiring | None = None,
+        dispatch: ObserverDispatch | None = None,
+        word: NDArray[np.int64] | None = None,
     ) -> None:
         self.system = system
         self._observers = observers
-        self._wiring = wire(system)
+        self._wiring = wiring or wire(system)
+        self._word = word
         texts = any(
             column.port.kind == "string"
             for instance in self._wiring.instances
@@ -69,7 +82,7 @@ class Session:
         )
         self._comm_points = self._wiring.comm_points
         self._choice = choose_engine(engine, texts=texts, threads=system.threads)
-        self._dispatch = ObserverDispatch(observers)
+        self._dispatch = dispatch or ObserverDispatch(observers)
         self._stack = ExitStack()
         self._loop: Loop | None = None
         self.initial_passes = 0
@@ -86,7 +99,7 @@ class Session:
             self.initial_passes = initialise(self.system, self._wiring)
             for observer in self._observers:
                 observer.begin(self._wiring.instances)
-            self._loop = Loop(self.system, self._wiring, self._dispatch, self._choice)
+            self._loop = Loop(self.system, self._wiring, self._dispatch, self._choice, self._word)
         except BaseException as error:
             if isinstance(error, CosimError):
                 self._dispatch.note("master", "error", error.text())
@@ -108,6 +121,21 @@ class Session:
             # the function refers to the session, which would keep the rows in memory
             place = self._dispatch.where()
             self._dispatch.where = lambda: place
+
+    @property
+    def opened(self) -> bool:
+        """Whether its slaves are initialised."""
+        return self._loop is not None
+
+    @property
+    def engine(self) -> EngineChoice:
+        """The engine that executes it, and why it was chosen."""
+        return self._choice
+
+    @property
+    def instances(self) -> Sequence[ComponentInstance]:
+        """The component instances, in the order in which they receive."""
+        return self._wiring.instances
 
     @property
     def time_ns(self) -> int:

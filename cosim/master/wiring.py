@@ -184,6 +184,17 @@ class Wiring:
                 else:
                     cells[:] = source[first:last]
 
+    def resolve_delays(self, system: System, k: int) -> None:
+        """Resolve the delays of what is sent at point k, unless an output is out of range there.
+
+        Raises
+        ------
+        InputError : see `CommunicationPoints.resolve`.
+        """
+        row = self.rows[k]
+        if (np.abs(row[: self.outputs]) <= self.bounds).all():
+            self.comm_points.resolve(k, row, self.columns_of_delays(system))
+
     def columns_of_delays(self, system: System) -> dict[str, tuple[int, ...]]:
         """Return by live link the columns of its delay signals."""
         return {

@@ -27,6 +27,10 @@ from .gain import (
     problem_about as problem_about,
     problem_of as problem_of,
 )
+from .interrupt import (
+    InterruptedRun as InterruptedRun,
+    TerminatedRun as TerminatedRun,
+)
 from .key_paths import (
     inside as inside,
     kind_of as kind_of,
@@ -69,6 +73,10 @@ from .ssp.importing import (
 from .step_check import (
     StepCheck as StepCheck,
     check_step as check_step,
+)
+from .supervision import (
+    Supervision as Supervision,
+    supervision_of as supervision_of,
 )
 from .system_run import run_system as run_system
 from .templates import template as template

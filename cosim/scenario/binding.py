@@ -10,8 +10,8 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -25,12 +25,16 @@ Function = Callable[[Sequence[Any]], Any]
 Kind = Literal["truth", "number"]
 
 
+def _unchanged(value: Any) -> Any:
+    return value
+
+
 class Meaning(NamedTuple):
     """Kind of a name, its dimension (None: unknown) and its conversion to SI."""
 
     kind: Kind
     dimension: Dimension | None
-    to_si: Callable[[Any], Any] = lambda value: value
+    to_si: Callable[[Any], Any] = _unchanged
 
 
 class Scope(Protocol):
@@ -61,11 +65,17 @@ class BoundCondition:
     Attributes
     ----------
     names : the names it depends on, in the order of its values; "t" is the time.
+    meanings : of the names.
     """
 
     expression: Expression
     names: tuple[str, ...]
     node: Node
+    meanings: Mapping[str, Meaning] = field(default_factory=dict)
+
+    def __reduce__(self) -> tuple[Callable[..., BoundCondition], tuple[Any, ...]]:
+        """Pickle the text and the meanings of its names: its functions cannot be pickled."""
+        return _bind_again, (self.expression.text, self.meanings, self.node.kind)
 
     def __call__(self, values: Sequence[Any]) -> Any:
         """Evaluate at the values of `names`; true or false where it is a condition."""
@@ -113,7 +123,21 @@ def bind(expression: Expression, scope: Scope, wanted: Kind = "truth") -> BoundC
             if wanted == "truth"
             else "a number",
         )
-    return BoundCondition(expression, tuple(binder.names), node)
+    return BoundCondition(expression, tuple(binder.names), node, binder.meanings)
+
+
+@dataclass(frozen=True)
+class _KnownMeanings:
+    """A scope of names whose meanings are known."""
+
+    meanings: Mapping[str, Meaning]
+
+    def meaning(self, reference: str) -> Meaning:
+        return self.meanings[reference]
+
+
+def _bind_again(text: str, meanings: Mapping[str, Meaning], kind: Kind) -> BoundCondition:
+    return bind(Expression(text), _KnownMeanings(meanings), kind)
 
 
 _ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
@@ -173,6 +197,7 @@ class _Binder:
         self._expression, self._scope = expression, scope
         self._lenient = isinstance(scope, AnyName)
         self.names: list[str] = []
+        self.meanings: dict[str, Meaning] = {}
 
     def visit(self, node: ast.expr) -> Node:  # noqa: PLR0911 - one per form
         match node:
@@ -222,6 +247,7 @@ class _Binder:
                 meaning = self._scope.meaning(reference)
             except InputError as error:
                 raise self._located(node, error) from error
+        self.meanings[reference] = meaning
         if reference not in self.names:
             self.names.append(reference)
         place = self.names.index(reference)

@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cosim.master import ComponentInstance, Connection, Observer, Pace, Run, Session, System
+from cosim.master import ComponentInstance, Connection, Pace, Session, System
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Action, Event
 
@@ -20,15 +20,12 @@ class Due(NamedTuple):
     turn: int
 
 
-class LatestValues(Observer):
+class LatestValues:
     """Gives conditions the values of the last complete row."""
 
-    def __init__(self, scope: RunScope) -> None:
+    def __init__(self, scope: RunScope, instances: Sequence[ComponentInstance]) -> None:
         self._scope = scope
         self._places: dict[str, tuple[ComponentInstance, int, bool]] = {}
-
-    def begin(self, instances: Sequence[ComponentInstance]) -> None:
-        """Find the column of each signal."""
         for instance in instances:
             for is_input, columns in (
                 (False, instance.output_columns),
@@ -36,12 +33,6 @@ class LatestValues(Observer):
             ):
                 for j, column in enumerate(columns):
                     self._places[f"{instance.name}.{column.name}"] = instance, j, is_input
-
-    def rows_complete(self, first: int, last: int) -> None:
-        """Do nothing: rows are read when a condition asks."""
-
-    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Do nothing."""
 
     def value(self, name: str, session: Session) -> float:
         """Return the value of a name in the last complete row."""
@@ -91,7 +82,7 @@ class EventDriver:
         self.altered_by_events = False
         self.event_counts = [0] * len(events)
 
-    def drive(self, session: Session, pace: Pace | None = None) -> Run:
+    def drive(self, session: Session, pace: Pace | None = None) -> None:
         """Run to the end, or to where an event stops it."""
         for event in self._events:
             if event.at_ns is not None:
@@ -105,7 +96,6 @@ class EventDriver:
             until = self._due[0].time_ns / 1e9 if self._due else None
             stop = (lambda s: self._look(s, watched)) if watched else None
             session.run_until(until, stop=stop, pace=pace)
-        return session.result(complete=True)
 
     def _plan(self, time_ns: int, number: int, *, begins: bool) -> None:
         self._turn += 1

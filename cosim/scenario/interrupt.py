@@ -11,7 +11,10 @@ from __future__ import annotations
 import signal
 import threading
 from types import FrameType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from cosim.scenario.outcome import Outcome
 
 
 class DeferredInterrupt:
@@ -20,6 +23,11 @@ class DeferredInterrupt:
     def __init__(self) -> None:
         self._requested = 0
         self._before: dict[int, Any] = {}
+
+    @property
+    def requested(self) -> int:
+        """The number of the signal, or 0."""
+        return self._requested
 
     def raise_if_requested(self) -> None:
         """Raise `KeyboardInterrupt` after Ctrl-C, `SystemExit` (143) after SIGTERM."""
@@ -45,3 +53,23 @@ class DeferredInterrupt:
 
     def __exit__(self, *_: object) -> None:
         self._restore()
+
+
+class InterruptedRun(KeyboardInterrupt):
+    """Raised after Ctrl-C, when the trace is finished and the components are ended."""
+
+    exit_code = 128 + signal.SIGINT
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__()
+        self.outcome = outcome
+
+
+class TerminatedRun(SystemExit):
+    """Raised after SIGTERM, when the trace is finished and the components are ended."""
+
+    exit_code = 128 + signal.SIGTERM
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__(self.exit_code)
+        self.outcome = outcome

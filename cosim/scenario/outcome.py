@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.master import EngineChoice, Pace
+from cosim.master import Cause, EngineChoice, Pace
 from cosim.scenario.pinned import DesignSource
 from cosim.trace import AssertionResult
 
@@ -27,6 +27,9 @@ class Outcome:
     log_after_end : log lines while the slaves were ended, after the trace was complete: `level`,
         `name` of the component, `message`.
     design : where the design comes from; None without one.
+    cause : why the run did not reach its end, or what failed after it; None otherwise.
+    supervised : how the child process of the components was started, "fork" or "spawn"; None if
+        they ran in this process.
     steps : communication steps done.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as in the documentation,
         `final` the last value of every output by `component.variable`.
@@ -49,6 +52,8 @@ class Outcome:
     assertions: tuple[AssertionResult, ...] = ()
     log_after_end: tuple[dict[str, str], ...] = ()
     design: DesignSource | None = None
+    cause: Cause | None = None
+    supervised: str | None = None
 
     @property
     def as_expected(self) -> bool:
@@ -62,6 +67,8 @@ class Outcome:
             "title": self.title,
             "status": self.status,
             "reason": self.reason,
+            "cause": None if self.cause is None else self.cause.to_json(),
+            "supervised": self.supervised,
             "trace": None if self.trace is None else str(self.trace),
             "content_hash": self.content_hash,
             "steps": self.steps,
@@ -104,7 +111,10 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
         "final": json.dumps(outcome.final, sort_keys=True, allow_nan=False),
         "host.engine": f"{outcome.engine.name}: {outcome.engine.reason}",
         "host.wall_s": repr(round(outcome.wall_s, 3)),
+        "host.supervised": outcome.supervised or "no",
     }
+    if outcome.cause is not None:
+        entries["cause"] = json.dumps(outcome.cause.to_json(), sort_keys=True, allow_nan=False)
     if outcome.assertions:
         verdicts = [verdict.to_json() for verdict in outcome.assertions]
         entries["assertions"] = json.dumps(verdicts, sort_keys=True, allow_nan=False)

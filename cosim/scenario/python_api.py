@@ -15,6 +15,7 @@ from cosim.scenario.outcome import Outcome
 from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.read import load, of_scenario
 from cosim.scenario.schema import Scenario
+from cosim.scenario.supervision import supervision_of
 
 FMUS = Path("fmus")
 
@@ -28,6 +29,8 @@ def run(
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     pace: Pace | None = None,
+    supervise: bool | None = None,
+    limits: Sequence[str] = (),
 ) -> Outcome:
     """Run a scenario, as `cosim run` does.
 
@@ -37,14 +40,22 @@ def run(
     trace : file of the trace; None: write none.
     settings : as `--set`, "links.uplink.delay='400 ms'".
     fmus : folder of the FMUs; missing ones are built there.
-    flavour, engine, pace : as the options of `cosim run`.
+    flavour, engine, pace, limits : as the options of `cosim run`.
+    supervise : run the components in a child process; None: as the scenario says, by default
+        true.
 
     Raises
     ------
     InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `execute_run`.
     """
     prepared = _prepared(scenario, settings, fmus, flavour)
-    return execute_run(prepared, None if trace is None else Path(trace), engine=engine, pace=pace)
+    return execute_run(
+        prepared,
+        None if trace is None else Path(trace),
+        engine=engine,
+        pace=pace,
+        supervision=supervision_of(prepared.loaded.scenario, limits, supervise=supervise),
+    )
 
 
 @contextmanager

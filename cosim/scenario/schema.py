@@ -34,6 +34,7 @@ from cosim.scenario.fields import (
 )
 from cosim.scenario.links import LinkPart
 from cosim.scenario.quantity import TIME, quantity_in
+from cosim.scenario.run_limits import LimitsPart
 
 
 class RunPart(Part):
@@ -51,6 +52,8 @@ class RunPart(Part):
     `solve` : solve algebraic loops at every communication point: inputs are exchanged until none
     changes by more than `solve_tolerance`, relative to the greater of its magnitude and 1, or
     fail after `solve_limit` iterations.
+    `supervise` : run the components in a child process, so that a component that crashes or hangs
+    ends the run and not the command.
     """
 
     end: Duration
@@ -65,6 +68,7 @@ class RunPart(Part):
     solve: bool = False
     solve_tolerance: Positive = 1e-10
     solve_limit: Annotated[int, Field(ge=1, le=1_000_000)] = 100
+    supervise: bool = True
 
 
 class ComponentPart(Part):
@@ -270,6 +274,7 @@ class Scenario(Part):
     events: list[EventPart] = Field(default_factory=list)
     assertions: list[AssertionPart] = Field(default_factory=list)
     log: LogPart | None = None
+    limits: LimitsPart | None = None
 
     def to_data(self) -> dict[str, Any]:
         """Return the tables of the scenario, without defaults."""

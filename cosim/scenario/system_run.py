@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 from cosim.core import Progress
-from cosim.master import EngineName, Observer, Pace, Run, Session, System
+from cosim.master import Cause, EngineName, Observer, Pace, Run, Session, Supervisor, System
 from cosim.scenario.event_driver import EventDriver, LatestValues
 from cosim.scenario.interrupt import DeferredInterrupt
 from cosim.scenario.scope import RunScope
@@ -20,7 +20,11 @@ class ProgressObserver(Observer):
     reads_inputs = False
 
     def __init__(
-        self, system: System, what: str, report_progress: Progress, interruption: DeferredInterrupt
+        self,
+        system: System,
+        what: str,
+        report_progress: Progress,
+        interruption: DeferredInterrupt | None = None,
     ) -> None:
         self._points = system.comm_schedule.points_ns.size
         self._what, self._report_progress, self._interruption = what, report_progress, interruption
@@ -33,11 +37,38 @@ class ProgressObserver(Observer):
     def rows_complete(self, first: int, last: int) -> None:
         """Report that rows up to `last` are done."""
         del first
-        self._interruption.raise_if_requested()
+        if self._interruption is not None:
+            self._interruption.raise_if_requested()
         self._report_progress(self._what, last / self._points)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Do nothing: log lines go to the trace."""
+
+
+@dataclass(frozen=True)
+class EventResults:
+    """What the events of a run did (`EventDriver`), and the pace as it was kept."""
+
+    stopped: str | None = None
+    altered_by_events: bool = False
+    event_counts: tuple[int, ...] = ()
+    pace: Pace | None = None
+
+
+@dataclass(frozen=True)
+class DriveEvents:
+    """Runs a session from its start to its end, or to where an event stops it."""
+
+    events: Sequence[Event] = ()
+    pace: Pace | None = None
+
+    def __call__(self, session: Session) -> EventResults:
+        """Run it."""
+        rows = LatestValues(RunScope(session.system), session.instances)
+        driver = EventDriver(session.system, self.events, rows)
+        driver.drive(session, self.pace)
+        counts = tuple(driver.event_counts)
+        return EventResults(driver.stopped, driver.altered_by_events, counts, self.pace)
 
 
 @dataclass(frozen=True)
@@ -58,6 +89,7 @@ def run_system(
     living: ExitStack,
     events: Sequence[Event] = (),
     pace: Pace | None = None,
+    supervisor: Supervisor | None = None,
 ) -> CompletedRun:
     """Run a system from its start to its end, or to where an event stops it.
 
@@ -66,18 +98,35 @@ def run_system(
     what, report_progress : name of the run in progress reports, and their receiver.
     living : ends the slaves when it is closed; close it when the run is on disk, since some FMUs
         end the process with them.
+    supervisor : executes the run in its child process; None: in this process.
 
     Raises
     ------
     InputError, ComponentError : see `Session`.
     """
-    with DeferredInterrupt() as interruption:
-        watcher = ProgressObserver(system, what, report_progress, interruption)
-        rows = LatestValues(RunScope(system))
-        session = living.enter_context(Session(system, [*observers, watcher, rows], engine=engine))
-        driver = EventDriver(system, events, rows)
-        run = driver.drive(session, pace)
-        session.deliver()
-        if driver.stopped is not None and run.status in ("stopped", "finished"):
-            run = replace(run, status="stopped", reason=driver.stopped)
-        return CompletedRun(run, driver.altered_by_events, tuple(driver.event_counts))
+    conduct = DriveEvents(events, pace)
+    if supervisor is not None:
+        watcher = ProgressObserver(system, what, report_progress)
+        conducted = supervisor.run(
+            system, [*observers, watcher], conduct, living=living, engine=engine
+        )
+        run, found = conducted.run, conducted.found or EventResults()
+        if pace is not None and found.pace is not None:
+            pace.take(found.pace)
+    else:
+        with DeferredInterrupt() as interruption:
+            watcher = ProgressObserver(system, what, report_progress, interruption)
+            session = living.enter_context(Session(system, [*observers, watcher], engine=engine))
+            found = conduct(session)
+            session.deliver()
+            run = session.result(complete=True)
+    ended = run.status == "finished" or (run.status == "stopped" and not _is_interrupted(run))
+    if found.stopped is not None and ended:
+        at = float(run.points_ns[-1]) / 1e9 if run.points_ns.size else None
+        cause = Cause("event", time_s=at, detail=found.stopped)
+        run = replace(run, status="stopped", reason=found.stopped, cause=cause)
+    return CompletedRun(run, found.altered_by_events, found.event_counts)
+
+
+def _is_interrupted(run: Run) -> bool:
+    return run.cause is not None and run.cause.kind == "interrupted"

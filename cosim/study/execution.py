@@ -89,7 +89,7 @@ def execute_study(
     began = time.perf_counter()
     report_progress = progress or silent
     register_runner(plan.job.digest, plan.runner)
-    with Folder(out) as folder:
+    with plan.runner.supervised(), Folder(out) as folder:
         folder.begin(manifest_of(plan), fresh=fresh)
         done = folder.rows()
         before = len(done)

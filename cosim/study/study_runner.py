@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, design_from_json, design_to_json
-from cosim.master import Run
+from cosim.master import Run, Supervisor, default_method
 from cosim.scenario import (
     FmuCache,
     LoadedScenario,
@@ -28,6 +29,7 @@ from cosim.scenario import (
     execute_unrecorded,
     prepare,
     problem_about,
+    supervision_of,
 )
 from cosim.study.consistency import Place, nowhere
 from cosim.study.measurement import needs_zero_state_run
@@ -89,6 +91,7 @@ class StudyRunner:
         # by hash an FMU is found at once; by name the cache first checks that it is up to date
         self.fmu_cache = DescribedFmuCache(base.fmus, base.folder, self._hashes, base.flavour)
         self._zero_state_run = needs_zero_state_run(study.metrics)
+        self._supervisor: Supervisor | None = None
         self._given = designs or {}
         self._designs: OrderedDict[str, tuple[Problem, Design] | NotAchievableError] = OrderedDict()
 
@@ -100,7 +103,29 @@ class StudyRunner:
         InputError, NotAchievableError, ComponentError : the run cannot be executed.
         """
         prepared = self._prepared(self._loaded(run, ""))
-        return execute_unrecorded(prepared, zero_state_run=self._zero_state_run)
+        supervision = supervision_of(prepared.loaded.scenario)
+        supervisor = self._supervisor if supervision.method is not None else None
+        if supervisor is not None:
+            supervisor.begin(supervision.limits, prepared.fmus.values())
+        return execute_unrecorded(
+            prepared, zero_state_run=self._zero_state_run, supervisor=supervisor
+        )
+
+    @contextmanager
+    def supervised(self) -> Iterator[None]:
+        """Execute runs in a child process in this context, where runs can be supervised.
+
+        A run that ends the child, or exceeds a limit, has failed; the next one has a new child.
+        """
+        if default_method() is None:
+            yield
+            return
+        with Supervisor() as supervisor:
+            self._supervisor = supervisor
+            try:
+                yield
+            finally:
+                self._supervisor = None
 
     def record(self, run: int, trace: Path) -> Outcome:
         """Execute one run with a trace, which contains its scenario and can be rerun."""

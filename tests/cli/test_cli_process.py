@@ -24,13 +24,15 @@ ROWS = 200
 
 
 @contextmanager
-def started(fmus: Path, folder: Path, **environment: str) -> Iterator[subprocess.Popen[str]]:
+def started(
+    fmus: Path, folder: Path, *options: str, **environment: str
+) -> Iterator[subprocess.Popen[str]]:
     """A run that has begun to write its trace; its pace leaves it minutes to be interrupted in."""
     (folder / "long.toml").write_text(LONG, "utf-8")
     with subprocess.Popen(  # noqa: S603 - the command under test
         [
             *(COMMAND, "run", "long.toml", "--out", "t.mcap", "--json"),
-            *("--fmus", fmus.parent, "--pace", "10"),
+            *("--fmus", fmus.parent, "--pace", "10", *options),
         ],
         cwd=folder,
         stdout=subprocess.PIPE,
@@ -75,7 +77,10 @@ def readable_rows(folder: Path) -> int:
 def test_interrupted_run_leaves_its_rows(
     number: signal.Signals, fmus: Path, tmp_path: Path
 ) -> None:
-    """Ctrl-C: exit 130, SIGTERM: 143, in words. In any case the rows so far are in the .partial."""
+    """Ctrl-C: exit 130, SIGTERM: 143, in words, and the trace is finished up to there.
+
+    After a SIGKILL the rows so far are in the .partial file.
+    """
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     with started(fmus, tmp_path, TMPDIR=str(scratch)) as process:
@@ -87,9 +92,30 @@ def test_interrupted_run_leaves_its_rows(
         assert json.loads(out)["error"]["exit_code"] == 128 + number
         assert ("interrupted" if number == signal.SIGINT else "terminated") in err
         assert not list(scratch.iterdir()), "temporary folders are left"
-        assert Trace(tmp_path / "t.mcap.partial").complete
+        trace = Trace(tmp_path / "t.mcap")
+        assert trace.finished
+        assert trace.result is not None
+        assert trace.result["status"] == "stopped"
+        assert json.loads(trace.result["cause"])["kind"] == "interrupted"
+        assert len(trace.read("/plant/output")) > ROWS
+        assert cosim("trace", "verify", "t.mcap", cwd=tmp_path).code == 0
     else:
         assert process.returncode == -signal.SIGKILL
+        assert readable_rows(tmp_path) > ROWS
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminated"])
+def test_interrupted_run_in_one_process_leaves_its_rows(
+    number: signal.Signals, fmus: Path, tmp_path: Path
+) -> None:
+    """With --no-supervise the rows so far are in the .partial file."""
+    with started(fmus, tmp_path, "--no-supervise") as process:
+        process.send_signal(number)
+        out, err = process.communicate()
+    assert "Traceback" not in out + err
+    assert process.returncode == 128 + number
+    assert json.loads(out)["error"]["exit_code"] == 128 + number
+    assert Trace(tmp_path / "t.mcap.partial").complete
     assert readable_rows(tmp_path) > ROWS
 
 
@@ -106,7 +132,8 @@ def test_run_on_a_full_disk(fmus: Path, tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG, "utf-8")
     command = [sys.executable, "-c", FULL, "run", "long.toml", "--out", "t.mcap", "--json"]
     done = subprocess.run(  # noqa: S603 - the command under test
-        [*command, "--fsync", "--fmus", str(fmus.parent)],
+        # in one process: the limit holds for shared memory, too
+        [*command, "--fsync", "--no-supervise", "--fmus", str(fmus.parent)],
         cwd=tmp_path,
         capture_output=True,
         text=True,

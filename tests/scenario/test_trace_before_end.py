@@ -1,4 +1,8 @@
-"""The trace is complete before any slave is ended: some FMUs end the process with themselves."""
+"""The trace is complete though some FMUs end the process with themselves.
+
+In a child process that is a failure of the component after a complete run; in one process the
+trace is finished before any slave is ended.
+"""
 
 from __future__ import annotations
 
@@ -45,40 +49,57 @@ def apart(folder: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 RUN = ("run", "s.toml", "--out", "t.mcap")
+HERE = (*RUN, "--no-supervise")
+IN_ONE_PROCESS = pytest.mark.parametrize("words", [RUN, HERE], ids=["child", "one process"])
 
 
+@IN_ONE_PROCESS
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize(
     ("call", "fault", "number"),
     [("terminate", "abort", signal.SIGABRT), ("free", "segfault", signal.SIGSEGV)],
 )
 def test_process_that_dies_with_its_slave_leaves_a_whole_trace(
-    tmp_path: Path, call: str, fault: str, number: int, version: str
+    tmp_path: Path, call: str, fault: str, number: int, version: str, words: tuple[str, ...]
 ) -> None:
-    """Every row, every figure, verified; only what was to be printed is lost."""
+    """Every row, every figure, verified; in a child process also what is printed."""
     scenario(tmp_path, call, fault, version=version)
-    done = apart(tmp_path, *RUN)
-    assert done.returncode == -number
+    done = apart(tmp_path, *words)
     assert [p.name for p in tmp_path.glob("t.mcap*")] == ["t.mcap"]
     trace = Trace(tmp_path / "t.mcap")
     assert trace.finished
     assert trace.result is not None
-    assert trace.result["status"] == "finished"
+    if words == HERE:
+        assert done.returncode == -number
+        assert trace.result["status"] == "finished"
+    else:
+        assert done.returncode == 4
+        assert trace.result["status"] == json.loads(done.stdout)["status"] == "failed"
+        cause = json.loads(trace.result["cause"])
+        assert cause == json.loads(done.stdout)["cause"]
+        name = {"terminate": "Terminate", "free": "FreeInstance"}[call]
+        assert (cause["kind"], cause["component"], cause["time_s"]) == ("crashed", "pump", 1.0)
+        assert cause["call"] == f"fmi{version[0]}{name}"
+        assert trace.result["reason"].startswith("after the run was complete")
     assert json.loads(trace.result["final"]) == {"pump.x": pytest.approx(2.0)}
     assert trace.read("/pump/output")["x"][-1] == pytest.approx(2.0)
     verified = cosim("trace", "verify", "t.mcap", "--json", cwd=tmp_path)
     assert verified.code == 0, verified.out
 
 
-def test_zero_state_run_is_made_before_slaves_are_ended(native_fmus: Path, tmp_path: Path) -> None:
+@IN_ONE_PROCESS
+def test_zero_state_run_is_made_before_slaves_are_ended(
+    native_fmus: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
     """The gain is that of a run whose pump ends as it should."""
     more = ("--flavour", "native", "--fmus", native_fmus.parent)
     scenario(tmp_path, "step", "nothing", BESIDE)
-    sound = apart(tmp_path, *RUN, *more)
+    sound = apart(tmp_path, *words, *more)
     assert sound.returncode == 0, sound.stderr
     (tmp_path / "t.mcap").unlink()
     scenario(tmp_path, "free", "abort", BESIDE)
-    assert apart(tmp_path, *RUN, *more).returncode == -signal.SIGABRT
+    died = apart(tmp_path, *words, *more).returncode
+    assert died == (-signal.SIGABRT if words == HERE else 4)
     trace = Trace(tmp_path / "t.mcap")
     assert trace.result is not None
     metrics = json.loads(trace.result["metrics"])

@@ -82,6 +82,19 @@ def test_a_run_that_fails_is_recorded_and_stops_no_other(tmp_path: Path) -> None
     assert "step 50 s" in found["reason"][2]
 
 
+def test_a_run_that_ends_the_process_ends_its_child_alone(tmp_path: Path) -> None:
+    """In the first run, which is tried before the others, and in a later one."""
+    result = execute_study(plan([DEADLY, 1.0, DEADLY + 1.0, 0.5]), tmp_path / "study")
+    assert result.statuses == {"failed": 2, "finished": 2}
+    found = table(tmp_path / "study")
+    assert found["status"] == ["failed", "finished", "failed", "finished"]
+    for reason in (found["reason"][i] for i in (0, 2)):
+        assert "component 'tiny'" in reason
+        assert "SIGKILL" in reason
+        assert "fmi2DoStep" in reason
+    assert found["x"][1] == pytest.approx(truth(1.0), abs=1e-12)
+
+
 def test_a_diverged_run_is_one_of_the_results(tmp_path: Path) -> None:
     """It is no failure, and has its figures up to where it got."""
     metrics = {"x": "final.tiny.x", "peak": {"signal": "tiny.x", "reduce": "max_abs"}}

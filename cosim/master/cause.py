@@ -1,0 +1,66 @@
+"""The typed cause of a run that did not go from its start to its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+CauseKind = Literal[
+    "refused",
+    "crashed",
+    "exited",
+    "timed-out",
+    "memory",
+    "interrupted",
+    "diverged",
+    "not-finite",
+    "delay",
+    "unsettled",
+    "asked-to-end",
+    "event",
+]
+VERSION: Final = 1
+"""Of what `Cause.to_json` returns; it grows when a key changes its meaning."""
+_FAILURES: Final = frozenset(
+    {"refused", "crashed", "exited", "timed-out", "memory", "not-finite", "delay", "unsettled"}
+)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why a run ended before its end, or what failed after it.
+
+    Attributes
+    ----------
+    kind : refused: an FMI call returned an error; crashed: a signal ended the process of the
+        slaves; exited: it left by exit(); timed-out: it exceeded a limit of time; memory: it
+        exceeded the limit of memory; interrupted: Ctrl-C or SIGTERM; diverged, not-finite: an
+        output left its range, or is no number; delay: a signal gave no valid delay of a link;
+        unsettled: the values of an algebraic loop do not settle;
+        asked-to-end: a component; event: an event of the scenario stopped it.
+    component, call : the component and the FMI call in progress; None where there is none.
+    time_s : simulated time of the call [s]; None before the slaves are initialised.
+    detail : in words.
+    """
+
+    kind: CauseKind
+    component: str | None = None
+    call: str | None = None
+    time_s: float | None = None
+    detail: str | None = None
+
+    @property
+    def failure(self) -> bool:
+        """Whether something failed, so that the command exits with 4."""
+        return self.kind in _FAILURES
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON object with a version."""
+        return {
+            "version": VERSION,
+            "kind": self.kind,
+            "component": self.component,
+            "call": self.call,
+            "time_s": self.time_s,
+            "detail": self.detail,
+        }

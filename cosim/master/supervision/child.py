@@ -1,0 +1,261 @@
+"""What the child process does: it executes the runs that it is given, and tells all of them.
+
+FMUs write to its standard streams, which the parent reads. It ignores Ctrl-C; the parent asks it
+to stop between two steps. When the parent is gone it ends itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import faulthandler
+import gc
+import io
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle
+from pathlib import Path
+from typing import Any
+
+from cosim.fmu import adopt_folder, watch_calls
+from cosim.master.component_instance import ComponentInstance
+from cosim.master.observers import Observer, ObserverDispatch
+from cosim.master.session import Session
+from cosim.master.supervision import messages
+from cosim.master.supervision.messages import Job
+from cosim.master.supervision.shared import SharedRun
+from cosim.master.wiring import Wiring, wire
+
+_LINE_BUFFERED = 1
+_REPORT_S = 0.01
+_ORPHAN_S = 5.0
+"""How long an orphan may go on: it has been asked to leave, and may be just doing so."""
+
+
+class StopRequested(BaseException):
+    """The parent wants the run to stop here, between two calls."""
+
+
+def main(
+    connection: int | str,
+    lifeline: int | str,
+    out: int | str,
+    err: int | str,
+    known: Sequence[Any] = (),
+) -> None:
+    """Execute runs until the parent closes the connection, then leave; never returns.
+
+    `known` : objects that messages may refer to, in a forked process.
+    """
+    _own_streams(int(out), int(err))
+    with contextlib.suppress(ValueError):  # a thread that is not the main one
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    faulthandler.disable()
+    gc.freeze()
+    threading.Thread(target=_end_as_orphan, args=(int(lifeline),), daemon=True).start()
+    try:
+        _Executor(Connection(int(connection)), known).serve()
+    finally:
+        sys.stdout.flush()
+        with contextlib.suppress(AttributeError, OSError):
+            ctypes.CDLL(None).fflush(None)
+        os._exit(0)
+
+
+def _own_streams(out: int, err: int) -> None:
+    """Let both standard streams, of C and of Python, go to the parent line by line."""
+    for source, target in ((out, 1), (err, 2)):
+        os.dup2(source, target)
+        os.close(source)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    name = "__stdoutp" if sys.platform == "darwin" else "stdout"
+    with contextlib.suppress(AttributeError, OSError, ValueError):
+        c = ctypes.CDLL(None)
+        c.setvbuf(ctypes.c_void_p.in_dll(c, name), None, _LINE_BUFFERED, ctypes.c_size_t(0))
+    sys.stdout, sys.stderr = (
+        io.TextIOWrapper(io.FileIO(number, "w", closefd=False), "utf-8", line_buffering=True)
+        for number in (1, 2)
+    )
+
+
+def _end_as_orphan(lifeline: int) -> None:
+    """Wait until the parent is gone, then end this process, whatever it is doing."""
+    with contextlib.suppress(OSError):
+        os.read(lifeline, 1)
+    time.sleep(_ORPHAN_S)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class _Executor:
+    """Executes runs, and closes their sessions when it is told to."""
+
+    def __init__(self, connection: Connection, known: Sequence[Any]) -> None:
+        self._connection, self._known = connection, known
+        self._guard = threading.Lock()
+        self._sessions: dict[int, Session] = {}
+
+    def serve(self) -> None:
+        """Do what the parent asks for, until it closes the connection."""
+        while True:
+            try:
+                data = self._connection.recv_bytes()
+                kind, number, *rest = messages.unpacked(data, self._known)
+                if kind == messages.CLOSE:
+                    self._close(number)
+                    continue
+                job = rest[0]
+                wired = job.wired or self._wired(job)
+            except (EOFError, OSError):
+                return
+            self._run(number, job, *wired)
+
+    def _send(self, number: int, kind: str, *content: Any) -> None:
+        data = messages.packed((number, kind, *content))
+        with self._guard:  # an FMU may log from a thread of its own
+            self._connection.send_bytes(data)
+
+    def _wired(self, job: Job) -> tuple[Wiring, SharedRun]:
+        descriptor = recv_handle(self._connection)
+        shared = SharedRun(descriptor, job.size)
+        os.close(descriptor)
+        return wire(job.system, shared.rows), shared
+
+    def _run(self, number: int, job: Job, wiring: Wiring, shared: SharedRun) -> None:
+        adopt_folder(Path(job.folder))
+        found: Any = None
+        try:
+            report = _Report(self, number, shared)
+            wiring.texts.on_new = report.text
+            session = Session(
+                job.system,
+                [begun := _Begun(self, number)],
+                engine=job.engine,
+                wiring=wiring,
+                dispatch=report,
+                word=shared.word,
+            )
+            begun.session = self._sessions[number] = session
+            watch_calls(_Watcher(shared, session, report))
+            try:
+                with contextlib.ExitStack() as stack:
+                    stack.enter_context(session)
+                    stack.pop_all()  # it is closed when the parent says so
+                    found = job.conduct(session)
+                    session.deliver()
+            except StopRequested:
+                pass
+            report.stoppable = False
+            self._tell_end(number, session, found)
+        except Exception as error:  # noqa: BLE001 - raised in the parent
+            report.stoppable = False
+            self._send(number, messages.RAISED, *messages.exception_parts(error))
+
+    def _tell_end(self, number: int, session: Session, found: Any) -> None:
+        end: tuple[Any, ...] = ("stopped", "stopped before the first communication point", None, 0)
+        if session.opened:
+            run = session.result(complete=True)
+            end = (run.status, run.reason, run.cause, int(run.points_ns.size))
+        self._send(number, messages.CONDUCTED, *end, session.engine, found)
+
+    def _close(self, number: int) -> None:
+        session = self._sessions.pop(number, None)
+        if session is not None:
+            session.close()
+        self._send(number, messages.CLOSED)
+
+    def send_of(self, number: int, kind: str, *content: Any) -> None:
+        """Tell the parent something about a run."""
+        self._send(number, kind, *content)
+
+
+class _Report(ObserverDispatch):
+    """Tells the parent log lines at once, and the rows that are complete.
+
+    Attributes
+    ----------
+    stoppable : whether a request to stop is obeyed.
+    """
+
+    def __init__(self, executor: _Executor, number: int, shared: SharedRun) -> None:
+        super().__init__(())
+        self._executor, self._number, self._shared = executor, number, shared
+        self.stoppable = True
+        self._lines_wait = False
+        self._reported_at = 0.0
+
+    def add(self, line: tuple[int, int, int, str, str, str]) -> None:
+        """Tell a log line."""
+        self._tell(messages.LINE, line)
+        self._lines_wait = True
+
+    def deliver(self, complete: int) -> None:
+        """Let the parent deliver rows and lines; stop if it asked for that.
+
+        Rows alone are told every few milliseconds, since segments may be of a single point; at the
+        end of the run the parent looks for the rest itself.
+        """
+        self._shared.complete = complete
+        now = time.monotonic()
+        if self._lines_wait or now - self._reported_at > _REPORT_S:
+            self._lines_wait, self._reported_at = False, now
+            self._tell(messages.DELIVER, complete)
+        self.check_stop()
+
+    def check_stop(self) -> None:
+        """Stop if the parent asked for it."""
+        if self.stoppable and self._shared.stop_requested:
+            self.stoppable = False
+            raise StopRequested
+
+    def text(self, number: int, text: str) -> None:
+        """Tell a new value of a String."""
+        self._tell(messages.TEXT, number, text)
+
+    def close(self) -> None:
+        """Do nothing: the parent closes its own."""
+
+    def _tell(self, kind: str, *content: Any) -> None:
+        self._executor.send_of(self._number, kind, *content)
+
+
+class _Begun(Observer):
+    """Tells the parent that all slaves are initialised."""
+
+    def __init__(self, executor: _Executor, number: int) -> None:
+        self._executor, self._number = executor, number
+        self.session: Session
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Tell it."""
+        del instances
+        self._executor.send_of(self._number, messages.BEGUN, self.session.engine)
+
+    def rows_complete(self, first: int, last: int) -> None:
+        """Do nothing."""
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Do nothing."""
+
+
+class _Watcher:
+    """Notes in the shared memory which FMI call outside the loop is in progress."""
+
+    def __init__(self, shared: SharedRun, session: Session, report: _Report) -> None:
+        self._shared, self._session, self._report = shared, session, report
+
+    def begin(self, component: str, call: str) -> None:
+        """Note a call, unless the run is to stop."""
+        self._report.check_stop()
+        self._shared.begin_call(self._session.time_ns, component, call)
+
+    def end(self) -> None:
+        """Note that it has returned."""
+        self._shared.end_call()

@@ -1,0 +1,480 @@
+"""The parent's side of one supervised run: it follows the child and delivers to the observers."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing.reduction import send_handle
+from types import MappingProxyType
+from typing import Any, Final, Protocol
+
+from cosim.core import ComponentError, InputError
+from cosim.fmu import own_folder, unpack_fmu
+from cosim.master.adjustments import Adjustments
+from cosim.master.cause import Cause, CauseKind
+from cosim.master.component_instance import Rows
+from cosim.master.engine import EngineChoice, EngineName
+from cosim.master.observers import Observer, ObserverDispatch
+from cosim.master.run import Run, RunStatus
+from cosim.master.session import Session
+from cosim.master.supervision import messages
+from cosim.master.supervision.limits import Limits
+from cosim.master.supervision.messages import Job
+from cosim.master.supervision.output import Output
+from cosim.master.supervision.process import Worker
+from cosim.master.supervision.shared import SharedRun, reserve
+from cosim.master.system import System
+from cosim.master.table import Move, Set, make_table
+from cosim.master.wiring import Wiring, wire
+
+_TICK_S: Final = 0.02
+GRACE_S: Final = 1.0
+"""Time that the child has to stop between two steps, before it is killed."""
+_AT_ONCE: Final = 256
+_SIGNALS: Final[Mapping[int, str]] = MappingProxyType(
+    {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}
+)
+
+
+class Interruption(Protocol):
+    """Tells whether the user wants the run to end: the number of the signal, or 0."""
+
+    @property
+    def requested(self) -> int:
+        """The number of the signal, or 0."""
+
+
+class _BrokenOffError(Exception):
+    """The child is gone; `cause` says why, `words` is the message."""
+
+    def __init__(self, cause: Cause, words: str) -> None:
+        super().__init__(words)
+        self.cause, self.words = cause, words
+
+
+@dataclass(frozen=True, eq=False)
+class Wired:
+    """A wiring whose rows lie in shared memory.
+
+    Attributes
+    ----------
+    wiring : of the run.
+    shared, descriptor, size : the memory, as `reserve` returns it.
+    """
+
+    wiring: Wiring
+    shared: SharedRun
+    descriptor: int
+    size: int
+
+    @classmethod
+    def of(cls, system: System) -> Wired:
+        """Wire a system.
+
+        Raises
+        ------
+        InputError : see `wire` and `reserve`.
+        """
+        made: list[tuple[SharedRun, int, int]] = []
+
+        def allocate(shape: tuple[int, int]) -> Rows:
+            if not made:
+                made.append(reserve(shape))
+            return made[0][0].rows(shape)
+
+        return cls(wire(system, allocate), *made[0])
+
+
+class FollowedRun:
+    """A run in the child, followed from here; close it to end the slaves.
+
+    Attributes
+    ----------
+    end_failure : why the slaves could not be ended properly, typed and in words; None if they
+        were.
+    """
+
+    def __init__(
+        self,
+        worker: Worker,
+        number: int,
+        system: System,
+        observers: Sequence[Observer],
+        limits: Limits,
+        interruption: Interruption | None,
+        wired: Wired,
+    ) -> None:
+        self._worker, self._number, self._system = worker, number, system
+        self._observers, self._limits, self._interruption = observers, limits, interruption
+        self._wired = wired
+        self._wiring, self._shared = wired.wiring, wired.shared
+        self._points = self._wiring.comm_points
+        self._dispatch = ObserverDispatch(observers)
+        self._dispatch.make_whole = self._wiring.make_whole
+        if system.threads > 1:  # lines come with their turns
+            self._dispatch.turn = lambda _name: 0
+        adjustments = Adjustments(self._wiring.rows.shape[1])
+        self._table = make_table(system, self._wiring, adjustments, self._shared.word)
+        self._engine = EngineChoice("none", "the run did not begin")
+        self._begun = self._over = self._muted = False
+        self._stop_since: float | None = None
+        self._stop_cause: Cause | None = None
+        self._outputs = (
+            Output(worker.stdout, "stdout", "info"),
+            Output(worker.stderr, "stderr", "warning"),
+        )
+        self.end_failure: tuple[Cause, str] | None = None
+
+    def conduct(self, conduct: Callable[[Session], Any], engine: EngineName) -> tuple[Run, Any]:
+        """Execute the run; return it and what `conduct` returned, None if it broke off.
+
+        Raises
+        ------
+        CosimError : what the session raises.
+        """
+        for component in self._system.components.values():
+            unpack_fmu(component.description)
+        there = any(thing is self._wiring for thing in self._worker.known)
+        known = (self._wiring, self._shared) if there else None
+        folder = str(own_folder())
+        self._send(
+            messages.RUN, Job(self._system, conduct, engine, self._wired.size, folder, known)
+        )
+        self._send_descriptor(send=not there)
+        try:
+            kind, *content = self._follow(messages.CONDUCTED, messages.RAISED)
+        except _BrokenOffError as broken:
+            return self._broken_off(broken), None
+        except BaseException as error:
+            self._abandon(error)
+            raise
+        complete = self._shared.complete
+        self._resolve_delays(complete)
+        self._dispatch.deliver(complete)
+        self._end_output()
+        if kind == messages.RAISED:
+            parts, trace = content
+            raised = messages.exception_of(parts)
+            raised.add_note(trace)
+            raise raised
+        status, reason, cause, complete, self._engine, found = content
+        return self._run_of(status, reason, cause, complete), found
+
+    def close(self) -> None:
+        """Terminate and free the slaves, and deliver their last log lines."""
+        if self._over:
+            return
+        self._over = True
+        self._stop_since = None  # a new time of grace
+        try:
+            self._send(messages.CLOSE)
+            self._follow(messages.CLOSED)
+        except _BrokenOffError as broken:
+            self.end_failure = broken.cause, broken.words
+        self._end_output()
+        if not self._muted:
+            self._dispatch.close()
+
+    def _run_of(
+        self, status: RunStatus, reason: str | None, cause: Cause | None, complete: int
+    ) -> Run:
+        points = self._points.points_ns[:complete]
+        last_ns = int(points[-1]) if complete else 0
+        self._wiring.make_whole(complete)
+        if self._stop_cause is not None and status == "stopped":
+            at = self._points.points_ns[min(complete, self._points.count - 1)]
+            cause = Cause(
+                self._stop_cause.kind, time_s=int(at) / 1e9, detail=self._stop_cause.detail
+            )
+            status = "stopped" if cause.kind == "interrupted" else "failed"
+            reason = f"{cause.detail} at t = {cause.time_s:g} s"
+            self._add("master", "info" if status == "stopped" else "error", reason)
+            self._dispatch.deliver(complete)
+        return Run(
+            status,
+            reason,
+            points,
+            self._wiring.instances,
+            self._engine,
+            self._points.schedules(last_ns),
+            cause,
+        )
+
+    def _broken_off(self, broken: _BrokenOffError) -> Run:
+        """Return the run up to its last complete row, all of which the observers receive."""
+        self._over = True
+        complete = self._complete()
+        self._resolve_delays(complete)
+        self._end_output()
+        self._dispatch.deliver(complete)
+        status: RunStatus = "stopped" if broken.cause.kind == "interrupted" else "failed"
+        self._add("master", "error" if status == "failed" else "info", broken.words)
+        self._dispatch.close()
+        self._stop_cause = None
+        return self._run_of(status, broken.words, broken.cause, complete)
+
+    def _abandon(self, error: BaseException) -> None:
+        """Leave the run after an exception here: an observer's, or a second Ctrl-C."""
+        self._muted = True
+        if isinstance(error, Exception):
+            self._shared.request_stop()
+            try:
+                self._follow(messages.CONDUCTED, messages.RAISED)
+            except _BrokenOffError:
+                self._over = True
+        else:
+            self._worker.kill()
+            self._over = True
+
+    def _send(self, kind: str, *content: Any) -> None:
+        try:
+            data = messages.packed((kind, self._number, *content), self._worker.known)
+            self._worker.connection.send_bytes(data)
+        except OSError:  # it is dead: following it says why
+            return
+
+    def _send_descriptor(self, *, send: bool) -> None:
+        try:
+            if send:
+                send_handle(self._worker.connection, self._wired.descriptor, None)
+        except OSError:
+            return
+        finally:
+            os.close(self._wired.descriptor)
+
+    def _follow(self, *last: str) -> tuple[Any, ...]:
+        """Take messages until one of the kinds in `last`; return it.
+
+        Raises
+        ------
+        _BrokenOffError : the child is dead, by itself or because it exceeded a limit.
+        """
+        timer = _Timer(self._limits, closing=last == (messages.CLOSED,))
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._worker.connection, selectors.EVENT_READ)
+            for output in self._outputs:
+                if not output.ended:
+                    selector.register(output.descriptor, selectors.EVENT_READ)
+            while True:
+                selector.select(_TICK_S)
+                for output in self._outputs:
+                    if not output.ended:
+                        output.read(self._log_output)
+                        if output.ended:
+                            selector.unregister(output.descriptor)
+                found, alive = self._take_messages(last)
+                if found is not None:
+                    return found
+                if not alive or self._worker.exit_status() is not None:
+                    return self._dead(last)
+                self._check(timer)
+
+    def _take_messages(self, last: Sequence[str]) -> tuple[tuple[Any, ...] | None, bool]:
+        """Take what has arrived; return the message that was waited for, and whether more comes."""
+        connection = self._worker.connection
+        try:
+            for _ in range(_AT_ONCE):
+                if not connection.poll():
+                    break
+                number, kind, *content = messages.unpacked(connection.recv_bytes())
+                if number == self._number and kind in last:
+                    return (kind, *content), True
+                if number == self._number and not self._muted:
+                    self._take(kind, content)
+        except (EOFError, OSError):
+            return None, False
+        return None, True
+
+    def _take(self, kind: str, content: Sequence[Any]) -> None:
+        match kind:
+            case messages.LINE:
+                self._dispatch.add(content[0])
+            case messages.DELIVER:
+                self._resolve_delays(content[0])
+                self._dispatch.deliver(content[0])
+            case messages.TEXT:
+                number, text = content
+                if self._wiring.texts.number(text) != number:
+                    raise ValueError(f"expected number {number} for {text!r}")
+            case messages.BEGUN:
+                self._engine = content[0]
+                self._begun = True
+                for observer in self._observers:
+                    observer.begin(self._wiring.instances)
+
+    def _resolve_delays(self, complete: int) -> None:
+        """Resolve delays and routes as the child did, from the values in the rows."""
+        points = self._points
+        while (k := points.horizon) < min(complete, points.count):
+            before = points.horizon
+            try:
+                self._wiring.resolve_delays(self._system, k)
+            except InputError:  # the child has ended the run for it
+                return
+            if points.horizon == before:
+                return
+            for fill in self._wiring.fills:
+                fill(k, points.horizon)
+
+    def _dead(self, last: Sequence[str]) -> tuple[Any, ...]:
+        """Take what a dead child has left; return the message waited for, if it is there."""
+        alive = True
+        while alive and self._worker.connection.poll():
+            found, alive = self._take_messages(last)
+            if found is not None:
+                return found
+        status = self._worker.kill()
+        raise self._broken(*_death(status))
+
+    def _check(self, timer: _Timer) -> None:
+        """Check limits and interruption; end the child where it exceeds its time.
+
+        Raises
+        ------
+        _BrokenOffError : it was ended.
+        """
+        now = time.monotonic()
+        over = timer.exceeded(now, self._shared.in_call, begun=self._begun)
+        if over == "run" and self._stop_since is None:
+            text = f"the run took longer than its limit of {self._limits.run:g} s"
+            self._request_stop(now, Cause("timed-out", detail=text))
+        elif over is not None and over != "run":
+            self._worker.kill()
+            limit = getattr(self._limits, over)
+            raise self._broken("timed-out", f"no answer within {limit:g} s", f"limits.{over}")
+        if self._limits.memory is not None and not self._muted:
+            used = self._worker.memory_used()
+            if used is not None and used > self._limits.memory:
+                self._worker.kill()
+                what = f"the components took {used / 1e6:.0f} MB"
+                most = f"{self._limits.memory / 1e6:.0f} MB"
+                raise self._broken("memory", f"{what}, more than {most}", "limits.memory")
+        number = 0 if self._interruption is None else self._interruption.requested
+        if number and self._stop_since is None:
+            text = f"interrupted by {_SIGNALS.get(number, f'signal {number}')}"
+            self._request_stop(now, Cause("interrupted", detail=text))
+        if self._stop_since is not None and now > self._stop_since + GRACE_S:
+            self._worker.kill()
+            cause = self._stop_cause or Cause("interrupted", detail="interrupted")
+            limit = "limits.run" if cause.kind == "timed-out" else None
+            raise self._broken(cause.kind, cause.detail or "", limit)
+
+    def _request_stop(self, now: float, cause: Cause) -> None:
+        self._stop_since, self._stop_cause = now, cause
+        self._shared.request_stop()
+
+    def _broken(self, kind: CauseKind, what: str, limit: str | None = None) -> _BrokenOffError:
+        """Say that the child is gone, in which call of which component, and when."""
+        component, call, time_ns = self._call_in_progress()
+        seconds = None if not self._begun and not time_ns else time_ns / 1e9
+        lines = [line for output in self._outputs[1:] for line in output.last]
+        path = "" if component is None else self._system.components[component].description.path.name
+        where = "the run" if component is None else f"component {component!r} ({path})"
+        place = "" if call is None else f" in {call}"
+        at = "before the first communication point" if seconds is None else f"at t = {seconds:g} s"
+        error = ComponentError(
+            f"{what}{place} {at}",
+            where=where,
+            got=" | ".join(lines) or None,
+            hint=_HINTS.get(limit or kind),
+        )
+        return _BrokenOffError(Cause(kind, component, call, seconds, what), error.text())
+
+    def _call_in_progress(self) -> tuple[str | None, str | None, int]:
+        """Return component, call and time [ns]; no component between two calls."""
+        points = self._points.points_ns
+        if self._shared.in_loop:
+            k, number = self._table.place()
+            if number >= len(self._table.operations):  # several step side by side
+                return None, "DoStep", int(points[k])
+            component, call = self._table.call(number)
+            return component or None, call or None, int(points[k])
+        outside = self._shared.outside_call()
+        if outside is not None:
+            return outside
+        return None, None, int(points[min(self._shared.complete, self._points.count - 1)])
+
+    def _complete(self) -> int:
+        """Return how many rows a child that is gone has completed."""
+        if not self._shared.in_loop:
+            return self._shared.complete
+        k, number = self._table.place()
+        operations = self._table.operations
+        receiving = [
+            i for i, o in enumerate(operations) if isinstance(o, Move | Set) and not o.spare
+        ]
+        return max(k + (number > max([self._table.complete, *receiving])), self._shared.complete)
+
+    def _log_output(self, name: str, level: str, message: str) -> None:
+        if self._muted:
+            return
+        if self._begun and not self._over:
+            self._dispatch.log_now(self._points.points_ns, name, level, message)
+        else:
+            self._dispatch.add((0, 0, 0, level, name, message))
+
+    def _add(self, name: str, level: str, message: str) -> None:
+        rows = self._dispatch.delivered
+        time_ns = int(self._points.points_ns[max(rows - 1, 0)])
+        self._dispatch.add((rows, time_ns, 0, level, name, message))
+
+    def _end_output(self) -> None:
+        for output in self._outputs:
+            if not output.ended:
+                output.read(self._log_output)
+            output.end_run(self._log_output)
+
+
+class _Timer:
+    """Knows how long start, run, end and the call in progress have taken."""
+
+    def __init__(self, limits: Limits, *, closing: bool) -> None:
+        self._limits, self._closing = limits, closing
+        self._since = self._call_since = time.monotonic()
+        self._begun_at: float | None = None
+        self._call: tuple[int, int] | None = None
+
+    def exceeded(self, now: float, call: tuple[int, int] | None, *, begun: bool) -> str | None:
+        """Return the name of a limit that is exceeded."""
+        if call != self._call:
+            self._call, self._call_since = call, now
+        if self._closing:
+            return "end" if _more(now - self._since, self._limits.end) else None
+        if _more(now - self._since, self._limits.run):
+            return "run"
+        if not begun:
+            return "start" if _more(now - self._since, self._limits.start) else None
+        taken = now - self._call_since
+        return "call" if call is not None and _more(taken, self._limits.call) else None
+
+
+def _more(seconds: float, limit: float | None) -> bool:
+    return limit is not None and seconds > limit
+
+
+def _death(status: int) -> tuple[CauseKind, str]:
+    """Say how a process ended."""
+    if status < 0:
+        try:
+            name = signal.Signals(-status).name
+        except ValueError:
+            name = f"signal {-status}"
+        return "crashed", f"the process of the components crashed ({name})"
+    return "exited", f"the process of the components left with exit code {status}"
+
+
+_HINTS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "crashed": "a fault of the FMU: report it to whoever made it",
+        "exited": "an FMU must not end the process: report it to whoever made it",
+        **{
+            f"limits.{name}": f"a greater limit: --limit {name}=..., or limits.{name} in the "
+            "scenario; none for no limit"
+            for name in ("call", "run", "start", "end", "memory")
+        },
+    }
+)

@@ -1,0 +1,116 @@
+"""Memory that parent and child map: words about the call in progress, then the rows."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import sys
+import tempfile
+from math import prod
+from typing import Final
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.master.component_instance import Rows
+
+_WORD, _RUNNING, _COMPLETE, _STOP, _TURN, _TIME, _LENGTH = range(7)
+_CELL: Final = 64
+_TEXT: Final = 128
+_HEAD: Final = 4096
+
+
+class SharedRun:
+    """The shared memory of one run.
+
+    Attributes
+    ----------
+    word : the operation of the loop in progress (`cosim.master.table.WORD_BITS`), and whether
+        there is one, int64 (2,).
+    """
+
+    def __init__(self, descriptor: int, size: int) -> None:
+        self._memory = mmap.mmap(descriptor, size)
+        self._words = memoryview(self._memory)[:_TEXT].cast("q")
+        self.word = np.frombuffer(self._memory, np.int64, 2)
+
+    def rows(self, shape: tuple[int, int]) -> Rows:
+        """Return the array of a shape that `wire` asks for: the rows, or a single cell."""
+        begin = _CELL if shape == (1, 1) else _HEAD
+        rows: Rows = np.frombuffer(self._memory, np.float64, prod(shape), begin)
+        return rows.reshape(shape)
+
+    @property
+    def complete(self) -> int:
+        """The number of complete rows, as the child told last."""
+        return self._words[_COMPLETE]
+
+    @complete.setter
+    def complete(self, rows: int) -> None:
+        self._words[_COMPLETE] = rows
+
+    @property
+    def stop_requested(self) -> bool:
+        """Whether the parent wants the child to stop between two steps."""
+        return bool(self._words[_STOP])
+
+    def request_stop(self) -> None:
+        """Ask the child to stop between two steps."""
+        self._words[_STOP] = 1
+
+    def begin_call(self, time_ns: int, component: str, call: str) -> None:
+        """Note that a call outside the loop begins: at the start, by events, at the end."""
+        text = f"{component}\0{call}".encode()[: _HEAD - _TEXT]
+        self._memory[_TEXT : _TEXT + len(text)] = text
+        self._words[_TIME], self._words[_LENGTH] = time_ns, len(text)
+        self._words[_TURN] += 1 + self._words[_TURN] % 2  # odd during a call
+
+    def end_call(self) -> None:
+        """Note that the call outside the loop has returned."""
+        self._words[_TURN] += self._words[_TURN] % 2
+
+    def outside_call(self) -> tuple[str, str, int] | None:
+        """Return component, call and time [ns] of the call outside the loop in progress."""
+        if not self._words[_TURN] % 2:
+            return None
+        raw = bytes(self._memory[_TEXT : _TEXT + self._words[_LENGTH]])
+        component, _, call = raw.decode("utf-8", "replace").partition("\0")
+        return component, call, self._words[_TIME]
+
+    @property
+    def in_call(self) -> tuple[int, int] | None:
+        """Something that is different for each FMI call in progress; None outside all calls."""
+        word, turn = self._words[_WORD], self._words[_TURN]
+        return (word, turn) if self.in_loop or turn % 2 else None
+
+    @property
+    def in_loop(self) -> bool:
+        """Whether an operation of the loop is in progress."""
+        return bool(self._words[_RUNNING])
+
+
+def reserve(shape: tuple[int, int]) -> tuple[SharedRun, int, int]:
+    """Reserve memory for rows of a shape; return it, its file descriptor and its size [bytes].
+
+    Raises
+    ------
+    InputError : there is not so much.
+    """
+    size = _HEAD + 8 * prod(shape)
+    try:
+        if sys.platform == "linux":
+            descriptor = os.memfd_create("cosim-rows")
+        else:
+            with tempfile.TemporaryFile(prefix="cosim-rows-") as file:
+                descriptor = os.dup(file.fileno())
+        os.ftruncate(descriptor, size)
+        shared = SharedRun(descriptor, size)
+    except OSError as error:
+        raise InputError(
+            "the rows of the run do not fit into memory that two processes share",
+            where="run",
+            expected=f"{size / 1e6:.0f} MB",
+            got=str(error),
+            hint="a greater limit of file sizes (ulimit -f), or --no-supervise",
+        ) from error
+    return shared, descriptor, size

@@ -1,0 +1,83 @@
+"""Limits of a supervised run: [limits] in scenarios, --limit on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError
+
+from cosim.core import InputError
+from cosim.scenario.fields import Delay, Part, QuantityText
+from cosim.scenario.quantity import QuantityError, dimension, quantity_in
+
+_NONE = "none"
+
+
+def _no_limit(value: Any) -> Any:
+    return 0.0 if value == _NONE else value
+
+
+def _bytes(value: Any) -> Any:
+    """Return bytes of a text with a unit: "2 GB", "512 MiB"."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return float(quantity_in(value, dimension(bit=1))) / 8
+    except QuantityError as error:
+        raise ValueError(f"a number of bytes, or {error}") from error
+
+
+_Words = float | QuantityText | Literal["none"]
+TimeLimit = Annotated[Delay, BeforeValidator(_no_limit, json_schema_input_type=_Words)]
+MemoryLimit = Annotated[
+    float,
+    Field(ge=0, allow_inf_nan=False),
+    BeforeValidator(_bytes),
+    BeforeValidator(_no_limit, json_schema_input_type=_Words),
+]
+
+
+class LimitsPart(Part):
+    """[limits]: what a supervised run may use; 0 or "none": no limit.
+
+    `call` : wall-clock time of one FMI call during the run (1 h).
+    `run` : wall-clock time of the whole run (none).
+    `start` : of loading and initialising the components (1 h).
+    `end` : of terminating and freeing them (10 min).
+    `memory` : of all components together, as in "2 GB" (nine tenths of the machine's; Linux).
+    """
+
+    call: TimeLimit | None = None
+    run: TimeLimit | None = None
+    start: TimeLimit | None = None
+    end: TimeLimit | None = None
+    memory: MemoryLimit | None = None
+
+
+def parse_limits(limits: Sequence[str]) -> dict[str, Any]:
+    """Parse limits given as texts: "call=30", "memory=2 GB", "run=none".
+
+    Raises
+    ------
+    InputError : a limit that does not exist, or is not one.
+    """
+    found: dict[str, Any] = {}
+    for text in limits:
+        key, _, value = (part.strip() for part in text.partition("="))
+        if key not in LimitsPart.model_fields:
+            raise InputError.unknown("limit", key, LimitsPart.model_fields, where=f"--limit {text}")
+        try:
+            plain: Any = float(value)
+        except ValueError:
+            plain = value
+        try:
+            found[key] = getattr(LimitsPart.model_validate({key: plain}), key)
+        except ValidationError as error:
+            raise InputError(
+                "not a limit",
+                where=f"--limit {text}",
+                expected='a number, one with a unit as in "2 min" or "1 GB", or none',
+                got=value,
+            ) from error
+    return found

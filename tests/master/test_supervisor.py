@@ -1,0 +1,204 @@
+"""The supervisor: one child for many runs, replaced after a death; rows as in one process."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from faulty import CALLS, faulty_fmu
+from foreign.c_fmu import c_fmu, every
+from scalar import end, ns, scalar_fmu, scalars
+
+from cosim.core.errors import ComponentError, InputError, LossError
+from cosim.fmu import describe_fmu
+from cosim.master import (
+    Component,
+    Connection,
+    DelaySource,
+    Endpoint,
+    Observer,
+    Run,
+    Supervisor,
+    System,
+    make_schedule,
+    simulate,
+)
+from cosim.network import DelaySignal, PacketLink
+from cosim.scenario.system_run import DriveEvents
+
+
+class Diary(Observer):
+    """What an observer receives, in order."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[Any, ...]] = []
+        self.rows = 0
+
+    def begin(self, instances: Sequence[Any]) -> None:
+        self.lines.append(("begin", len(instances)))
+
+    def rows_complete(self, first: int, last: int) -> None:
+        assert first == self.rows
+        self.rows = last
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        self.lines.append((self.rows, time_ns, level, name, message))
+
+
+def supervised(supervisor: Supervisor, system: System, *observers: Observer) -> Run:
+    """One run to its end, closed."""
+    with ExitStack() as living:
+        return supervisor.run(system, observers, DriveEvents(), living=living).run
+
+
+@pytest.fixture(scope="module")
+def supervisor() -> Iterator[Supervisor]:
+    with Supervisor() as opened:
+        yield opened
+
+
+def pump(folder: Path, call: str, status: int) -> System:
+    fmu = describe_fmu(faulty_fmu(folder, "2.0", "pump"))
+    parameters = {"u": 2.0, "fail_in": CALLS.index(call), "status": status, "fail_at": 0.45}
+    return System(
+        {"pump": Component(fmu, parameters)},
+        [],
+        {},
+        {},
+        make_schedule({}, ns(0.1), ns(1), "grid"),
+        9.0,
+    )
+
+
+def children() -> set[int]:
+    return {child.pid for child in psutil.Process(os.getpid()).children()}
+
+
+def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -> None:
+    """Two runs in one process, one that ends it, and one more in another; then none is left."""
+    before = children()
+    with Supervisor() as opened:
+        sound, deadly = pump(tmp_path, "nothing", 0), pump(tmp_path, "step", -signal.SIGSEGV)
+        assert supervised(opened, sound).status == "finished"
+        (first,) = children() - before
+        assert supervised(opened, sound).status == "finished"
+        assert children() - before == {first}
+        died = supervised(opened, deadly)
+        assert (died.status, died.points_ns.size) == ("failed", 6)
+        assert supervised(opened, sound).signal("pump", "x")[-1] == pytest.approx(2.0)
+        (second,) = children() - before
+        assert second != first
+    assert children() == before
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize("live", [False, True])
+def test_rows_are_those_of_a_run_in_one_process(
+    supervisor: Supervisor,
+    tmp_path: Path,
+    algorithm: Any,
+    live: bool,  # noqa: FBT001 - a parameter of the test
+) -> None:
+    """Bit for bit, with points that come about during the run, and in both algorithms."""
+    pair = {"a": {"a": -1.0, "b": 1.5, "x0": 1.0}, "b": {"a": -0.5, "b": -2.0, "x0": 0.8}}
+    back = PacketLink("back", ns(0.05), 0, ns(0.0207))
+    there = PacketLink("there", ns(0.07), ns(0.01), delay=DelaySignal(0.05, ns(0.02)))
+    more: dict[str, Any] = {"links": (back,), "algorithm": algorithm}
+    if live:
+        more |= {"links": (there, back), "delays": {"there": DelaySource((end("a.x"),), (0.0,))}}
+    wires = (("a.x", "b.u", "there" if live else None), ("b.x", "a.u", "back"))
+    system = scalars(scalar_fmu(tmp_path), pair, wires, step=0.1, stop=2.0, **more)
+    diaries = Diary(), Diary()
+    here, there_run = simulate(system, [diaries[0]]), supervised(supervisor, system, diaries[1])
+    assert there_run.points_ns.tobytes() == here.points_ns.tobytes()
+    count = here.points_ns.size
+    rows = [run.instances[0].rows[:count].tobytes() for run in (here, there_run)]
+    assert rows[0] == rows[1]
+    assert diaries[0].lines == diaries[1].lines
+    assert diaries[0].rows == diaries[1].rows == count
+    for name, schedule in here.schedules.items():
+        assert there_run.schedules[name].statistics() == schedule.statistics()
+    assert (here.status, here.engine) == (there_run.status, there_run.engine)
+
+
+def test_texts_arrive_under_their_numbers(supervisor: Supervisor, tmp_path: Path) -> None:
+    """Strings are numbers in the rows: parent and child agree on them."""
+    fmu = describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path))
+    components = {
+        "one": Component(fmu, {"n": 2, "String.row": ["first", "größer"]}),
+        "two": Component(fmu, {"n": 2}),
+    }
+    wires = [
+        Connection(Endpoint("one", "String.reversed"), Endpoint("two", "String.row")),
+        Connection(Endpoint("one", "String.out"), Endpoint("two", "String.in")),
+    ]
+    schedule = make_schedule({}, ns(0.25), ns(1), "grid")
+    system = System(components, wires, {}, {}, schedule, 1e12)
+    runs = simulate(system), supervised(supervisor, system)
+    texts = []
+    for run in runs:
+        assert run.status == "finished"
+        instance = next(i for i in run.instances if i.name == "two")
+        texts.append(instance.values(instance.inputs[:5], instance.input_columns))
+    assert texts[0] == texts[1]
+    assert any("größer" in row for row in texts[1])
+
+
+class Full(Diary):
+    """An observer whose disk is full after some rows."""
+
+    def rows_complete(self, _first: int, last: int) -> None:
+        if last > 3:
+            raise LossError("the disk is full")
+
+
+def test_error_of_an_observer_ends_the_run_in_order(tmp_path: Path) -> None:
+    """It is raised here, the child stops and frees its slaves, and can do the next run."""
+    system = pump(tmp_path, "nothing", 0)
+    with Supervisor() as opened:
+        with pytest.raises(LossError, match="the disk is full"):
+            supervised(opened, system, Full())
+        assert supervised(opened, system).status == "finished"
+
+
+def test_errors_of_the_session_are_raised_here(supervisor: Supervisor, tmp_path: Path) -> None:
+    """With their class and all their parts, as in one process."""
+    for call, kind in (("enter", ComponentError), ("nothing", InputError)):
+        system = pump(tmp_path, call, 3)
+        if call == "nothing":
+            system.components["pump"].parameters["u"] = "a text"  # type: ignore[index]
+        else:
+            system.components["pump"].parameters["fail_at"] = 0.0  # type: ignore[index]
+        found = []
+        for run in (simulate, lambda s: supervised(supervisor, s)):
+            with pytest.raises(kind) as raised:
+                run(system)
+            error = raised.value
+            found.append((error.what, error.where, error.expected, error.got, error.hint))
+        assert found[0] == found[1]
+
+
+def test_crash_between_two_sent_values_keeps_the_rows_before(tmp_path: Path) -> None:
+    """Of two components, one of which dies in a get: the row of that point is not complete."""
+    fmu = describe_fmu(faulty_fmu(tmp_path, "3.0", "pump"))
+    bad = {"u": 1.0, "fail_in": CALLS.index("get"), "status": -signal.SIGABRT, "fail_at": 0.45}
+    system = System(
+        {"good": Component(fmu, {"u": 1.0}), "bad": Component(fmu, bad)},
+        [],
+        {},
+        {},
+        make_schedule({}, ns(0.1), ns(1), "grid"),
+        9.0,
+    )
+    with Supervisor() as opened:
+        run = supervised(opened, system)
+    assert run.cause is not None
+    assert (run.cause.component, run.cause.call) == ("bad", "fmi3GetFloat64")
+    np.testing.assert_allclose(run.signal("good", "x"), np.arange(5) * 0.1)
