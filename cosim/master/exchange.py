@@ -46,20 +46,15 @@ def exchange_function(version: str, address: int) -> Callable[..., int]:
 
 def step_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2DoStep or fmi3DoStep at an address."""
-    return _with_own_float_mode(_FFI.cast(_STEPS[version], address))
+    function: Any = _FFI.cast(_STEPS[version], address)
+    return function  # type: ignore[no-any-return]
 
 
-def _with_own_float_mode(function: Any) -> Callable[..., int]:
-    """Return a C function after which rounding and flush to zero are as they are now."""
+def float_mode_restorer() -> Callable[[], object]:
+    """Return what makes rounding and flush to zero as they are now."""
     restore: Any = _FFI.cast("int(*)(void *)", restore_function)
     saved = _FFI.from_buffer(saved_float_mode())
-
-    def call(*arguments: Any) -> int:
-        status: int = function(*arguments)
-        restore(saved)
-        return status
-
-    return call
+    return lambda: restore(saved)
 
 
 def pointer(address: int) -> Any:
@@ -80,7 +75,8 @@ class Exchange:
     ) -> None:
         slave = instance.slave
         address = slave.address(way, group.getter_type)
-        self._function = _with_own_float_mode(exchange_function(slave.description.version, address))
+        self._function = exchange_function(slave.description.version, address)
+        self._restore_float_mode = float_mode_restorer()
         self._component = pointer(slave.component)
         self._references = group.references
         self._columns = slice(group.column, group.column + group.size)
@@ -103,13 +99,15 @@ class Exchange:
         return self._move(self, row)
 
     def _call(self) -> int:
-        return self._function(
+        status = self._function(
             self._component,
             pointer(self._references.ctypes.data),
             self._references.size,
             self.scratch.ctypes.data,
             *self._more,
         )
+        self._restore_float_mode()
+        return status
 
     def _get(self, row: Rows) -> int:
         status = self._call()

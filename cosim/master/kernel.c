@@ -70,6 +70,7 @@ typedef struct {
     int64_t status, column, passes; /* of an early stop; of the algebraic loop that goes on */
 } Run;
 
+typedef int64_t __attribute__((may_alias)) Bits;
 typedef int (*Exchange2)(void *, const uint32_t *, size_t, void *);
 typedef int (*Exchange3)(void *, const uint32_t *, size_t, void *, size_t);
 typedef int (*Step2)(void *, double, double, int);
@@ -190,12 +191,14 @@ static inline int64_t step(const Run *r, const Operation *o, int64_t k, int64_t 
     return out[1] || out[2] ? ENDED : status;
 }
 
-/* Whether an output of a complete row is out of range: no NaN is in any range. */
+/* Whether an output of a complete row is out of range. The magnitudes of doubles are in the order
+   of their bits as integers, with infinity and NaN, which are in no range, above all bounds. */
 static int64_t outside(Run *r, const double *row) {
-    int64_t found = 0;
-    for (int64_t j = 0; j < r->outputs; j++)
-        found += !(fabs(row[j]) <= r->bounds[j]);
-    if (!found)
+    const Bits *values = (const Bits *)row, *bounds = (const Bits *)r->bounds;
+    int64_t found = 0, n = r->outputs;
+    for (int64_t j = 0; j < n; j++)
+        found |= bounds[j] - (values[j] & INT64_MAX);
+    if (found >= 0)
         return 0;
     for (r->column = 0; fabs(row[r->column]) <= r->bounds[r->column]; r->column++)
         ;
@@ -277,35 +280,31 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
                          uint64_t saved, volatile int64_t *word) {
     const Operation *stop = table + end;
     double *rows = r->rows, *here = rows + r->width * k, now = r->seconds[k], size = r->sizes[k];
-    int64_t width = r->width, usual = !*r->adjustments && !*r->copying;
+    int64_t width = r->width, usual = !*r->adjustments && !*r->copying, place = k << 20;
     int final = (int)r->no_way_back, last = k == r->final;
     for (const Operation *o = table + begin; o < stop; o++) {
         int64_t status;
-        *word = k << 20 | o->number;
-        switch (o->usual & -usual) {
-        case USUAL_GET:
+        int64_t kind = o->usual & -usual;
+        *word = place | o->number;
+        if (kind == USUAL_GET) {
             status = ((Exchange2)o->function)(o->component, o->references, o->count,
                                               here + o->column);
-            break;
-        case USUAL_SET: {
+        } else if (kind == USUAL_SET) {
             int64_t used = o->row[k];
             double *values = used >= 0 ? rows + used * width + o->source : here + o->column;
             status = ((Exchange2)o->function)(o->component, o->references, o->count, values);
-            break;
-        }
-        case USUAL_STEP:
+        } else if (kind == USUAL_STEP) {
             if (last)
                 continue;
             status = ((Step2)o->function)(o->component, now, size, final);
-            if (modes() != saved)
-                restore(saved);
-            break;
-        case USUAL_COMPLETE: status = outside(r, here); break;
-        default:
+        } else if (kind == USUAL_COMPLETE) {
+            if ((status = outside(r, here)))
+                return status;
+            continue;
+        } else
             status = carry_out_any(r, table, &o, k);
-            if (modes() != saved)
-                restore(saved);
-        }
+        if (modes() != saved)
+            restore(saved);
         if ((uint64_t)status > 1)
             return status;
     }

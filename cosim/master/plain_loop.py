@@ -14,6 +14,7 @@ from cosim.master.exchange import (
     OK,
     Exchange,
     exchange_function,
+    float_mode_restorer,
     is_accepted,
     pointer,
     step_function,
@@ -38,6 +39,11 @@ from cosim.master.table import (
 )
 from cosim.network import SUBSTITUTE
 
+ONE, THREE, TEN, TINY = 1.0, 3.0, 10.0, 5e-324
+THIRD, TENTH = 1 / 3, 1 / 10
+"""Quotients that are rounded down and up to the nearest double. A call may have changed rounding,
+or made tiny numbers count as zero."""
+
 
 class PlainLoop:
     """Carries out a table of operations."""
@@ -46,6 +52,7 @@ class PlainLoop:
         self._table, self._rows = table, table.rows
         self._calls = [self._call(operation) for operation in table.operations]
         self._column = self._passes = 0
+        self._restore_float_mode = float_mode_restorer()
 
     def run(  # noqa: C901, PLR0912 - the algorithm, in one place
         self, begin: int, end: int, first: int, last: int
@@ -87,6 +94,8 @@ class PlainLoop:
                             number = operation.begin
                         else:
                             status = UNSETTLED
+                if ONE / TEN != TENTH or ONE / THREE != THIRD or TINY * TEN == 0.0:
+                    self._restore_float_mode()
                 if status not in ACCEPTED_STATUSES:
                     return table.early_stop(status, self._column)
         return None
