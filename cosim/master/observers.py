@@ -107,7 +107,7 @@ class ObserverDispatch:
 
     def _span(self, until: int) -> None:
         if until > self.delivered:
-            if any(observer.reads_inputs for observer in self._observers):
+            if any(getattr(each, "reads_inputs", True) for each in self._observers):
                 self.make_whole(until)
             for observer in self._observers:
                 observer.rows_complete(self.delivered, until)

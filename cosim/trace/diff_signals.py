@@ -58,7 +58,7 @@ class Diff:
 
     Attributes
     ----------
-    identical : equal content hashes; nothing else was compared then.
+    identical : equal content hashes; only metadata, attachments and log were compared then.
     signals : those in both, in the order of the first trace.
     only : topics and signals that only one of them has.
     other_bytes : topics of other encodings whose messages differ.
@@ -125,7 +125,9 @@ def diff(
     if topics is None:
         allowed.check([*one.signals, *two.signals])
     if hashes[0] == hashes[1]:
-        return Diff(paths, hashes, identical=True)
+        log_lines = _log_lines(one, two) if topics is None else (0, 0)
+        context = context_of(one, two)
+        return Diff(paths, hashes, identical=True, context=context, log_lines=log_lines)
     chosen = set(one.topics) | set(two.topics) if topics is None else set(topics)
     both = [t for t in one.topics if t in two.topics and t in chosen]
     readable = [t for t in both if _readable(one, t) and _readable(two, t) and t != LOG_TOPIC]

@@ -235,14 +235,14 @@ def test_info_accepts_any_claim(claim: str, tmp_path: Path) -> None:
     assert reported.json["certificate"]["sha256"] == "0"
 
 
-def test_the_certificate_is_part_of_the_content(tmp_path: Path) -> None:
-    """Its hash is in the run's record, hence in the content hash: two proofs, two hashes."""
+def test_the_certificate_is_part_of_the_record(tmp_path: Path) -> None:
+    """Two proofs of the same run: the same content, and a difference that `trace diff` names."""
     assert shared_run("paper-example").code == 0
     run = Trace(trace_of("paper-example")).run
-    hashes = set()
-    for sha256 in (run["certificate.sha256"], "0" * 64):
-        with TraceWriter(tmp_path / "t.mcap", run={**run, "certificate.sha256": sha256}) as writer:
+    for name, sha256 in (("a", run["certificate.sha256"]), ("b", "0" * 64)):
+        entries = {**run, "certificate.sha256": sha256}
+        with TraceWriter(tmp_path / f"{name}.mcap", run=entries) as writer:
             writer.finish({"status": "finished"})
-        reported = cosim("trace", "info", "t.mcap", "--json", cwd=tmp_path).json
-        hashes.add(reported["content_hash"])
-    assert len(hashes) == 2
+    found = cosim("trace", "diff", "a.mcap", "b.mcap", "--json", cwd=tmp_path)
+    assert found.json["identical"]
+    assert "certificate.sha256" in found.out
