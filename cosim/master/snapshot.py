@@ -6,7 +6,7 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -54,6 +54,7 @@ class Snapshot:
     states : by component: a state of this session's slave, or, portable, bytes.
     adjustments : overrides and biases, by column.
     values : by live link, the values of its delay signal so far.
+    events : state of what executes events in the session; JSON-safe.
     """
 
     system: str
@@ -63,6 +64,7 @@ class Snapshot:
     states: Mapping[str, FmuState | bytes]
     adjustments: Mapping[int, Adjustment]
     values: Mapping[str, Sequence[float]]
+    events: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def take(
@@ -133,6 +135,7 @@ class Snapshot:
             "components": list(self.states),
             "values": {name: list(given) for name, given in self.values.items()},
             "adjustments": {str(c): list(a) for c, a in self.adjustments.items()},
+            "events": self.events,
         }
         states: dict[str, Any] = {
             f"state{i}": np.frombuffer(cast("bytes", state), np.uint8)
@@ -165,6 +168,7 @@ class Snapshot:
                 states,
                 adjustments,
                 about["values"],
+                about.get("events", {}),
             )
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
             raise InputError(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from cosim.core import InputError
 from cosim.master import ComponentInstance, Connection, Pace, Session, System
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Action, Event
@@ -81,21 +82,97 @@ class EventDriver:
         self.stopped: str | None = None
         self.altered_by_events = False
         self.event_counts = [0] * len(events)
+        for event in events:
+            if event.at_ns is not None:
+                self._plan(event.at_ns, event.number, begins=True)
 
     def drive(self, session: Session, pace: Pace | None = None) -> None:
         """Run to the end, or to where an event stops it."""
-        for event in self._events:
-            if event.at_ns is not None:
-                self._plan(event.at_ns, event.number, begins=True)
+        self.advance(session, pace=pace)
+
+    def advance(
+        self,
+        session: Session,
+        until_ns: int | None = None,
+        *,
+        stop: Callable[[Session], bool] | None = None,
+        pace: Pace | None = None,
+    ) -> bool:
+        """Continue as `Session.run_until`, and execute the events on the way."""
         watched = [e for e in self._events if e.condition is not None]
+        stopped = False
+
+        def look(now: Session) -> bool:
+            nonlocal stopped
+            found = self._look(now, watched)
+            stopped = stop is not None and stop(now)
+            return found or stopped
+
         while not session.ended and self.stopped is None:
-            while self._due and self._due[0].time_ns <= session.time_ns and not self.stopped:
-                self._happen(heapq.heappop(self._due), session)
-            if self.stopped is not None:
+            self.execute_due(session)
+            reached = until_ns is not None and session.time_ns >= until_ns
+            if self.stopped is not None or reached or stopped:
                 break
-            until = self._due[0].time_ns / 1e9 if self._due else None
-            stop = (lambda s: self._look(s, watched)) if watched else None
-            session.run_until(until, stop=stop, pace=pace)
+            instants = [*(due.time_ns for due in self._due[:1]), until_ns]
+            until = min((each for each in instants if each is not None), default=None)
+            Session.run_until(
+                session,
+                None if until is None else until / 1e9,
+                stop=look if watched or stop is not None else None,
+                pace=pace,
+            )
+        return stopped
+
+    def execute_due(self, session: Session) -> None:
+        """Execute the events that are due at the time of the session."""
+        while self._due and self._due[0].time_ns <= session.time_ns and not self.stopped:
+            self._happen(heapq.heappop(self._due), session)
+
+    def state(self) -> dict[str, Any]:
+        """Return what has happened and what is due, JSON-safe, for `restore`."""
+        return {
+            "events": [event.words for event in self._events],
+            "due": [list(due) for due in sorted(self._due)],
+            "turn": self._turn,
+            "before": [self._before[event.number] for event in self._events],
+            "saved": [
+                [number, self._key_place(number, key), value]
+                for (number, key), value in self._saved.items()
+            ],
+            "stopped": self.stopped,
+            "altered": self.altered_by_events,
+            "counts": list(self.event_counts),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Return to a state of these events.
+
+        Raises
+        ------
+        InputError : a state of other events.
+        """
+        words = [event.words for event in self._events]
+        if state.get("events", []) != words:
+            raise InputError(
+                "the snapshot is of a session with other events",
+                where="Session.restore",
+                expected=", ".join(words) or "no events",
+                got=", ".join(state.get("events", [])) or "no events",
+            )
+        if not words:
+            return
+        self._due = [Due(*due) for due in state["due"]]
+        self._turn = state["turn"]
+        self._before = {e.number: b for e, b in zip(self._events, state["before"], strict=True)}
+        self._saved = {
+            (number, _key(self._events[number].actions[place])): value
+            for number, place, value in state["saved"]
+        }
+        self.stopped, self.altered_by_events = state["stopped"], state["altered"]
+        self.event_counts = list(state["counts"])
+
+    def _key_place(self, number: int, key: Action) -> int:
+        return [_key(action) for action in self._events[number].actions].index(key)
 
     def _plan(self, time_ns: int, number: int, *, begins: bool) -> None:
         self._turn += 1
@@ -133,7 +210,7 @@ class EventDriver:
             self._plan(session.time_ns + event.lasts_ns, event.number, begins=False)
         if event.stop is not None:
             if event.condition is None:
-                session.step()  # the point of its time is the last one
+                Session.step(session)  # the point of its time is the last one
             self.stopped = f"stopped at t = {session.row_time_ns / 1e9:g} s by {event.words}" + (
                 f": {event.stop}" if event.stop else ""
             )

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from cosim.core import InputError
 from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.master import EngineName, Observer, Pace, Session
+from cosim.master import EngineName, Observer, Pace
 from cosim.scenario.execute import assembled_system, execute_run
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.outcome import Outcome
 from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.read import load, of_scenario
+from cosim.scenario.scenario_session import ScenarioSession
 from cosim.scenario.schema import Scenario
 from cosim.scenario.supervision import supervision_of
 
@@ -67,26 +68,18 @@ def open_session(
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     observers: Sequence[Observer] = (),
-) -> Iterator[Session]:
+) -> Iterator[ScenarioSession]:
     """Open a scenario as a session at its start, designed and initialised.
 
-    Parameters as for `run`; `observers` receive its rows and log lines.
+    Its events happen as in a run. Parameters as for `run`; `observers` receive its rows and log
+    lines.
 
     Raises
     ------
-    InputError : as `run`, or a scenario with events, which a session does not execute.
+    InputError : as `run`.
     """
-    prepared = _prepared(scenario, settings, fmus, flavour)
-    system, events = assembled_system(prepared)
-    if events:
-        raise InputError(
-            "a session does not execute the events of a scenario",
-            where=prepared.loaded.name,
-            expected="a scenario without events: in a session you set and override signals",
-            got=f"{len(events)} events",
-            hint="without = ['events'] in a scenario that extends it",
-        )
-    with Session(system, observers, engine=engine) as session:
+    system, events = assembled_system(_prepared(scenario, settings, fmus, flavour))
+    with ScenarioSession(system, events, observers, engine=engine) as session:
         yield session
 
 

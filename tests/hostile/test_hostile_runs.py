@@ -7,10 +7,14 @@ trace, nothing left behind, and exit(0) is no success.
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterable
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hostile.expected import RUN_CALLS, VERSIONS, Expectation, Row, rows
@@ -45,8 +49,14 @@ def test_fault_is_named_and_nothing_is_lost_or_left(tmp_path: Path, row: Row) ->
     assert departures(run_row(row, tmp_path)) == []
 
 
+def share_of(members: Iterable[Any]) -> list[Any]:
+    """All of them, or with SHARE=K/N in the environment the K-th of every N."""
+    first, number = map(int, os.environ.get("SHARE", "0/1").split("/"))
+    return [*members][first::number]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("row", list(rows()), ids=lambda row: row.name)
+@pytest.mark.parametrize("row", share_of(rows()), ids=lambda row: row.name)
 def test_every_row_of_the_table(tmp_path: Path, row: Row) -> None:
     """`python -m tests.hostile.table` prints it."""
     assert departures(run_row(row, tmp_path)) == []
@@ -76,9 +86,10 @@ def test_ctrl_c_ends_a_hanging_step(tmp_path: Path, target: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("fault", ["hang", "hang-deaf"])
-@pytest.mark.parametrize("call", [c for c in RUN_CALLS if c != "setup"])
+@pytest.mark.parametrize(
+    ("call", "fault", "target"),
+    share_of(product([c for c in RUN_CALLS if c != "setup"], ["hang", "hang-deaf"], TARGETS)),
+)
 def test_ctrl_c_ends_a_hang_in_every_call(
     tmp_path: Path, call: str, fault: str, target: str
 ) -> None:

@@ -1,0 +1,151 @@
+"""Sessions execute the events of their scenario, as runs do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import open_session
+from cosim.core import InputError
+from cosim.master import Run, Snapshot
+from cosim.scenario import execute_unrecorded, load, prepare
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.scenario_session import ScenarioSession
+
+LOOP = """\
+title = "A vehicle and a controller"
+connect = [
+    "plant.eta -> controller.eta",
+    "plant.nu -> controller.nu",
+    "controller.force -> plant.force",
+]
+
+[run]
+end = 2.0
+step = 0.1
+
+[components.plant]
+fmu = "AuvPlant"
+parameters = { "initial.eta.x" = 1.0, "initial.nu.u" = 0.5 }
+
+[components.controller]
+fmu = "HinfController"
+
+[[events]]
+at = 0.55
+for = "0.2 s"
+override = { "plant.force.x" = "70 N" }
+
+[[events]]
+when = "plant.eta.x > 1.12 m"
+trigger = "every-time"
+for = "0.3 s"
+bias = { "controller.eta.x" = { offset = "1 m", factor = 2.0 } }
+
+[[events]]
+at = 1.0
+for = "0.4 s"
+set = { "plant.disturbance.u" = 0.7 }
+"""
+STOPPING = '\n[[events]]\nwhen = "t > 1.5 s"\nstop = "enough"\n'
+
+
+@contextmanager
+def opened(text: str, fmus: Path, folder: Path) -> Iterator[ScenarioSession]:
+    path = folder / "s.toml"
+    path.write_text(text)
+    with open_session(path, fmus=fmus.parent, flavour="python") as session:
+        yield session
+
+
+def run_of(text: str, fmus: Path, folder: Path) -> Run:
+    (folder / "r.toml").write_text(text)
+    loaded = load(str(folder / "r.toml"))
+    prepared = prepare(loaded, FmuCache(fmus.parent, loaded.folder, flavour="python"))
+    return execute_unrecorded(prepared)[1]
+
+
+def rows(run: Run) -> list[bytes]:
+    count = run.points_ns.size
+    return [run.points_ns.tobytes(), *(i.rows[:count].tobytes() for i in run.instances)]
+
+
+@pytest.mark.parametrize("how", ["at once", "step by step", "to instants between"])
+def test_events_happen_as_in_a_run(fmus: Path, tmp_path: Path, how: str) -> None:
+    with opened(LOOP, fmus, tmp_path) as session:
+        if how == "step by step":
+            while not session.ended:
+                session.step()
+        elif how == "to instants between":
+            for seconds in (0.33, 0.55, 0.6, 1.0, 1.01, 1.6):
+                session.run_until(seconds)
+        session.run_until()
+        found = session.result()
+    expected = run_of(LOOP, fmus, tmp_path)
+    assert (found.status, found.reason) == (expected.status, expected.reason)
+    assert rows(found) == rows(expected)
+    assert 70.0 in found.signal("plant", "force.x")
+
+
+def test_events_at_the_time_of_the_session_have_happened(fmus: Path, tmp_path: Path) -> None:
+    with opened(LOOP, fmus, tmp_path) as session:
+        session.run_until(0.55)
+        assert session.value("plant", "force.x") == 70.0
+        session.run_until(1.0)
+        assert session.read("plant", "disturbance.u") == 0.7
+        session.run_until(1.4)
+        assert session.read("plant", "disturbance.u") != 0.7
+        assert session.value("plant", "force.x") != 70.0
+
+
+def test_an_event_ends_the_session(fmus: Path, tmp_path: Path) -> None:
+    with opened(LOOP + STOPPING, fmus, tmp_path) as session:
+        session.run_until()
+        assert session.ended
+        found = session.result()
+    expected = run_of(LOOP + STOPPING, fmus, tmp_path)
+    assert (found.status, found.reason) == (expected.status, expected.reason) != ("finished", None)
+    assert found.reason is not None
+    assert "enough" in found.reason
+    assert rows(found) == rows(expected)
+
+
+@pytest.mark.parametrize("at", [0.3, 0.6, 1.2, 1.45])
+@pytest.mark.parametrize("portable", [False, True])
+def test_snapshots_contain_what_events_have_done(
+    fmus: Path, tmp_path: Path, at: float, *, portable: bool
+) -> None:
+    with opened(LOOP, fmus, tmp_path) as session:
+        session.run_until(at)
+        before = session.snapshot(portable=portable)
+        session.run_until()
+        first = session.result()
+        expected = rows(first)
+        session.restore(before)
+        session.run_until()
+        assert rows(session.result()) == expected
+    if portable:
+        before.save(tmp_path / "s.npz")
+        with opened(LOOP, fmus, tmp_path) as other:
+            other.restore(Snapshot.load(tmp_path / "s.npz"))
+            other.run_until()
+            assert rows(other.result()) == expected
+
+
+def test_a_snapshot_of_other_events_is_refused(fmus: Path, tmp_path: Path) -> None:
+    with opened(LOOP, fmus, tmp_path) as session:
+        session.run_until(0.6)
+        saved = session.snapshot(portable=True)
+        session.run_until(0.9)
+    later = LOOP.replace("at = 1.0", "at = 1.1").replace("eta.x > 1.12", "eta.x > 1.13")
+    with opened(later, fmus, tmp_path) as other:
+        with pytest.raises(InputError, match=r"other events|another system"):
+            other.restore(saved)
+        other.run_until()
+        result: Any = other.result()
+    assert np.isfinite(result.signal("plant", "eta.x")).all()
