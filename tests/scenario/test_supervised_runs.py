@@ -156,7 +156,14 @@ def waiting(process: psutil.Process, folder: Path) -> psutil.Process:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminated"])
-@pytest.mark.parametrize("call", ["enter", "step", "free"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        "step",
+        pytest.param("enter", marks=pytest.mark.slow),
+        pytest.param("free", marks=pytest.mark.slow),
+    ],
+)
 def test_interrupt_works_during_a_hang(tmp_path: Path, call: str, number: signal.Signals) -> None:
     """After a second of grace, with a finished trace; nothing is left behind."""
     scratch = tmp_path / "scratch"
@@ -189,6 +196,7 @@ def test_interrupt_works_during_a_hang(tmp_path: Path, call: str, number: signal
     assert not list(scratch.iterdir())
 
 
+@pytest.mark.slow
 def test_child_of_a_killed_command_ends_itself(tmp_path: Path) -> None:
     """Even in a call that does not return."""
     pump(tmp_path, "step", HANG)

@@ -58,6 +58,7 @@ def main(
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
     faulthandler.disable()
     gc.freeze()
+    _leave_at_exit()
     threading.Thread(target=_end_as_orphan, args=(int(lifeline),), daemon=True).start()
     try:
         _Executor(Connection(int(connection)), known).serve()
@@ -84,6 +85,18 @@ def _own_streams(out: int, err: int) -> None:
         io.TextIOWrapper(io.FileIO(number, "w", closefd=False), "utf-8", line_buffering=True)
         for number in (1, 2)
     )
+
+
+def _leave_at_exit() -> None:
+    """Let exit(n), called in an FMU, end this process at once and with n.
+
+    What libraries of the parent have registered to be done at exit belongs to the parent; done
+    here, in a fork of it, it may crash.
+    """
+    with contextlib.suppress(AttributeError, OSError):  # on_exit is not everywhere
+        c = ctypes.CDLL(None)
+        end_at_once = c._exit  # noqa: SLF001 - it is a name of C
+        c.on_exit(ctypes.cast(end_at_once, ctypes.c_void_p), None)
 
 
 def _end_as_orphan(lifeline: int) -> None:
