@@ -27,6 +27,7 @@ from cosim.master import EngineName, Pace
 from cosim.scenario import (
     FmuCache,
     LoadedScenario,
+    Supervision,
     check_step as check_communication_step,
     check_writable,
     demonstrate,
@@ -152,10 +153,17 @@ def run(
     if stop_when is not None:
         stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
     loaded = load(name, settings, stops)
+    supervision = supervision_of(
+        loaded.scenario, limit or (), supervise=False if no_supervise else None
+    )
     if check_step:
         _refuse_together("--check-step", {"--out": out, "--pace": pace, "--fsync": fsync or None})
         cache = make_fmu_cache(fmus, loaded.folder, flavour)
-        _check_step(loaded, cache, engine, check_tolerance, as_json, observe_order=check_order)
+        _check_step(
+            *(loaded, cache, engine, check_tolerance, as_json),
+            observe_order=check_order,
+            supervision=supervision,
+        )
         return
     if check_tolerance is not None or check_order:
         raise InputError(
@@ -164,9 +172,6 @@ def run(
             hint="add --check-step",
         )
     trace = out or TRACES / f"{loaded.name}.mcap"
-    supervision = supervision_of(
-        loaded.scenario, limit or (), supervise=False if no_supervise else None
-    )
     check_writable(trace)
     with progress() as report_progress, interruptions_reported():
         prepared = prepare(
@@ -209,8 +214,9 @@ def _check_step(
     as_json: bool,  # noqa: FBT001 - as `answer`
     *,
     observe_order: bool,
+    supervision: Supervision,
 ) -> None:
-    with progress() as report_progress:
+    with progress() as report_progress, interruptions_reported():
         prepared = prepare(loaded, fmu_cache, progress=report_progress)
         check = check_communication_step(
             prepared,
@@ -218,6 +224,7 @@ def _check_step(
             observe_order=observe_order,
             progress=report_progress,
             engine=engine,
+            supervision=supervision,
         )
     answer(as_json, check.to_json, lambda: step_check_view(check))
     if "failed" in check.statuses:

@@ -25,6 +25,7 @@ from cosim.network import PacketLink
 from cosim.scenario.execute import assembled_system, execute_unrecorded
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.preparation import PreparedScenario
+from cosim.scenario.supervision import Supervision
 
 TOLERANCE = 0.01
 """Largest estimated error that the verdict accepts by default, as a share of a signal's range."""
@@ -110,6 +111,7 @@ def check_step(
     observe_order: bool = False,
     progress: Progress | None = None,
     engine: EngineName = "auto",
+    supervision: Supervision | None = None,
 ) -> StepCheck:
     """Run a scenario at its step and at half of it, and compare every output; writes no trace.
 
@@ -117,6 +119,7 @@ def check_step(
     ----------
     tolerance : largest relative error that counts as small enough; None: `TOLERANCE`.
     observe_order : run at a quarter of the step too, and use the order that is observed.
+    supervision : as for `execute_run`; None: in this process.
 
     Raises
     ------
@@ -147,9 +150,10 @@ def check_step(
             report_progress(f"{what}, step {step_s:g} s", share)
 
         finer = _with_step(prepared, step_s)
-        runs.append(
-            execute_unrecorded(finer, zero_state_run=False, progress=report, engine=engine)[1]
+        _, run = execute_unrecorded(
+            finer, zero_state_run=False, progress=report, engine=engine, supervision=supervision
         )
+        runs.append(run)
     order = expected_order(assembled_system(prepared)[0])
     signals = sorted(_differences(runs, order), key=lambda s: -(s.relative_error or 0.0))
     verdict, reason = _judged(runs, signals, limit)

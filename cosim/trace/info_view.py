@@ -38,7 +38,7 @@ def render(description: Mapping[str, Any]) -> Group:
 
 def _text(value: object) -> Text:
     """Show text literally: no markup, and no control characters that a file may contain."""
-    return Text("".join(c if c.isprintable() else "\ufffd" for c in str(value)))
+    return Text("".join(c if c.isprintable() or c == "\n" else "\ufffd" for c in str(value)))
 
 
 def _facts(description: Mapping[str, Any]) -> RichTable:

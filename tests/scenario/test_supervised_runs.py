@@ -75,6 +75,8 @@ def judged(folder: Path, call: str, kind: str, version: str = "2.0", *more: str)
     rows = 0 if call in STARTS else len(trace.read("/pump/output"))
     assert rows == KEPT[call]
     assert cosim("trace", "verify", "t.mcap", cwd=folder).code == 0
+    told = cosim("trace", "info", "t.mcap", cwd=folder).out
+    assert "\ufffd" not in told  # the reason has several lines
     assert sorted(p.name for p in folder.glob("t.mcap*")) == ["t.mcap"]
     return data
 
@@ -270,3 +272,11 @@ def test_scenario_can_say_that_it_is_not_supervised(tmp_path: Path) -> None:
         assert trace.result is not None
         assert trace.result["host.supervised"] == recorded
         assert run.json["supervised"] == (None if recorded == "no" else recorded)
+
+
+def test_check_of_the_step_survives_a_crash(tmp_path: Path) -> None:
+    pump(tmp_path, "step", -signal.SIGSEGV)
+    result = cosim("run", "s.toml", "--check-step", cwd=tmp_path)
+    assert result.code == 4
+    assert "it cannot be said" in result.out
+    assert "failed" in result.out
