@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from cosim.core import InputError, Progress, silent
+from cosim.core import ComponentError, InputError, Progress, silent
 from cosim.master import (
     Cause,
     EngineName,
@@ -24,7 +24,7 @@ from cosim.scenario.assembly import assemble, same_start
 from cosim.scenario.assertions import verdicts_of
 from cosim.scenario.metrics import RunContext, final_values, metrics_of, status_of
 from cosim.scenario.origin import Findings
-from cosim.scenario.outcome import Outcome, result_entries
+from cosim.scenario.outcome import Outcome, refused_entries, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.script import Event, script_of
@@ -81,17 +81,21 @@ def execute_run(
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
         recorder = TraceRecorder(writer, system)
-        completed = run_system(
-            system,
-            "run",
-            report_progress,
-            engine,
-            recorder,
-            living=living,
-            events=events,
-            pace=pace,
-            supervisor=supervisor,
-        )
+        try:
+            completed = run_system(
+                system,
+                "run",
+                report_progress,
+                engine,
+                recorder,
+                living=living,
+                events=events,
+                pace=pace,
+                supervisor=supervisor,
+            )
+        except ComponentError as error:
+            writer.finish(refused_entries(error))
+            raise
         zero_state_run = _zero_state_run(
             prepared, system, completed.run, report_progress, living, supervisor, writer.flush
         )

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from cosim.core import ComponentError
 from cosim.master import Cause, EngineChoice, Pace
 from cosim.scenario.pinned import DesignSource
 from cosim.trace import AssertionResult
@@ -123,3 +124,17 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
     if outcome.reason is not None:
         entries["reason"] = outcome.reason
     return entries
+
+
+def refused_entries(error: ComponentError) -> dict[str, str]:
+    """Return the entries of `cosim.result` of a run whose components did not start."""
+    cause = Cause("refused", detail=error.text())
+    return {
+        "status": "failed",
+        "steps": "0",
+        "simulated_s": "0.0",
+        "metrics": "{}",
+        "final": "{}",
+        "cause": json.dumps(cause.to_json(), sort_keys=True, allow_nan=False),
+        "reason": error.text(),
+    }
