@@ -31,7 +31,7 @@ _STATUSES = {
     "discard": "Discard",
     "error": "Error",
     "fatal": "Fatal",
-    "pending": "Pending",
+    "pending": "Pending|status 5",  # FMI 3 knows no such status
     "unknown": "77",
     "return-early": "Discard|early",
 }
