@@ -75,8 +75,8 @@ def judged(folder: Path, call: str, kind: str, version: str = "2.0", *more: str)
     rows = 0 if call in STARTS else len(trace.read("/pump/output"))
     assert rows == KEPT[call]
     assert cosim("trace", "verify", "t.mcap", cwd=folder).code == 0
-    told = cosim("trace", "info", "t.mcap", cwd=folder).out
-    assert "\ufffd" not in told  # the reason has several lines
+    info = cosim("trace", "info", "t.mcap", cwd=folder).out
+    assert "\ufffd" not in info  # the reason has several lines
     assert sorted(p.name for p in folder.glob("t.mcap*")) == ["t.mcap"]
     return data
 
