@@ -33,11 +33,6 @@ _STEPS: Final = {
 _MOST = 2**53
 
 
-def is_accepted(status: int) -> bool:
-    """Whether a run continues after a call with this status."""
-    return status in ACCEPTED_STATUSES
-
-
 def exchange_function(version: str, address: int) -> Callable[..., int]:
     """Return the function fmi2Get..., fmi3Set..., ... at an address."""
     function: Any = _FFI.cast(_FORMS[version], address)
@@ -112,7 +107,7 @@ class Exchange:
     def _get(self, row: Rows) -> int:
         status = self._call()
         row[self._columns] = self.scratch
-        if self._wide and is_accepted(status) and not self._is_exact():
+        if self._wide and status in ACCEPTED_STATUSES and not self._is_exact():
             return TOO_LARGE
         return status
 
@@ -125,7 +120,7 @@ class Exchange:
 
     def _get_texts(self, row: Rows) -> int:
         status = self._call()
-        if is_accepted(status):
+        if status in ACCEPTED_STATUSES:
             row[self._columns] = [
                 self._texts.number(ctypes.string_at(address).decode("utf-8", "replace"))
                 if address

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.core import ComponentError
-from cosim.fmu import calling
+from cosim.fmu import ACCEPTED_STATUSES, calling
 from cosim.master.component_instance import ComponentInstance, Rows
-from cosim.master.exchange import Exchange, is_accepted
+from cosim.master.exchange import Exchange
 from cosim.master.parts import Endpoint
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
@@ -127,5 +127,5 @@ class _InitialisedComponent:
         for exchange in exchanges:
             with calling(self._instance.name, f"{what} in initialisation"):
                 status = exchange(row)
-            if not is_accepted(status):
+            if status not in ACCEPTED_STATUSES:
                 raise self._instance.slave.refused(f"{what} in initialisation", status)

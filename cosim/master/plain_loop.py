@@ -15,7 +15,6 @@ from cosim.master.exchange import (
     Exchange,
     exchange_function,
     float_mode_restorer,
-    is_accepted,
     pointer,
     step_function,
 )
@@ -149,7 +148,7 @@ class PlainLoop:
             results[0] = results[1] = results[2] = 0
             size = (times[following] - times[k]) / 1e9
             status = function(component, seconds[k], size, no_way_back[0], *places)
-            if not is_accepted(status):
+            if status not in ACCEPTED_STATUSES:
                 return status
             return ENDED if results[1] or results[2] else status
 

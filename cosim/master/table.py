@@ -254,8 +254,8 @@ def make_table(system: System, wiring: Wiring, adjustments: Adjustments, word: I
     if system.algorithm == "gauss-seidel":
         receiving, steps = _gauss_seidel(parts)
     else:
-        receiving, steps = _jacobi(system, wiring, parts)
         sending = [operation for part in parts for operation in part.gets(direct=False)]
+        receiving, steps = _jacobi(system, wiring, parts, len(sending))
     return Table(
         operations=(*sending, *receiving, Complete(), *steps),
         sent=len(sending),
@@ -276,11 +276,12 @@ _Parts = tuple[list[Operation], list[Operation]]
 """What comes before a row is complete, and after it."""
 
 
-def _jacobi(system: System, wiring: Wiring, parts: Sequence[_InstanceOperations]) -> _Parts:
+def _jacobi(
+    system: System, wiring: Wiring, parts: Sequence[_InstanceOperations], sent: int
+) -> _Parts:
     by_name = {part.instance.name: part for part in parts}
     loops = {loop[0]: [by_name[name] for name in loop] for loop in wiring.receiving.loops}
     iterated = {name for loop in wiring.receiving.loops for name in loop}
-    sent = sum(1 for part in parts for _ in part.gets(direct=False))
     receiving: list[Operation] = []
     for name, part in by_name.items():
         if name in loops:

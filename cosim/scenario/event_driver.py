@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from cosim.core import InputError
-from cosim.master import ComponentInstance, Connection, Pace, Session, System
+from cosim.master import Cause, ComponentInstance, Connection, Pace, Run, Session, System
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Action, Event
 
@@ -42,7 +43,8 @@ class LatestValues:
             return session.row_time_ns / 1e9
         if name in self._places:
             instance, j, is_input = self._places[name]
-            session.make_rows_whole()
+            if is_input:
+                session.make_rows_whole()
             rows = instance.inputs if is_input else instance.outputs
             return float(rows[instance.own_points.last[k], j])
         constant = self._scope.constant(name)
@@ -255,6 +257,16 @@ class EventDriver:
                 session.release(component, variable)
             case "outage":
                 self._hold(component, session, hold=False)
+
+
+def ended_by_event(run: Run, stopped: str | None) -> Run:
+    """Return the run with the event that stopped it as its reason; as it is, if none did."""
+    interrupted = run.cause is not None and run.cause.kind == "interrupted"
+    if stopped is None or interrupted or run.status not in ("finished", "stopped"):
+        return run
+    at = float(run.points_ns[-1]) / 1e9 if run.points_ns.size else None
+    cause = Cause("event", time_s=at, detail=stopped)
+    return replace(run, status="stopped", reason=stopped, cause=cause)
 
 
 def _key(action: Action) -> Action:

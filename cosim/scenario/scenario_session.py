@@ -8,7 +8,7 @@ from typing import Self
 
 from cosim.core import CosimError
 from cosim.master import EngineName, Observer, Pace, Run, Session, Snapshot, System
-from cosim.scenario.event_driver import EventDriver, LatestValues
+from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 
@@ -65,9 +65,7 @@ class ScenarioSession(Session):
         """Return the run so far, as `Session.result`; an event that ended it is the reason."""
         stopped = self._driver.stopped
         run = super().result(complete=complete or stopped is not None)
-        if stopped is not None and run.status in ("stopped", "finished"):
-            return replace(run, status="stopped", reason=stopped)
-        return run
+        return ended_by_event(run, stopped)
 
     def snapshot(self, *, portable: bool = False) -> Snapshot:
         """Save the present state of the run as `Session.snapshot`, with that of the events."""

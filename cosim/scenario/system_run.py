@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from cosim.core import Progress
-from cosim.master import Cause, EngineName, Observer, Pace, Run, Session, Supervisor, System
-from cosim.scenario.event_driver import EventDriver, LatestValues
+from cosim.master import EngineName, Observer, Pace, Run, Session, Supervisor, System
+from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.interrupt import DeferredInterrupt
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
@@ -120,13 +120,5 @@ def run_system(
             found = conduct(session)
             session.deliver()
             run = session.result(complete=True)
-    ended = run.status == "finished" or (run.status == "stopped" and not _is_interrupted(run))
-    if found.stopped is not None and ended:
-        at = float(run.points_ns[-1]) / 1e9 if run.points_ns.size else None
-        cause = Cause("event", time_s=at, detail=found.stopped)
-        run = replace(run, status="stopped", reason=found.stopped, cause=cause)
+    run = ended_by_event(run, found.stopped)
     return CompletedRun(run, found.altered_by_events, found.event_counts)
-
-
-def _is_interrupted(run: Run) -> bool:
-    return run.cause is not None and run.cause.kind == "interrupted"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_events import LOOP as PLAIN
 
 from cosim import open_session
 from cosim.core import InputError
@@ -17,25 +18,9 @@ from cosim.scenario import execute_unrecorded, load, prepare
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.scenario_session import ScenarioSession
 
-LOOP = """\
-title = "A vehicle and a controller"
-connect = [
-    "plant.eta -> controller.eta",
-    "plant.nu -> controller.nu",
-    "controller.force -> plant.force",
-]
-
-[run]
-end = 2.0
-step = 0.1
-
-[components.plant]
-fmu = "AuvPlant"
-parameters = { "initial.eta.x" = 1.0, "initial.nu.u" = 0.5 }
-
-[components.controller]
-fmu = "HinfController"
-
+LOOP = (
+    PLAIN.replace(" LINK", "")
+    + """
 [[events]]
 at = 0.55
 for = "0.2 s"
@@ -52,6 +37,7 @@ at = 1.0
 for = "0.4 s"
 set = { "plant.disturbance.u" = 0.7 }
 """
+)
 STOPPING = '\n[[events]]\nwhen = "t > 1.5 s"\nstop = "enough"\n'
 
 
