@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from solver_points import random_system
 
-from cosim.hinf.assembly import Scalars, Structure
-from cosim.hinf.conic import Constraint, solve
-from cosim.hinf.lmi import Unknowns, omega, unknowns
-from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.svec import smat, svec
+from cosim.hinf.lmi.assembly import Scalars, Structure
+from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.lmi.svec import smat, svec
+from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega, unknowns
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
 
