@@ -44,7 +44,7 @@ def _reference_gamma(
 
 @pytest.mark.parametrize("case", range(8))
 def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
-    """Any point, k1, k2 of either sign: equal to the Schur complement of `lmi`, to rounding."""
+    """Any point, k1, k2 of either sign: equal to the Schur complement of `omega`, to rounding."""
     rng = np.random.default_rng(case)
     system = random_system(
         rng, late=bool(case & 1), any_age=bool(case & 2), uncertain=bool(case & 4)

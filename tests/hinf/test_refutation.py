@@ -52,7 +52,7 @@ def _matrix(rows: list[list[str]], unit: Fraction) -> Array:
 
 @pytest.mark.parametrize("case", range(8))
 def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
-    """<W, -Omega> + <Z_X, X> + <Z_Q, Q> by `lmi`: the same c <= 0 at any unknowns whatever."""
+    """<W, -Omega> + <Z_X, X> + <Z_Q, Q> by `omega`: the same c <= 0 at any unknowns whatever."""
     rng = np.random.default_rng(40 + case)
     late, any_age = bool(case & 1), bool(case & 2)
     system = random_system(rng, late=late, any_age=any_age, uncertain=bool(case & 4))
