@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import FmuSlave, compiled_library
 from cosim.master.component_instance import Group
-from cosim.master.routes import Route, RowsInUse
+from cosim.master.routes import Route
+from cosim.master.rows_in_use import RowsInUse
 from cosim.master.table import (
     Complete,
     EarlyStop,

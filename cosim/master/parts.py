@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master.communication_schedule import CommunicationSchedule, Link
-from cosim.master.component_points import ComponentPoints, component_points
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 Algorithm = Literal["jacobi", "gauss-seidel"]
@@ -70,6 +68,17 @@ class Component:
         object.__setattr__(self, "description", resized.with_feedthrough(self.feedthrough))
 
 
+class RouteKey(NamedTuple):
+    """What connections of one route have in common."""
+
+    source: str
+    link: str | None
+    policy: Policy
+
+    def __str__(self) -> str:
+        return f"from {self.source}" + (f" over {self.link}" if self.link else "")
+
+
 class DelaySource(NamedTuple):
     """The signals that decide the delay of a link with a `DelaySignal`.
 
@@ -108,19 +117,11 @@ class Parts:
     @property
     def grows(self) -> bool:
         """Whether points are added during the run."""
-        return bool(self.comm_schedule.live) and self.comm_schedule.events == "align"
+        return self.comm_schedule.grows
 
     def is_state(self, end: Endpoint) -> bool:
         """Whether an endpoint is the state of a link."""
         return end.component in self.links and end.component not in self.components
-
-    @cached_property
-    def own_points(self) -> Mapping[str, ComponentPoints]:
-        """The own points of each component."""
-        points = self.comm_schedule.points_ns
-        steps = {component.every_ns for component in self.components.values()}
-        made = {every: component_points(every, points) for every in steps}
-        return {name: made[component.every_ns] for name, component in self.components.items()}
 
     def port(self, end: Endpoint) -> Port:
         """Return the variable of an endpoint; `InputError` if there is none."""

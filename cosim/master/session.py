@@ -35,10 +35,12 @@ from cosim.master.parts import LogLevel
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.system import System
-from cosim.master.wiring import Wiring, wire
+from cosim.master.wire import wire
+from cosim.master.wiring import Wiring
 from cosim.network import LinkState
 
 _LEVELS = get_args(LogLevel)
+_MOST_KEPT = 20_000_000
 
 Condition = Callable[["Session"], bool]
 
@@ -51,6 +53,8 @@ class Session:
     system : the system to run.
     observers : receive rows and log lines, such as a `TraceRecorder`.
     engine : "kernel", "python", or "auto": the kernel where it can be (`choose_engine`).
+    keep : whether all rows stay in memory, for `result` and `snapshot`; else only those that may
+        still be read, and the run can be of any length.
     wiring, dispatch, word : those of a process that watches this one
         (`cosim.master.supervision`); by default the session's own.
 
@@ -67,6 +71,7 @@ class Session:
         observers: Sequence[Observer] = (),
         *,
         engine: EngineName = "auto",
+        keep: bool = True,
         wiring: Wiring | None = None,
         dispatch: ObserverDispatch | None = None,
         word: NDArray[np.int64] | None = None,
@@ -74,7 +79,15 @@ class Session:
         self.system = system
         self._observers = observers
         self._wiring = wiring or wire(system)
-        self._word = word
+        self._word, self._keep = word, keep
+        if keep and self._wiring.comm_points.most > _MOST_KEPT:
+            raise InputError(
+                "the run has too many points to keep all of its rows",
+                where="Session",
+                expected=f"at most {_MOST_KEPT}",
+                got=str(self._wiring.comm_points.most),
+                hint="a longer step, a shorter run, or keep=False: observers receive the rows",
+            )
         texts = any(
             column.port.kind == "string"
             for instance in self._wiring.instances
@@ -99,7 +112,10 @@ class Session:
             self.initial_passes = initialise(self.system, self._wiring)
             for observer in self._observers:
                 observer.begin(self._wiring.instances)
-            self._loop = Loop(self.system, self._wiring, self._dispatch, self._choice, self._word)
+            self._loop = Loop(
+                *(self.system, self._wiring, self._dispatch, self._choice, self._word),
+                keep=self._keep,
+            )
         except BaseException as error:
             if isinstance(error, CosimError):
                 self._dispatch.note("master", "error", error.text())
@@ -239,7 +255,7 @@ class Session:
         ComponentError : its FMU cannot be reset.
         """
         instance = self._instance(component)
-        end = float(self.system.comm_schedule.points_ns[-1]) / 1e9
+        end = self.system.comm_schedule.end_ns / 1e9
         instance.slave.reset()
         instance.slave.initialise(instance.component.parameters, self.time_s, end)
         self._opened().forget_exchange()
@@ -278,6 +294,7 @@ class Session:
         InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
         loop = self._opened()
+        self._check_kept("there is no snapshot of a run whose rows are not kept")
         if loop.status in ("failed", "diverged"):
             raise InputError(
                 "the run cannot go on: there is no state to save", where="Session", got=loop.reason
@@ -325,6 +342,10 @@ class Session:
         if column.port.kind == "string":
             raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
         return number
+
+    def _check_kept(self, what: str) -> None:
+        if not self._keep:
+            raise InputError(what, where="Session", hint="Session(..., keep=True)")
 
     def _instance(self, component: str) -> ComponentInstance:
         if component not in self.system.components:

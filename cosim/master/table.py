@@ -30,7 +30,8 @@ from cosim.master.adjustments import Adjustments
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 from cosim.master.exchange import TOO_LARGE
-from cosim.master.routes import Route, RowsInUse
+from cosim.master.routes import Route
+from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 

@@ -29,10 +29,13 @@ from cosim.master.session import Session
 from cosim.master.supervision import messages
 from cosim.master.supervision.messages import Job
 from cosim.master.supervision.shared import SharedRun
-from cosim.master.wiring import Wiring, wire
+from cosim.master.wire import wire
+from cosim.master.wiring import Wiring
 
 _LINE_BUFFERED = 1
 _REPORT_S = 0.01
+_WAIT_S = 0.0005
+_AHEAD_BYTES = 1 << 24
 _ORPHAN_S = 5.0
 """How long an orphan may go on: it has been asked to leave, and may be just doing so."""
 
@@ -143,14 +146,17 @@ class _Executor:
 
     def _run(self, number: int, job: Job, wiring: Wiring, shared: SharedRun) -> None:
         adopt_folder(Path(job.folder))
+        wiring.gives_back_rows = False  # the parent does, when its observers have them
         found: Any = None
         try:
-            report = _Report(self, number, shared)
+            ahead = None if job.keep else _AHEAD_BYTES // wiring.all_rows.strides[0]
+            report = _Report(self, number, shared, ahead)
             wiring.texts.on_new = report.text
             session = Session(
                 job.system,
                 [begun := _Begun(self, number)],
                 engine=job.engine,
+                keep=job.keep,
                 wiring=wiring,
                 dispatch=report,
                 word=shared.word,
@@ -175,7 +181,7 @@ class _Executor:
         end: tuple[Any, ...] = ("stopped", "stopped before the first communication point", None, 0)
         if session.opened:
             run = session.result(complete=True)
-            end = (run.status, run.reason, run.cause, int(run.points_ns.size))
+            end = (run.status, run.reason, run.cause, run.count)
         self._send(number, messages.CONDUCTED, *end, session.engine, found)
 
     def _close(self, number: int) -> None:
@@ -195,11 +201,17 @@ class _Report(ObserverDispatch):
     Attributes
     ----------
     stoppable : whether a request to stop is obeyed.
+
+    `ahead` : so many rows may be complete that the parent's observers do not have; None: any
+    number.
     """
 
-    def __init__(self, executor: _Executor, number: int, shared: SharedRun) -> None:
+    def __init__(
+        self, executor: _Executor, number: int, shared: SharedRun, ahead: int | None
+    ) -> None:
         super().__init__(())
         self._executor, self._number, self._shared = executor, number, shared
+        self._ahead = ahead
         self.stoppable = True
         self._lines_wait = False
         self._reported_at = 0.0
@@ -221,6 +233,11 @@ class _Report(ObserverDispatch):
             self._lines_wait, self._reported_at = False, now
             self._tell(messages.DELIVER, complete)
         self.check_stop()
+        if self._ahead is not None and complete - self._shared.delivered > self._ahead:
+            self._tell(messages.DELIVER, complete)
+            while complete - self._shared.delivered > self._ahead and self.stoppable:
+                time.sleep(_WAIT_S)
+                self.check_stop()
 
     def check_stop(self) -> None:
         """Stop if the parent asked for it."""

@@ -16,7 +16,6 @@ from cosim.core import ComponentError, InputError
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
 from cosim.master.cause import Cause, CauseKind
-from cosim.master.component_instance import Rows
 from cosim.master.engine import EngineChoice, EngineName
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.run import Run, RunStatus
@@ -29,7 +28,8 @@ from cosim.master.supervision.process import Worker
 from cosim.master.supervision.shared import SharedRun, reserve
 from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
-from cosim.master.wiring import Wiring, wire
+from cosim.master.wire import wire
+from cosim.master.wiring import RowMemory, Wiring
 
 _TICK_S: Final = 0.02
 GRACE_S: Final = 1.0
@@ -81,12 +81,12 @@ class Wired:
         """
         made: list[tuple[SharedRun, int, int]] = []
 
-        def allocate(shape: tuple[int, int]) -> Rows:
+        def memory(shape: tuple[int, int]) -> RowMemory:
             if not made:
                 made.append(reserve(shape))
             return made[0][0].rows(shape)
 
-        return cls(wire(system, allocate), *made[0])
+        return cls(wire(system, memory), *made[0])
 
 
 class FollowedRun:
@@ -107,7 +107,10 @@ class FollowedRun:
         limits: Limits,
         interruption: Interruption | None,
         wired: Wired,
+        *,
+        keep: bool = True,
     ) -> None:
+        self._keep = keep
         self._worker, self._number, self._system = worker, number, system
         self._observers, self._limits, self._interruption = observers, limits, interruption
         self._wired = wired
@@ -142,7 +145,8 @@ class FollowedRun:
         known = (self._wiring, self._shared) if there else None
         folder = str(own_folder())
         self._send(
-            messages.RUN, Job(self._system, conduct, engine, self._wired.size, folder, known)
+            messages.RUN,
+            Job(self._system, conduct, engine, self._keep, self._wired.size, folder, known),
         )
         self._send_descriptor(send=not there)
         try:
@@ -152,9 +156,7 @@ class FollowedRun:
         except BaseException as error:
             self._abandon(error)
             raise
-        complete = self._shared.complete
-        self._resolve_delays(complete)
-        self._dispatch.deliver(complete)
+        self._deliver(self._shared.complete)
         self._end_output()
         if kind == messages.RAISED:
             parts, trace = content
@@ -182,9 +184,6 @@ class FollowedRun:
     def _run_of(
         self, status: RunStatus, reason: str | None, cause: Cause | None, complete: int
     ) -> Run:
-        points = self._points.points_ns[:complete]
-        last_ns = int(points[-1]) if complete else 0
-        self._wiring.make_whole(complete)
         if self._stop_cause is not None and status == "stopped":
             at = self._points.points_ns[min(complete, self._points.count - 1)]
             cause = Cause(
@@ -194,23 +193,16 @@ class FollowedRun:
             reason = f"{cause.detail} at t = {cause.time_s:g} s"
             self._add("master", "info" if status == "stopped" else "error", reason)
             self._dispatch.deliver(complete)
-        return Run(
-            status,
-            reason,
-            points,
-            self._wiring.instances,
-            self._engine,
-            self._points.schedules(last_ns),
-            cause,
-        )
+        found = (self._wiring, complete, status, reason, self._engine, cause)
+        return Run.of(*found, kept=self._keep)
 
     def _broken_off(self, broken: _BrokenOffError) -> Run:
         """Return the run up to its last complete row, all of which the observers receive."""
         self._over = True
         complete = self._complete()
-        self._resolve_delays(complete)
+        self._make_ready(complete)
         self._end_output()
-        self._dispatch.deliver(complete)
+        self._deliver(complete)
         status: RunStatus = "stopped" if broken.cause.kind == "interrupted" else "failed"
         self._add("master", "error" if status == "failed" else "info", broken.words)
         self._dispatch.close()
@@ -294,8 +286,7 @@ class FollowedRun:
             case messages.LINE:
                 self._dispatch.add(content[0])
             case messages.DELIVER:
-                self._resolve_delays(content[0])
-                self._dispatch.deliver(content[0])
+                self._deliver(content[0])
             case messages.TEXT:
                 number, text = content
                 if self._wiring.texts.number(text) != number:
@@ -306,19 +297,28 @@ class FollowedRun:
                 for observer in self._observers:
                     observer.begin(self._wiring.instances)
 
-    def _resolve_delays(self, complete: int) -> None:
-        """Resolve delays and routes as the child did, from the values in the rows."""
+    def _deliver(self, complete: int) -> None:
+        """Deliver the complete rows to the observers, and give back what nobody reads again."""
+        self._make_ready(complete)
+        self._dispatch.deliver(complete)
+        if not self._keep:
+            self._wiring.give_back(complete)
+        self._shared.delivered = complete
+
+    def _make_ready(self, complete: int) -> None:
+        """Make points ready as the child did, with the delays that follow from complete rows."""
         points = self._points
-        while (k := points.horizon) < min(complete, points.count):
-            before = points.horizon
-            try:
-                self._wiring.resolve_delays(self._system, k)
-            except InputError:  # the child has ended the run for it
+        while (first := points.ready) < complete:
+            if not points.crossing:
+                points.extend()
+            else:
+                try:
+                    self._wiring.resolve_delays(self._system, first)
+                except InputError:  # the child has ended the run for it
+                    return
+            if points.ready == first:
                 return
-            if points.horizon == before:
-                return
-            for fill in self._wiring.fills:
-                fill(k, points.horizon)
+            self._wiring.fill_routes(first, points.ready)
 
     def _dead(self, last: Sequence[str]) -> tuple[Any, ...]:
         """Take what a dead child has left; return the message waited for, if it is there."""
@@ -389,6 +389,7 @@ class FollowedRun:
         points = self._points.points_ns
         if self._shared.in_loop:
             k, number = self._table.place()
+            self._make_ready(k)
             if number >= len(self._table.operations):  # several step side by side
                 return None, "DoStep", int(points[k])
             component, call = self._table.call(number)

@@ -47,6 +47,7 @@ class Job:
     Attributes
     ----------
     conduct : runs the session and returns what is to be known of it; picklable, both.
+    keep : whether all rows stay in memory.
     size : of the shared memory [bytes].
     folder : where FMUs are unpacked.
     wired : the wiring and its shared memory, if the child was forked when they were there.
@@ -55,6 +56,7 @@ class Job:
     system: System
     conduct: Callable[[Session], Any]
     engine: EngineName
+    keep: bool
     size: int
     folder: str
     wired: tuple[Wiring, SharedRun] | None

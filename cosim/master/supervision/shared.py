@@ -13,11 +13,13 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.master.component_instance import Rows
+from cosim.master.reserved import forgettable
 
-_WORD, _RUNNING, _COMPLETE, _STOP, _TURN, _TIME, _LENGTH = range(7)
+_WORD, _RUNNING, _COMPLETE, _STOP, _TURN, _TIME, _LENGTH, _DELIVERED = range(8)
 _CELL: Final = 64
 _TEXT: Final = 128
 _HEAD: Final = 4096
+_REMOVE: Final = getattr(mmap, "MADV_REMOVE", None)
 
 
 class SharedRun:
@@ -34,11 +36,9 @@ class SharedRun:
         self._words = memoryview(self._memory)[:_TEXT].cast("q")
         self.word = np.frombuffer(self._memory, np.int64, 2)
 
-    def rows(self, shape: tuple[int, int]) -> Rows:
-        """Return the array of a shape that `wire` asks for: the rows, or a single cell."""
-        begin = _CELL if shape == (1, 1) else _HEAD
-        rows: Rows = np.frombuffer(self._memory, np.float64, prod(shape), begin)
-        return rows.reshape(shape)
+    def rows(self, shape: tuple[int, int]) -> SharedRows:
+        """Return the memory of a shape that `wire` asks for: the rows, or a single cell."""
+        return SharedRows(self._memory, shape, _CELL if shape == (1, 1) else _HEAD)
 
     @property
     def complete(self) -> int:
@@ -48,6 +48,15 @@ class SharedRun:
     @complete.setter
     def complete(self, rows: int) -> None:
         self._words[_COMPLETE] = rows
+
+    @property
+    def delivered(self) -> int:
+        """The number of rows that the parent's observers have."""
+        return self._words[_DELIVERED]
+
+    @delivered.setter
+    def delivered(self, rows: int) -> None:
+        self._words[_DELIVERED] = rows
 
     @property
     def stop_requested(self) -> bool:
@@ -87,6 +96,23 @@ class SharedRun:
     def in_loop(self) -> bool:
         """Whether an operation of the loop is in progress."""
         return bool(self._words[_RUNNING])
+
+
+class SharedRows:
+    """Rows in memory that two processes map; as `Reserved`, for both."""
+
+    def __init__(self, memory: mmap.mmap, shape: tuple[int, int], begin: int) -> None:
+        self._memory, self._begin = memory, begin
+        self._given_back = mmap.PAGESIZE
+        rows: Rows = np.frombuffer(memory, np.float64, prod(shape), begin)
+        self.array = rows.reshape(shape)
+
+    def give_back(self, before: int) -> None:
+        """Give back the memory of the rows before this one: nobody reads them again."""
+        begin, end = forgettable(self.array, before, self._given_back, self._begin)
+        if end > begin and _REMOVE is not None:
+            self._memory.madvise(_REMOVE, begin, end - begin)
+        self._given_back = end
 
 
 def reserve(shape: tuple[int, int]) -> tuple[SharedRun, int, int]:
