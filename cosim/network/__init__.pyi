@@ -5,6 +5,7 @@ from .alignment import (
 )
 from .checks import MAX_NS as MAX_NS
 from .delay_signal import DelaySignal as DelaySignal
+from .growing_schedule import GrowingSchedule as GrowingSchedule
 from .impairment import (
     GilbertElliott as GilbertElliott,
     Jitter as Jitter,
