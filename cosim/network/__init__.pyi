@@ -3,8 +3,19 @@ from .alignment import (
     Alignment as Alignment,
     align as align,
 )
+from .arrivals import (
+    DELIVERED as DELIVERED,
+    DUPLICATE as DUPLICATE,
+    IN_FLIGHT as IN_FLIGHT,
+    LOST as LOST,
+    OVERTAKEN as OVERTAKEN,
+    QUEUE_FULL as QUEUE_FULL,
+    REASONS as REASONS,
+    Arrivals as Arrivals,
+)
 from .checks import MAX_NS as MAX_NS
 from .delay_signal import DelaySignal as DelaySignal
+from .growing_schedule import GrowingSchedule as GrowingSchedule
 from .impairment import (
     GilbertElliott as GilbertElliott,
     Jitter as Jitter,
@@ -27,17 +38,7 @@ from .packet import (
     Order as Order,
     PacketLink as PacketLink,
 )
-from .packet_schedule import (
-    DELIVERED as DELIVERED,
-    DUPLICATE as DUPLICATE,
-    IN_FLIGHT as IN_FLIGHT,
-    LOST as LOST,
-    OVERTAKEN as OVERTAKEN,
-    QUEUE_FULL as QUEUE_FULL,
-    REASONS as REASONS,
-    Arrivals as Arrivals,
-    PacketSchedule as PacketSchedule,
-)
+from .packet_schedule import PacketSchedule as PacketSchedule
 from .profile import (
     DelayProfile as DelayProfile,
     Interpolation as Interpolation,

@@ -1,0 +1,179 @@
+"""The steps of `cosim.network.stepping` for many messages at once, on arrays.
+
+A block begins in the state that the block before left, so that blocks of any size make the same
+entries; the whole run is one block.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.network.arrivals import DELIVERED, DUPLICATE, LOST, OVERTAKEN, QUEUE_FULL
+from cosim.network.messages import Messages
+from cosim.network.received import Received
+from cosim.network.state import NONE_YET, SUBSTITUTE
+from cosim.network.stepping import Receiver, Rules, Sender
+
+
+class Entries(NamedTuple):
+    """Messages and copies between sender and receiver; arrays of shape (n,).
+
+    Attributes
+    ----------
+    arrival_ns : when each arrives, or would if it is lost; refused, the instant of sending [ns].
+    sent_ns : instant of sending [ns], int64.
+    message : number of the message, int64.
+    fate : DELIVERED, LOST or QUEUE_FULL, as far as that is known before the receiver, int8.
+    """
+
+    arrival_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+    message: NDArray[np.int64]
+    fate: NDArray[np.int8]
+
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Entries:
+        """Return some of the entries."""
+        return Entries._make(column[which] for column in self)
+
+    def followed_by(self, later: Entries) -> Entries:
+        """Return these entries and some that were sent later."""
+        if not self.message.size:
+            return later
+        return Entries._make(np.concatenate(pair) for pair in zip(self, later, strict=True))
+
+    def by_arrival(self, until_ns: int) -> NDArray[np.intp]:
+        """Return the places of those up to an instant, in order of time.
+
+        At one instant they are in order of sending.
+        """
+        places = np.flatnonzero(self.arrival_ns <= until_ns)
+        times = self.arrival_ns[places]
+        if (times[1:] >= times[:-1]).all():
+            return places
+        return places[np.argsort(times, kind="stable")]
+
+
+class Sent(NamedTuple):
+    """What a block of messages brings about, in order of sending; copies follow originals.
+
+    Attributes
+    ----------
+    sender : the sender after the block.
+    entries : messages and copies, on their way.
+    transit_ns : delay + jitter of each [ns], int64 (n,).
+    copy : which are copies, bool (n,).
+    """
+
+    sender: Sender
+    entries: Entries
+    transit_ns: NDArray[np.int64]
+    copy: NDArray[np.bool_]
+
+
+NONE_SENT = Entries(*(np.zeros(0, np.int64) for _ in range(3)), np.zeros(0, np.int8))
+"""No entries at all."""
+
+
+def send_block(rules: Rules, sender: Sender, messages: Messages, first: int) -> Sent:
+    """Send the next messages, the `first` and following: `stepping.send` of each."""
+    if not messages.sent_ns.size:
+        return Sent(sender, NONE_SENT, NONE_SENT.message, np.zeros(0, np.bool_))
+    out, refused = _transmitted(rules, sender, messages.sent_ns)
+    fate = np.where(refused, QUEUE_FULL, np.where(messages.lost, LOST, DELIVERED)).astype(np.int8)
+    place, copy = _with_copies(messages.copied & (fate == DELIVERED))
+    jitter = np.where(copy, messages.copy_jitter_ns[place], messages.jitter_ns[place])
+    transit = messages.delay_ns[place] + jitter
+    arrival, sent, fate = out[place] + transit, messages.sent_ns[place], fate[place]
+    behind = sender.behind_ns
+    if rules.fifo:
+        # a lost message delays no other, but is not noticed before its predecessors arrive
+        ahead = np.maximum.accumulate(np.where(fate == DELIVERED, arrival, behind))
+        ahead = np.maximum(ahead, behind)
+        arrival, behind = np.maximum(arrival, ahead), int(ahead[-1])
+    arrival = np.where(fate == QUEUE_FULL, sent, arrival)
+    entries = Entries(arrival, sent, first + place, fate)
+    return Sent(Sender(int(out[-1]), behind), entries, transit, copy)
+
+
+def receive_block(
+    rules: Rules, receiver: Receiver, arrived: Entries
+) -> tuple[Receiver, Received]:
+    """Receive the next entries in order of time: `stepping.receive` of each.
+
+    Returns the receiver after them, and what it received.
+    """
+    message, fate = arrived.message, arrived.fate
+    sound = fate == DELIVERED
+    newest = np.maximum.accumulate(
+        np.append(np.int64(receiver.newest), np.where(sound, message, NONE_YET))
+    )
+    before, status, accepted = newest[:-1], fate, sound
+    if rules.newest_wins:
+        # what counts as accepted so far is at least as new as all that could have been
+        late = np.where(message == before, DUPLICATE, OVERTAKEN)
+        status = np.where(sound & (message <= before), late, fate).astype(np.int8)
+        accepted = status == DELIVERED
+    noticed = np.zeros(message.size, np.bool_)
+    if rules.substitutes:
+        noticed = (fate == LOST) & (before < message)
+    changed = accepted | noticed
+    used = np.where(noticed, SUBSTITUTE, message)
+    received = Received(
+        before=receiver,
+        arrival_ns=arrived.arrival_ns,
+        sent_ns=arrived.sent_ns,
+        message=message,
+        status=status,
+        changed=changed,
+        sequence=last_values(used, changed, receiver.sequence),
+        origin_ns=last_values(arrived.sent_ns, accepted, receiver.origin_ns),
+        delivered=receiver.delivered + np.cumsum(accepted, dtype=np.int64),
+    )
+    return received.after(message.size)._replace(newest=int(newest[-1])), received
+
+
+def last_values(
+    values: NDArray[np.int64], there: NDArray[np.bool_], before: int
+) -> NDArray[np.int64]:
+    """Return at each place the last value that is there; `before` ahead of the first."""
+    if there.all():
+        return values
+    last = np.maximum.accumulate(np.where(there, np.arange(1, values.size + 1), 0))
+    return np.append(np.int64(before), values)[last]
+
+
+def _transmitted(
+    rules: Rules, sender: Sender, sent: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return when the sender has sent each message, and whether the queue refuses it.
+
+    One after the other: out[k] = max(sent[k], out[k-1]) + frame, which unrolls into
+    frame (k + 1) + max over j <= k of (sent[j] - frame j), where the sender is free before the
+    first at out[-1].
+    """
+    refused = np.zeros(sent.size, np.bool_)
+    if rules.frame_ns == 0:
+        return sent, refused
+    before = np.int64(rules.frame_ns) * np.arange(sent.size, dtype=np.int64)
+    free = np.maximum(np.maximum.accumulate(sent - before), sender.free_ns) + before
+    if not (free - sent > rules.longest_wait_ns).any():
+        return free + rules.frame_ns, refused
+    out, now = [], sender.free_ns
+    for k, instant in enumerate(sent.tolist()):
+        if now - instant > rules.longest_wait_ns:
+            refused[k] = True
+        else:
+            now = max(now, instant) + rules.frame_ns
+        out.append(now)
+    return np.array(out, np.int64), refused
+
+
+def _with_copies(copied: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Return place of the message, and whether it is a copy, of each entry, copies following."""
+    place = np.repeat(np.arange(copied.size), 1 + copied)
+    copy = np.zeros(place.size, np.bool_)
+    copy[1:] = place[1:] == place[:-1]
+    return place, copy
