@@ -94,7 +94,7 @@ class CommunicationSchedule:
         """A number that the points do not exceed."""
         if self.given_ns is not None:
             return int(self.given_ns.size)
-        count = self.end_ns // self.step_ns + 2
+        count = -(-self.end_ns // self.step_ns) + 1
         if self.events == "grid":
             return count
         count += sum(self.end_ns // every + 2 for every in self.every_ns) + self.instants_ns.size

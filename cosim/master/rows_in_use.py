@@ -95,10 +95,11 @@ class RowsInUse:
         self.row: Integers = self._reserved[0].array
         self.after: Integers | None = self._reserved[1].array if interpolated else None
         self.weight: NDArray[np.float64] | None = self._reserved[2].array if interpolated else None
-        self.row[0] = NONE_YET
         self._settled = self._later or initialised
+        # a message of unknown delay may be sent at the first point: only this one is known yet
         live = route_key.link in comm_points.live
-        self.initialised = self._settled and not live and bool(self._sample(0, 1).row[0] >= 0)
+        self.row[0] = NONE_YET if live else self._sample(0, 1).row[0]
+        self.initialised = self._settled and bool(self.row[0] >= 0)
 
     def fill(self, first: int, last: int) -> None:
         """Fill in the rows at the points first to last - 1, which are ready.

@@ -129,7 +129,7 @@ class Wiring:
         """Prepare the rows that are ready at the beginning of the run."""
         self.whole_rows = 0
         self.fill_routes(0, self.comm_points.ready)
-        self.begin_rows(0, self.comm_points.ready)
+        self.begin_rows(0, max(self.comm_points.ready, 1))
 
     def extend(self) -> None:
         """Prepare the rows of the next points."""

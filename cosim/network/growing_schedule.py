@@ -111,6 +111,19 @@ class GrowingSchedule:
         """The first instant that can still be asked for [ns]."""
         return self._oldest_ns
 
+    @property
+    def oldest_awaited_ns(self) -> int:
+        """When the oldest message in use before the horizon, or on its way then, was sent [ns].
+
+        Nothing sent before comes into use after the horizon.
+        """
+        last = min(self._horizon_ns - 1, self._end_ns)
+        sent = [last, *self._pending.sent_ns.tolist(), *(what.sent_ns for _, _, what in self._due)]
+        if last >= self._oldest_ns:
+            used = int(self.sent_in_use([last])[0])
+            sent += [used] if used >= 0 else []
+        return max(min(sent), 0)
+
     def advance(self, until_ns: int) -> None:
         """Make everything up to and including an instant final; the end is as far as it goes.
 
