@@ -49,7 +49,7 @@ class CommunicationSchedule:
     @classmethod
     def of_points(cls, points_ns: Integers) -> CommunicationSchedule:
         """Return the schedule of given points, strictly increasing from 0 [ns], int64 (n,)."""
-        step = int(points_ns[1] - points_ns[0]) if points_ns.size > 1 else 1
+        step = int(np.diff(points_ns).min(initial=max(int(points_ns[-1]), 1)))
         return cls(step, int(points_ns[-1]), given_ns=points_ns)
 
     @cached_property

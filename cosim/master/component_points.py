@@ -56,6 +56,11 @@ class ComponentPoints:
         self.latest = int(own[-1])
         self.following[self.latest] = self.latest
 
+    @property
+    def own(self) -> Integers:
+        """Its points so far, int64 (m,), where nothing was given back."""
+        return self.own_between(0, self.latest + 1)
+
     def own_between(self, first: int, last: int) -> Integers:
         """Return its points among first to last - 1."""
         return first + np.flatnonzero(self.last[first:last] == np.arange(first, last))

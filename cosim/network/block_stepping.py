@@ -98,9 +98,7 @@ def send_block(rules: Rules, sender: Sender, messages: Messages, first: int) -> 
     return Sent(Sender(int(out[-1]), behind), entries, transit, copy)
 
 
-def receive_block(
-    rules: Rules, receiver: Receiver, arrived: Entries
-) -> tuple[Receiver, Received]:
+def receive_block(rules: Rules, receiver: Receiver, arrived: Entries) -> tuple[Receiver, Received]:
     """Receive the next entries in order of time: `stepping.receive` of each.
 
     Returns the receiver after them, and what it received.

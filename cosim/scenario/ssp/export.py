@@ -100,7 +100,7 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
             {key: x for key, x in scenario.to_data().items() if key in _inexpressible(scenario)}
         ),
         step_s=system.comm_schedule.step_ns / 1e9,
-        end_s=int(system.comm_schedule.points_ns[-1]) / 1e9,
+        end_s=system.comm_schedule.end_ns / 1e9,
     )
     content = {SSD: ssd_bytes(structure), **resources.files}
     _write(content, path)
