@@ -136,11 +136,12 @@ class Loop:
     def _make_ready(self) -> None:
         """Prepare the rows of the next points, where the slaves have come to the last ones."""
         comm_points = self._comm_points
-        if self.complete < comm_points.ready or comm_points.crossing:
+        if self.complete < comm_points.ready:
             return
         if not self._keep:
             self._wiring.give_back(self.complete)
-        self._wiring.extend()
+        if not comm_points.crossing:
+            self._wiring.extend()
 
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""

@@ -129,23 +129,23 @@ class RowsInUse:
 
         `first` : its row is filled in, as that of each later point that is ready.
         """
-        ready = self._points.ready
-        rows = self.row[first:ready]
-        found = rows[rows >= 0]
-        least = [int(found.min())] if found.size else []
-        later = self._sender.last[self._points.last_at(self._oldest_ns(ready))]
-        return max(min(*least, int(later), first) - self._later, 0)
+        before = max(first - 1, 0)
+        rows = self.row[self._receiver.last[before] : self._points.ready]
+        least = int(rows[rows >= 0].min(initial=first))
+        later = self._sender.last[self._points.last_at(self._oldest_ns(before))]
+        return max(min(least, int(later)) - self._later, 0)
 
-    def _oldest_ns(self, ready: int) -> int:
-        """Return the instant of the oldest value read after the points that are ready [ns]."""
-        now = int(self._points.points_ns[ready - 1])
+    def _oldest_ns(self, k: int) -> int:
+        """Return the instant of the oldest value read, or delivered, after point k [ns]."""
+        now = int(self._points.points_ns[k])
         if isinstance(self._link, PacketLink):
-            return min(now, self._points.links[self._link.name].oldest_awaited_ns)
+            return self._points.links[self._link.name].oldest_awaited_ns(now)
         back = 0
         if self._link is not None:
             delay = self._link.delay
             back = self._link.delay_ns if delay is None else int(delay.delays_ns.max())
-        return min(now - back, self._line_from(ready - 1))
+        # the line through the latest values begins before them
+        return min(now - back, self._line_from(k))
 
     def give_back(self, before: int) -> None:
         """Give back the memory of the points before this one."""

@@ -111,19 +111,6 @@ class GrowingSchedule:
         """The first instant that can still be asked for [ns]."""
         return self._oldest_ns
 
-    @property
-    def oldest_awaited_ns(self) -> int:
-        """When the oldest message in use before the horizon, or on its way then, was sent [ns].
-
-        Nothing sent before comes into use after the horizon.
-        """
-        last = min(self._horizon_ns - 1, self._end_ns)
-        sent = [last, *self._pending.sent_ns.tolist(), *(what.sent_ns for _, _, what in self._due)]
-        if last >= self._oldest_ns:
-            used = int(self.sent_in_use([last])[0])
-            sent += [used] if used >= 0 else []
-        return max(min(sent), 0)
-
     def advance(self, until_ns: int) -> None:
         """Make everything up to and including an instant final; the end is as far as it goes.
 
@@ -244,6 +231,25 @@ class GrowingSchedule:
         InputError : a point that is not final yet, or was forgotten.
         """
         return self._received_at(points_ns).state(points_ns)
+
+    def oldest_awaited_ns(self, time_ns: int) -> int:
+        """When the oldest message was sent that is in use at an instant, or arrives later [ns].
+
+        That instant itself if there is none.
+
+        Raises
+        ------
+        InputError : an instant that is not final yet, or was forgotten.
+        """
+        used = int(self.sent_in_use([time_ns])[0])
+        received = self._record.received()
+        sent = [
+            time_ns if used < 0 else used,
+            *received.arrivals(int(received.up_to(time_ns))).sent_ns.tolist(),
+            *self._pending.sent_ns.tolist(),
+            *(what.sent_ns for _, _, what in self._due),
+        ]
+        return min(sent)
 
     def arrivals(self, first: int = 0) -> Arrivals:
         """Return the arrivals and drops that are final, from the `first`-th of the run on.
