@@ -51,9 +51,9 @@ class Entries(NamedTuple):
         """
         places = np.flatnonzero(self.arrival_ns <= until_ns)
         times = self.arrival_ns[places]
-        if (times[1:] >= times[:-1]).all():
-            return places
-        return places[np.argsort(times, kind="stable")]
+        if (times[1:] < times[:-1]).any():
+            places = places[np.argsort(times, kind="stable")]
+        return places
 
 
 class Sent(NamedTuple):
@@ -82,19 +82,26 @@ def send_block(rules: Rules, sender: Sender, messages: Messages, first: int) -> 
     if not messages.sent_ns.size:
         return Sent(sender, NONE_SENT, NONE_SENT.message, np.zeros(0, np.bool_))
     out, refused = _transmitted(rules, sender, messages.sent_ns)
-    fate = np.where(refused, QUEUE_FULL, np.where(messages.lost, LOST, DELIVERED)).astype(np.int8)
-    place, copy = _with_copies(messages.copied & (fate == DELIVERED))
-    jitter = np.where(copy, messages.copy_jitter_ns[place], messages.jitter_ns[place])
-    transit = messages.delay_ns[place] + jitter
-    arrival, sent, fate = out[place] + transit, messages.sent_ns[place], fate[place]
-    behind = sender.behind_ns
+    fate = np.where(messages.lost, np.int8(LOST), np.int8(DELIVERED))
+    fate[refused] = QUEUE_FULL
+    sent, message = messages.sent_ns, np.arange(first, first + out.size)
+    transit, copy = messages.delay_ns + messages.jitter_ns, np.zeros(out.size, np.bool_)
+    copied = messages.copied & (fate == DELIVERED)
+    if copied.any():
+        place, copy = _with_copies(copied)
+        sent, message, fate, out = sent[place], message[place], fate[place], out[place]
+        transit = np.where(
+            copy, (messages.delay_ns + messages.copy_jitter_ns)[place], transit[place]
+        )
+    arrival, behind = out + transit, sender.behind_ns
     if rules.fifo:
         # a lost message delays no other, but is not noticed before its predecessors arrive
         ahead = np.maximum.accumulate(np.where(fate == DELIVERED, arrival, behind))
         ahead = np.maximum(ahead, behind)
         arrival, behind = np.maximum(arrival, ahead), int(ahead[-1])
-    arrival = np.where(fate == QUEUE_FULL, sent, arrival)
-    entries = Entries(arrival, sent, first + place, fate)
+    refused = fate == QUEUE_FULL
+    arrival[refused] = sent[refused]
+    entries = Entries(arrival, sent, message, fate)
     return Sent(Sender(int(out[-1]), behind), entries, transit, copy)
 
 
@@ -105,20 +112,20 @@ def receive_block(rules: Rules, receiver: Receiver, arrived: Entries) -> tuple[R
     """
     message, fate = arrived.message, arrived.fate
     sound = fate == DELIVERED
-    newest = np.maximum.accumulate(
-        np.append(np.int64(receiver.newest), np.where(sound, message, NONE_YET))
-    )
-    before, status, accepted = newest[:-1], fate, sound
-    if rules.newest_wins:
-        # what counts as accepted so far is at least as new as all that could have been
-        late = np.where(message == before, DUPLICATE, OVERTAKEN)
-        status = np.where(sound & (message <= before), late, fate).astype(np.int8)
+    # what was accepted is at least as new as all that could have been
+    newest = _following(receiver.newest, np.where(sound, message, NONE_YET))
+    newest = np.maximum.accumulate(newest)
+    status, accepted = fate, sound
+    late = sound & (message <= newest[:-1])
+    if rules.newest_wins and late.any():
+        status = fate.copy()
+        status[late] = OVERTAKEN
+        status[late & (message == newest[:-1])] = DUPLICATE
         accepted = status == DELIVERED
-    noticed = np.zeros(message.size, np.bool_)
+    changed, used = accepted, message
     if rules.substitutes:
-        noticed = (fate == LOST) & (before < message)
-    changed = accepted | noticed
-    used = np.where(noticed, SUBSTITUTE, message)
+        noticed = (fate == LOST) & (newest[:-1] < message)
+        changed, used = accepted | noticed, np.where(noticed, SUBSTITUTE, message)
     received = Received(
         before=receiver,
         arrival_ns=arrived.arrival_ns,
@@ -126,21 +133,28 @@ def receive_block(rules: Rules, receiver: Receiver, arrived: Entries) -> tuple[R
         message=message,
         status=status,
         changed=changed,
-        sequence=last_values(used, changed, receiver.sequence),
-        origin_ns=last_values(arrived.sent_ns, accepted, receiver.origin_ns),
+        sequence=_last_values(used, changed, receiver.sequence),
+        origin_ns=_last_values(arrived.sent_ns, accepted, receiver.origin_ns),
         delivered=receiver.delivered + np.cumsum(accepted, dtype=np.int64),
     )
     return received.after(message.size)._replace(newest=int(newest[-1])), received
 
 
-def last_values(
+def _following(before: int, values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the values, with one before them."""
+    found = np.empty(values.size + 1, np.int64)
+    found[0], found[1:] = before, values
+    return found
+
+
+def _last_values(
     values: NDArray[np.int64], there: NDArray[np.bool_], before: int
 ) -> NDArray[np.int64]:
     """Return at each place the last value that is there; `before` ahead of the first."""
     if there.all():
         return values
     last = np.maximum.accumulate(np.where(there, np.arange(1, values.size + 1), 0))
-    return np.append(np.int64(before), values)[last]
+    return _following(before, values)[last]
 
 
 def _transmitted(
