@@ -212,8 +212,10 @@ class CommunicationPoints:
         if before <= self.oldest:
             return
         self.oldest = before
-        for reserved in (*self._reserved, *self._steps.values()):
+        for reserved in self._reserved:
             reserved.give_back(before)
+        for points in self._steps.values():
+            points.give_back(before)
         for link in self.links.values():
             link.forget(int(self.points_ns[before]))
 
