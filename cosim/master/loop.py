@@ -31,7 +31,7 @@ from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
-from cosim.master.table import EarlyStop, make_table
+from cosim.master.table import WORDS, EarlyStop, make_table
 from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
 
@@ -54,8 +54,7 @@ class _SegmentLength:
 class Loop:
     """The execution of a run whose slaves are initialised.
 
-    `word` : int64 (2,): the word in progress (`cosim.master.table.WORD_BITS`), and whether an
-    engine is at work on it. `keep` : all rows stay in memory; else those that may still be read.
+    `word` : as in `Table`. `keep` : all rows stay in memory; else those that may still be read.
 
     Attributes
     ----------
@@ -82,7 +81,7 @@ class Loop:
         self._early_stop: EarlyStop | None = None
         self._exchanged: int | None = None
         self.adjustments = Adjustments(wiring.rows.shape[1])
-        self._word = np.zeros(2, np.int64) if word is None else word
+        self._word = np.zeros(WORDS, np.int64) if word is None else word
         self.table = make_table(system, wiring, self.adjustments, self._word)
         self._engine = build_engine(choice.name, self.table)
         self.complete = 0

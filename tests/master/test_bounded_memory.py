@@ -17,9 +17,17 @@ from test_kernel_agrees import random_system
 
 from cosim.core import InputError
 from cosim.fmu import describe_fmu
-from cosim.master import DelaySource, EngineName, Observer, Run, Session, TraceRecorder, divergence
-from cosim.master import wire as laid_out
-from cosim.master import wiring
+from cosim.master import (
+    DelaySource,
+    EngineName,
+    Observer,
+    Run,
+    Session,
+    TraceRecorder,
+    divergence,
+    wire as laid_out,
+    wiring,
+)
 from cosim.master.reserved import Reserved
 from cosim.network import DelaySignal, PacketLink, TransportLink
 from cosim.trace import TraceWriter, content_hash

@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,27 @@ def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -
         (second,) = children() - before
         assert second != first
     assert children() == before
+
+
+def with_bad(folder: Path, status: int, threads: int) -> System:
+    """Six pumps, the fifth of which misbehaves in its step."""
+    system = pump(folder, "step", status)
+    component = system.components["pump"]
+    sound = replace(component, parameters={**component.parameters, "fail_in": 0})
+    components = {f"pump {i}": component if i == 4 else sound for i in range(6)}
+    return replace(system, components=components, threads=threads)
+
+
+@pytest.mark.parametrize("threads", [2, 3, 6])
+def test_crash_on_one_of_several_threads_names_its_component(tmp_path: Path, threads: int) -> None:
+    """Whichever thread steps it, and whatever the others do meanwhile."""
+    with Supervisor() as opened:
+        for _ in range(5):
+            died = supervised(opened, with_bad(tmp_path, -signal.SIGSEGV, threads))
+            assert (died.status, died.points_ns.size) == ("failed", 6)
+            assert died.cause is not None
+            assert (died.cause.kind, died.cause.component) == ("crashed", "pump 4")
+            assert died.cause.call == "fmi2DoStep"
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])

@@ -391,7 +391,7 @@ class FollowedRun:
             k, number = self._table.place()
             self._make_ready(k)
             if number >= len(self._table.operations):  # several step side by side
-                return None, "DoStep", int(points[k])
+                number = self._table.place_in_team() or number
             component, call = self._table.call(number)
             return component or None, call or None, int(points[k])
         outside = self._shared.outside_call()

@@ -14,10 +14,12 @@ import numpy as np
 from cosim.core import InputError
 from cosim.master.component_instance import Rows
 from cosim.master.reserved import forgettable
+from cosim.master.table import WORDS
 
-_WORD, _RUNNING, _COMPLETE, _STOP, _TURN, _TIME, _LENGTH, _DELIVERED = range(8)
+_COMPLETE, _STOP, _TURN, _TIME, _LENGTH, _DELIVERED = range(6)
 _CELL: Final = 64
 _TEXT: Final = 128
+_PROGRESS: Final = 1024
 _HEAD: Final = 4096
 _REMOVE: Final = getattr(mmap, "MADV_REMOVE", None)
 
@@ -27,14 +29,13 @@ class SharedRun:
 
     Attributes
     ----------
-    word : the operation of the loop in progress (`cosim.master.table.WORD_BITS`), and whether
-        there is one, int64 (2,).
+    word : what the loop is doing, as in `cosim.master.table.Table`.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:
         self._memory = mmap.mmap(descriptor, size)
         self._words = memoryview(self._memory)[:_TEXT].cast("q")
-        self.word = np.frombuffer(self._memory, np.int64, 2)
+        self.word = np.frombuffer(self._memory, np.int64, WORDS, _PROGRESS)
 
     def rows(self, shape: tuple[int, int]) -> SharedRows:
         """Return the memory of a shape that `wire` asks for: the rows, or a single cell."""
@@ -69,7 +70,7 @@ class SharedRun:
 
     def begin_call(self, time_ns: int, component: str, call: str) -> None:
         """Note that a call outside the loop begins: at the start, by events, at the end."""
-        text = f"{component}\0{call}".encode()[: _HEAD - _TEXT]
+        text = f"{component}\0{call}".encode()[: _PROGRESS - _TEXT]
         self._memory[_TEXT : _TEXT + len(text)] = text
         self._words[_TIME], self._words[_LENGTH] = time_ns, len(text)
         self._words[_TURN] += 1 + self._words[_TURN] % 2  # odd during a call
@@ -89,13 +90,13 @@ class SharedRun:
     @property
     def in_call(self) -> tuple[int, int] | None:
         """Something that is different for each FMI call in progress; None outside all calls."""
-        word, turn = self._words[_WORD], self._words[_TURN]
+        word, turn = int(self.word[0]), self._words[_TURN]
         return (word, turn) if self.in_loop or turn % 2 else None
 
     @property
     def in_loop(self) -> bool:
         """Whether an operation of the loop is in progress."""
-        return bool(self._words[_RUNNING])
+        return bool(self.word[1])
 
 
 class SharedRows:
