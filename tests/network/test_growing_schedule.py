@@ -366,14 +366,14 @@ LONG = [
         delay=DelayProfile(np.array([0, 10**6]), np.array([300, 900]), "linear"),
         jitter=Jitter("normal", mean_ns=20, sigma_ns=9),
         loss=GilbertElliott(0.05, 0.3),
-        duplicate=0.2,
+        duplicate=1.0,
         order="fifo",
         on_loss="zero",
         data_rate=10**9,
         frame_size=9,
         queue_limit=2,
     ),
-    replace(RANGING, loss=0.2, order="as-arrived", duplicate=0.1),
+    replace(RANGING, loss=0.2, order="as-arrived", duplicate=1.0),
 ]
 
 
@@ -384,7 +384,7 @@ def test_memory_does_not_grow_with_the_run(
 ) -> None:
     """Eight times as many messages, forgotten after each block, take the same memory."""
     monkeypatch.setattr(messages, "_DRAWN_AT_ONCE", 500)
-    peaks, held = [], []
+    peaks, left = [], []
     for count in (2_000, 16_000):
         end = 10 * count
         gc.collect()
@@ -399,7 +399,7 @@ def test_memory_does_not_grow_with_the_run(
         assert growing.statistics(end)["sent"] == count + 1
         peaks.append(tracemalloc.get_traced_memory()[1])
         gc.collect()  # what the interpreter itself keeps for reuse
-        held.append(tracemalloc.get_traced_memory()[0])
+        left.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
-    assert held[1] < held[0] + 4_000
+    assert left[1] < left[0] + 50_000
     assert peaks[1] < peaks[0] + 500_000
