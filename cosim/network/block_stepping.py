@@ -6,7 +6,7 @@ entries; the whole run is one block.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from cosim.network.arrivals import DELIVERED, DUPLICATE, LOST, OVERTAKEN, QUEUE_
 from cosim.network.messages import Messages
 from cosim.network.received import Received
 from cosim.network.state import NONE_YET, SUBSTITUTE
-from cosim.network.stepping import Receiver, Rules, Sender
+from cosim.network.stepping import Receiver, Reception, Rules, Sender, Sending
 
 
 class Entries(NamedTuple):
@@ -42,7 +42,8 @@ class Entries(NamedTuple):
         """Return these entries and some that were sent later."""
         if not self.message.size:
             return later
-        return Entries._make(np.concatenate(pair) for pair in zip(self, later, strict=True))
+        columns: Any = zip(self, later, strict=True)
+        return Entries._make(np.concatenate(pair) for pair in columns)
 
     def by_arrival(self, until_ns: int) -> NDArray[np.intp]:
         """Return the places of those up to an instant, in order of time.
@@ -73,14 +74,16 @@ class Sent(NamedTuple):
     copy: NDArray[np.bool_]
 
 
-NONE_SENT = Entries(*(np.zeros(0, np.int64) for _ in range(3)), np.zeros(0, np.int8))
+_NO_INSTANTS = np.zeros(0, np.int64)
+NONE_SENT = Entries(_NO_INSTANTS, _NO_INSTANTS, _NO_INSTANTS, np.zeros(0, np.int8))
 """No entries at all."""
 
 
-def send_block(rules: Rules, sender: Sender, messages: Messages, first: int) -> Sent:
+def send_block(rules: Rules, sender: Sender | Sending, messages: Messages, first: int) -> Sent:
     """Send the next messages, the `first` and following: `stepping.send` of each."""
     if not messages.sent_ns.size:
-        return Sent(sender, NONE_SENT, NONE_SENT.message, np.zeros(0, np.bool_))
+        same = Sender(sender.free_ns, sender.behind_ns)
+        return Sent(same, NONE_SENT, _NO_INSTANTS, np.zeros(0, np.bool_))
     out, refused = _transmitted(rules, sender, messages.sent_ns)
     fate = np.where(messages.lost, np.int8(LOST), np.int8(DELIVERED))
     fate[refused] = QUEUE_FULL
@@ -105,7 +108,9 @@ def send_block(rules: Rules, sender: Sender, messages: Messages, first: int) -> 
     return Sent(Sender(int(out[-1]), behind), entries, transit, copy)
 
 
-def receive_block(rules: Rules, receiver: Receiver, arrived: Entries) -> tuple[Receiver, Received]:
+def receive_block(
+    rules: Rules, receiver: Receiver | Reception, arrived: Entries
+) -> tuple[Receiver, Received]:
     """Receive the next entries in order of time: `stepping.receive` of each.
 
     Returns the receiver after them, and what it received.
@@ -158,7 +163,7 @@ def _last_values(
 
 
 def _transmitted(
-    rules: Rules, sender: Sender, sent: NDArray[np.int64]
+    rules: Rules, sender: Sender | Sending, sent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return when the sender has sent each message, and whether the queue refuses it.
 

@@ -294,11 +294,11 @@ class GrowingSchedule:
 
         Raises
         ------
-        InputError : as `finish`; or that end was forgotten.
+        InputError : as `finish`, or an instant after the end was forgotten.
         """
         end = int(end_ns)
         sent = self._sent_by(end, broken_off=broken_off)
-        self._check_remembered(end)
+        self._check_remembered(end + 1)
         record = self._record
         if self._horizon_ns <= end:
             # what arrives at the end itself, with messages that are sent only then left out
@@ -331,8 +331,12 @@ class GrowingSchedule:
     def copy(self) -> GrowingSchedule:
         """Return a copy that goes on independently."""
         twin = copy(self)
-        twin._messages, twin._record = self._messages.copy(), self._record.copy()
-        twin._due, twin._copies = self._due[:], self._copies[:]
+        vars(twin).update(
+            _messages=self._messages.copy(),
+            _record=self._record.copy(),
+            _due=self._due[:],
+            _copies=self._copies[:],
+        )
         return twin
 
     def _sent_by(self, end: int, *, broken_off: bool) -> int:

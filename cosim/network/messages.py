@@ -156,7 +156,7 @@ class MessageStream:
         self._link, self._sendings = link, sendings
         self._blocks = [_NO_MESSAGES]
         self._begin = self._end = 0  # of the last block
-        self._bad = np.False_
+        self._bad = False  # whether the last message drawn was sent in the bad state
         self._keeps = True
         self.next = 0
 
@@ -195,62 +195,57 @@ class MessageStream:
 
     def copy(self) -> MessageStream:
         """Return a copy from which the same messages are taken."""
-        twin = copy(self)
-        last = self._blocks[-1]  # of the others no delay will be filled in
-        twin._blocks = [*self._blocks[:-1], last._replace(delay_ns=last.delay_ns.copy())]
+        twin, last = copy(self), self._blocks[-1]
+        # of the other blocks no delay will be filled in
+        blocks = [*self._blocks[:-1], last._replace(delay_ns=last.delay_ns.copy())]
+        vars(twin).update(_blocks=blocks)
         return twin
 
     def _draw(self, count: int) -> None:
         """Draw the next `count` messages, and some more of those that follow."""
-        link, first = self._link, self._end
+        first, link = self._end, self._link
         last = first + max(count, min(_DRAWN_AT_ONCE, self._sendings.count - first))
-        bad = None
+        loss: float | NDArray[np.float64]
         if isinstance(link.loss, GilbertElliott):
-            bad = draws.bad_states(
-                link.loss, link.seed, link.name, last - first, first, before=self._bad
-            )
-            self._bad = bad[-1]
-        block = draw_messages(link, self._sendings, first, last, bad)
+            source = link.loss, link.seed, link.name, last - first, first
+            bad = draws.bad_states(*source, before=self._bad)
+            self._bad = bool(bad[-1])
+            loss = np.where(bad, link.loss.loss_bad, link.loss.loss_good)
+        else:
+            loss = link.loss
+        block = _draw_messages(link, self._sendings, first, last, loss)
         self._blocks = [*self._blocks, block] if self._keeps else [block]
         self._begin, self._end = first, last
 
 
-def draw_messages(
+def _draw_messages(
     link: PacketLink,
     sendings: Sendings,
     first: int,
     last: int,
-    bad: NDArray[np.bool_] | None = None,
+    loss: float | NDArray[np.float64],
 ) -> Messages:
-    """Make all random draws for messages first to last - 1.
-
-    `bad` : which are sent in the bad state of a link with loss in bursts.
-    """
-    seed, name, count = link.seed, link.name, last - first
-    sent_ns, live = sendings.instants(first, last), isinstance(link.delay, DelaySignal)
-    jitter_ns = draws.jitter_ns(link.jitter, seed, name, count, first=first)
-    # where a known delay is moved to a grid, a window holds for what was to be sent in it
-    probability = _loss(link, sent_ns if live else sendings.nominal(first, last), bad)
-    lost = draws.lost(probability, seed, name, count, first)
+    """Make all random draws for messages first to last - 1; `loss` : outside the windows."""
+    seed, name, count, sent_ns = link.seed, link.name, last - first, sendings.instants(first, last)
+    # A window holds for the messages of a live link that are sent in it on the grid; for those
+    # of another link that were to be sent in it: `align` moves them when they are drawn.
+    live = isinstance(link.delay, DelaySignal)
+    at_ns = sent_ns if live else sendings.nominal(first, last)
+    for window in link.windows:
+        inside = (at_ns >= window.from_ns) & (at_ns < window.until_ns)
+        loss = np.where(inside, window.loss, loss)
     copied, copy_jitter_ns = np.zeros(count, np.bool_), np.zeros(count, np.int64)
     if link.duplicate > 0:
         copied = draws.duplicated(link.duplicate, seed, name, count, first)
         copy_jitter_ns = draws.jitter_ns(link.jitter, seed, name, count, "copy jitter", first)
-    delay_ns = known_delays(link, sent_ns)
-    return Messages(sent_ns, delay_ns, jitter_ns, lost, copied, copy_jitter_ns)
-
-
-def _loss(
-    link: PacketLink, sent_ns: NDArray[np.int64], bad: NDArray[np.bool_] | None
-) -> float | NDArray[np.float64]:
-    """Return the probability of losing each message: in a window that of the last one."""
-    loss = link.loss
-    if isinstance(loss, GilbertElliott):
-        loss = np.where(bad, loss.loss_bad, loss.loss_good)
-    for window in link.windows:
-        inside = (sent_ns >= window.from_ns) & (sent_ns < window.until_ns)
-        loss = np.where(inside, window.loss, loss)
-    return loss
+    return Messages(
+        sent_ns=sent_ns,
+        delay_ns=known_delays(link, sent_ns),
+        jitter_ns=draws.jitter_ns(link.jitter, seed, name, count, first=first),
+        lost=draws.lost(loss, seed, name, count, first),
+        copied=copied,
+        copy_jitter_ns=copy_jitter_ns,
+    )
 
 
 def known_delays(link: PacketLink, sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_left
-from typing import NamedTuple
+from copy import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +14,8 @@ from cosim.network.arrivals import DELIVERED, Arrivals
 from cosim.network.state import LinkState
 from cosim.network.stepping import Arrival, Receiver, Reception, Rules, receive
 
-_CODES = {"arrival_ns": "q", "sent_ns": "q", "message": "q", "status": "b", "changed": "b"}
-_CODES |= {"sequence": "q", "origin_ns": "q", "delivered": "q"}
-_TYPES = {"arrival_ns": np.int64, "sent_ns": np.int64, "message": np.int64, "status": np.int8}
-_TYPES |= {"changed": np.bool_, "sequence": np.int64, "origin_ns": np.int64, "delivered": np.int64}
+_SMALL: dict[str, Any] = {"status": np.int8, "changed": np.bool_}
+"""Types of the columns of `Received` that take a byte; all others are int64."""
 
 
 class Received(NamedTuple):
@@ -44,7 +43,8 @@ class Received(NamedTuple):
 
     def first(self, count: int) -> Received:
         """Return the first `count` entries, in the same arrays."""
-        return Received(self.before, *(column[:count] for column in self[1:]))
+        columns: list[Any] = [column[:count] for column in self[1:]]
+        return Received(self.before, *columns)
 
     def after(self, count: int) -> Receiver:
         """Return the receiver after the first `count` entries; its `newest` is not known."""
@@ -84,8 +84,10 @@ class Received(NamedTuple):
         """
         places = np.flatnonzero(self.changed[first:last]) + first
         times = self.arrival_ns[places]
-        alone = np.append(times[1:] != times[:-1], np.ones(min(times.size, 1), np.bool_))
-        return places[alone]
+        last_there = np.ones(times.size, np.bool_)
+        last_there[:-1] = times[1:] != times[:-1]
+        found: NDArray[np.intp] = places[last_there]
+        return found
 
     def arrivals(self, first: int = 0) -> Arrivals:
         """Return the entries from the `first`-th on, in arrays of their own."""
@@ -111,14 +113,18 @@ class ReceivedRecord:
 
     def __init__(self, rules: Rules) -> None:
         self._rules = rules
-        self._columns = {name: array(code) for name, code in _CODES.items()}
+        names = Received._fields[1:]
+        self._columns = {name: array("b" if name in _SMALL else "q") for name in names}
         self._before: Receiver | Reception = Receiver()
         self.receiver: Receiver | Reception = Receiver()
         self.forgotten = 0
 
     def received(self) -> Received:
         """Return the entries that were not forgotten, in arrays valid until the next change."""
-        columns = (np.frombuffer(self._columns[name], kind) for name, kind in _TYPES.items())
+        columns: list[Any] = [
+            np.frombuffer(column, _SMALL.get(name, np.int64))
+            for name, column in self._columns.items()
+        ]
         return Received(self._before, *columns)
 
     def extend(self, receiver: Receiver, block: Received) -> None:
@@ -146,7 +152,6 @@ class ReceivedRecord:
 
     def copy(self) -> ReceivedRecord:
         """Return a copy that grows independently."""
-        twin = ReceivedRecord(self._rules)
-        twin._columns = {name: column[:] for name, column in self._columns.items()}
-        twin._before, twin.receiver, twin.forgotten = self._before, self.receiver, self.forgotten
+        twin = copy(self)
+        vars(twin).update(_columns={name: column[:] for name, column in self._columns.items()})
         return twin

