@@ -66,22 +66,18 @@ class Measures(Observer):
         self._complete = 0
         self.unread = 0
 
-    @property
-    def reads_inputs(self) -> bool:  # type: ignore[override]
-        """Whether any measure reads inputs in the rows."""
-        return any(measure.reads_inputs for measure in self._measures)
-
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Begin the measures."""
         self._begun = True
         for measure in self._measures:
             measure.begin(instances)
+        self.reads_inputs = any(measure.reads_inputs for measure in self._measures)
 
     def rows_complete(self, first: int, last: int) -> None:
         """Take the rows first to last - 1."""
         del first
         self._complete = last
-        while self._complete - self.unread >= ROWS_AT_ONCE:
+        while last - self.unread >= ROWS_AT_ONCE:
             self._add(self.unread + ROWS_AT_ONCE)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
@@ -102,13 +98,16 @@ class Measures(Observer):
 
 def after(before: NDArray[D] | None, block: NDArray[D]) -> NDArray[D]:
     """Return a block after the last entry of the one before, (1, ...); None: the first block."""
-    return block if before is None else np.concatenate((before, block))
+    if before is None:
+        return block
+    return np.concatenate((before, block))
 
 
 def own_points_in(instance: ComponentInstance, first: int, last: int) -> NDArray[np.int64]:
     """Return the component's own points among the points first to last - 1."""
     points = np.arange(first, last)
-    return points[instance.own_points.last[first:last] == points]
+    own: NDArray[np.int64] = points[instance.own_points.last[first:last] == points]
+    return own
 
 
 class Recent:
