@@ -40,7 +40,7 @@ class CouplingMeasure(Measure[dict[str, float]]):
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._held: list[tuple[str, _Held]] = []
+        self._delays: list[tuple[str, _RouteDelay]] = []
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Find the routes."""
@@ -50,29 +50,29 @@ class CouplingMeasure(Measure[dict[str, float]]):
                 name = route.route_key.link
                 words = f"{route.source} -> {receiver.name}" + (f" over {name}" if name else "")
                 link = None if name is None else self._system.links[name]
-                held: _Held
+                delay: _RouteDelay
                 if isinstance(link, PacketLink):
                     changes = LinkChanges(self._system, link.name)
-                    held = _HeldMessages(receiver, route, by_name[route.source], changes)
+                    delay = _MessageDelay(receiver, route, by_name[route.source], changes)
                 else:
-                    held = _HeldSignal(receiver, route, link)
-                self._held.append((words, held))
+                    delay = _SignalDelay(receiver, route, link)
+                self._delays.append((words, delay))
 
     def add(self, first: int, last: int) -> None:
         """Take the steps that end at the points."""
-        for _, held in self._held:
-            held.add(first, last)
+        for _, delay in self._delays:
+            delay.add(first, last)
 
     def result(self, run: Run) -> dict[str, float]:
         """Return the delays; a step that the run broke off counts up to there."""
         found: dict[str, float] = {}
-        for words, held in self._held if point_count(run) > 1 else ():
-            late = float(held.largest_ns(end_ns(run))) / 1e9
+        for words, delay in self._delays if point_count(run) > 1 else ():
+            late = float(delay.largest_ns(end_ns(run))) / 1e9
             found[words] = max(late, found.get(words, 0.0))
         return dict(sorted(found.items()))
 
 
-class _Held(Protocol):
+class _RouteDelay(Protocol):
     """The coupling delays of the values that come by one route."""
 
     def add(self, first: int, last: int) -> None:
@@ -82,7 +82,7 @@ class _Held(Protocol):
         """Return the largest, with that of the step during which the run ended [ns]."""
 
 
-class _HeldSignal:
+class _SignalDelay:
     """Values of a signal, by a wire or a transport link."""
 
     def __init__(
@@ -130,7 +130,7 @@ class _HeldSignal:
         return origin
 
 
-class _HeldMessages:
+class _MessageDelay:
     """Values of messages, by a packet link."""
 
     def __init__(

@@ -43,7 +43,7 @@ class SignalReader:
         found = [instance.place(names[j]) for j in self._places]
         self._columns = np.array([column for column, _ in found], np.intp)
         self._width = len(names)
-        self._held = np.zeros(len(self._places))
+        self._kept = np.zeros(len(self._places))
         self.reads_inputs = any(column.port.causality == "input" for _, column in found)
 
     def read(self, first: int, last: int) -> Reals:
@@ -53,8 +53,8 @@ class SignalReader:
             values = rows[first:last].take(self._columns, axis=1)
         else:
             values = rows[np.maximum(own, first)].take(self._columns, axis=1)
-            values[own < first] = self._held
-        self._held = values[-1].copy()
+            values[own < first] = self._kept
+        self._kept = values[-1].copy()
         if not self._constants:
             return values
         found = np.empty((last - first, self._width))

@@ -107,8 +107,8 @@ def gain_of(run: Run, plant: str, binding: Binding, system: DelaySystem) -> floa
         h = ns / 1e9
         for column in w:
             energy_in += h * float(column[k]) * float(column[k])
-        for one, held in zip(z, direct, strict=True):
-            a, b = float(one[k]) + float(held[k]), float(one[k + 1]) + float(held[k])
+        for one, added in zip(z, direct, strict=True):
+            a, b = float(one[k]) + float(added[k]), float(one[k + 1]) + float(added[k])
             energy_a += h * a * a
             energy_b += h * b * b
     if run.status == "failed" or energy_in == 0.0:
