@@ -10,6 +10,7 @@ from cosim.core import Progress
 from cosim.master import EngineName, Observer, Pace, Run, Session, Supervisor, System
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.interrupt import DeferredInterrupt
+from cosim.scenario.run_rows import keep_option, most_points
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 
@@ -26,7 +27,7 @@ class ProgressObserver(Observer):
         report_progress: Progress,
         interruption: DeferredInterrupt | None = None,
     ) -> None:
-        self._points = system.comm_schedule.points_ns.size
+        self._points = most_points(system)
         self._what, self._report_progress, self._interruption = what, report_progress, interruption
 
     def begin(self, instances: object) -> None:
@@ -90,6 +91,7 @@ def run_system(
     events: Sequence[Event] = (),
     pace: Pace | None = None,
     supervisor: Supervisor | None = None,
+    keep: bool = True,
 ) -> CompletedRun:
     """Run a system from its start to its end, or to where an event stops it.
 
@@ -99,6 +101,7 @@ def run_system(
     living : ends the slaves when it is closed; close it when the run is on disk, since some FMUs
         end the process with them.
     supervisor : executes the run in its child process; None: in this process.
+    keep : whether the run keeps its rows.
 
     Raises
     ------
@@ -108,7 +111,12 @@ def run_system(
     if supervisor is not None:
         watcher = ProgressObserver(system, what, report_progress)
         conducted = supervisor.run(
-            system, [*observers, watcher], conduct, living=living, engine=engine
+            system,
+            [*observers, watcher],
+            conduct,
+            living=living,
+            engine=engine,
+            **keep_option(keep=keep),
         )
         run, found = conducted.run, conducted.found or EventResults()
         if pace is not None and found.pace is not None:
@@ -116,7 +124,9 @@ def run_system(
     else:
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
-            session = living.enter_context(Session(system, [*observers, watcher], engine=engine))
+            session = living.enter_context(
+                Session(system, [*observers, watcher], engine=engine, **keep_option(keep=keep))
+            )
             found = conduct(session)
             session.deliver()
             run = session.result(complete=True)
