@@ -138,7 +138,7 @@ class Loop:
         if self.complete < comm_points.ready:
             return
         if not self._keep:
-            self._wiring.give_back(self.complete)
+            self._wiring.give_back(min(self.complete, self._dispatch.unread))
         if not comm_points.crossing:
             self._wiring.extend()
 

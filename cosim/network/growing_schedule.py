@@ -223,14 +223,20 @@ class GrowingSchedule:
         """
         return self._received_at(points_ns).sent_in_use(points_ns)
 
-    def state(self, points_ns: ArrayLike) -> LinkState:
+    def state(self, points_ns: ArrayLike, *, broken_off: bool = False) -> LinkState:
         """Return age, sequence number, and how many were dropped and delivered, at each point.
+
+        `broken_off` : also at the horizon of a live link, as in `finish`.
 
         Raises
         ------
         InputError : a point that is not final yet, or was forgotten.
         """
-        return self._received_at(points_ns).state(points_ns)
+        if not broken_off or not self.is_live:
+            return self._received_at(points_ns).state(points_ns)
+        points = np.asarray(points_ns, np.int64)
+        self._check_remembered(int(points.min(initial=self._horizon_ns)))
+        return self._received_by(int(points.max(initial=0))).received().state(points)
 
     def oldest_awaited_ns(self, time_ns: int) -> int:
         """When the oldest message was sent that is in use at an instant, or arrives later [ns].
@@ -249,7 +255,7 @@ class GrowingSchedule:
             *self._pending.sent_ns.tolist(),
             *(what.sent_ns for _, _, what in self._due),
         ]
-        return min(sent)
+        return int(min(sent))
 
     def arrivals(self, first: int = 0) -> Arrivals:
         """Return the arrivals and drops that are final, from the `first`-th of the run on.
@@ -299,14 +305,7 @@ class GrowingSchedule:
         end = int(end_ns)
         sent = self._sent_by(end, broken_off=broken_off)
         self._check_remembered(end + 1)
-        record = self._record
-        if self._horizon_ns <= end:
-            # what arrives at the end itself, with messages that are sent only then left out
-            record = record.copy()
-            for time_ns, _, what in sorted(self._due):
-                if time_ns <= end:
-                    record.receive(time_ns, what)
-        received = record.received()
+        received = self._received_by(end).received()
         received = received.first(int(received.up_to(end)))
         copies = self._copies_forgotten + bisect_right(self._copies, end)
         last = received.after(received.message.size)
@@ -338,6 +337,16 @@ class GrowingSchedule:
             _copies=self._copies[:],
         )
         return twin
+
+    def _received_by(self, end: int) -> ReceivedRecord:
+        """Return what is received by an instant, without what is sent only then."""
+        record = self._record
+        if self._horizon_ns <= end:
+            record = record.copy()
+            for time_ns, _, what in sorted(self._due):
+                if time_ns <= end:
+                    record.receive(time_ns, what)
+        return record
 
     def _sent_by(self, end: int, *, broken_off: bool) -> int:
         """Return how many messages a run that ended at `end` sent; check that they are known."""

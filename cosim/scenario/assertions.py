@@ -15,7 +15,6 @@ from cosim.scenario.events import AssertionPart
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure
 from cosim.scenario.origin import Findings
-from cosim.scenario.run_rows import end_ns, point_count
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import bind_condition
@@ -121,7 +120,7 @@ class _Watched:
         self._verdict.add(seconds, inside, holds, since)
 
     def result(self, run: Run) -> AssertionResult:
-        last_s = end_ns(run) / 1e9 if point_count(run) else -1.0
+        last_s = run.end_ns / 1e9 if run.count else -1.0
         whole = run.status == "finished" or last_s >= self._before
         # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
         rest: Result = "undecided" if run.status == "stopped" else "fails"

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Route, Run, System
 from cosim.network import PacketLink, TransportLink
+from cosim.scenario.link_rows import changes_between, messages_in_use
 from cosim.scenario.measure import Measure, after, measured, own_points_in
-from cosim.scenario.run_rows import LinkChanges, end_ns, messages_in_use, point_count
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
@@ -52,8 +52,7 @@ class CouplingMeasure(Measure[dict[str, float]]):
                 link = None if name is None else self._system.links[name]
                 delay: _RouteDelay
                 if isinstance(link, PacketLink):
-                    changes = LinkChanges(self._system, link.name)
-                    delay = _MessageDelay(receiver, route, by_name[route.source], changes)
+                    delay = _MessageDelay(receiver, route, by_name[route.source])
                 else:
                     delay = _SignalDelay(receiver, route, link)
                 self._delays.append((words, delay))
@@ -66,8 +65,8 @@ class CouplingMeasure(Measure[dict[str, float]]):
     def result(self, run: Run) -> dict[str, float]:
         """Return the delays; a step that the run broke off counts up to there."""
         found: dict[str, float] = {}
-        for words, delay in self._delays if point_count(run) > 1 else ():
-            late = float(delay.largest_ns(end_ns(run))) / 1e9
+        for words, delay in self._delays if run.count > 1 else ():
+            late = float(delay.largest_ns(run.end_ns)) / 1e9
             found[words] = max(late, found.get(words, 0.0))
         return dict(sorted(found.items()))
 
@@ -138,9 +137,8 @@ class _MessageDelay:
         receiver: ComponentInstance,
         route: Route,
         sender: ComponentInstance,
-        changes: LinkChanges,
     ) -> None:
-        self._receiver, self._sender, self._changes = receiver, sender, changes
+        self._receiver, self._sender = receiver, sender
         self._link = str(route.route_key.link)
         self._later = route.route_key.policy == "previous"
         self._largest = 0
@@ -153,7 +151,8 @@ class _MessageDelay:
     def add(self, first: int, last: int) -> None:
         """Take steps."""
         points = self._receiver.comm_points.points_ns
-        changes = self._changes.between(self._receiver, self._point_ns, int(points[last - 1]))
+        until_ns = int(points[last - 1])
+        changes = changes_between(self._receiver, self._link, self._point_ns, until_ns)
         if self._following is not None and changes.size:
             self._following = np.minimum(self._following, changes[:1])
         own = own_points_in(self._receiver, first, last)

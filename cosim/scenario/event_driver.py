@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from cosim.core import InputError
 from cosim.master import Cause, ComponentInstance, Connection, Pace, Run, Session, System
-from cosim.scenario.run_rows import end_ns, point_count
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Action, Event
 
@@ -265,7 +264,7 @@ def ended_by_event(run: Run, stopped: str | None) -> Run:
     interrupted = run.cause is not None and run.cause.kind == "interrupted"
     if stopped is None or interrupted or run.status not in ("finished", "stopped"):
         return run
-    at = end_ns(run) / 1e9 if point_count(run) else None
+    at = run.end_ns / 1e9 if run.count else None
     cause = Cause("event", time_s=at, detail=stopped)
     return replace(run, status="stopped", reason=stopped, cause=cause)
 

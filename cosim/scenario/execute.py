@@ -35,7 +35,6 @@ from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, refused_entries, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_metadata import run_metadata_of
-from cosim.scenario.run_rows import end_ns, link_statistics, point_count
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
@@ -278,7 +277,7 @@ class _Runs:
     def outcome(self, trace: Path | None, began: float) -> Outcome:
         """Return the outcome of both; `began` : when the first did, of `time.perf_counter`."""
         prepared, run = self._prepared, self._completed.run
-        links = link_statistics(run)
+        links = {name: dict(figures) for name, figures in run.statistics.items()}
         context = RunContext(
             prepared.loaded.scenario,
             prepared.problem,
@@ -298,8 +297,8 @@ class _Runs:
             reason=run.reason,
             trace=trace,
             content_hash=None,
-            steps=max(point_count(run) - 1, 0),
-            simulated_s=end_ns(run) / 1e9,
+            steps=max(run.count - 1, 0),
+            simulated_s=run.end_ns / 1e9,
             wall_s=time.perf_counter() - began,
             final=final_values(self._figures),
             metrics=metrics_of(context),

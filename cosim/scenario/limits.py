@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.measure import Measure, after, measured
-from cosim.scenario.run_rows import planned_end_ns
 from cosim.scenario.signal_reader import SignalReader
 
 _SHARED = {
@@ -82,7 +81,7 @@ class SaturationMeasure(Measure[Saturation | None]):
         self._sides: list[NDArray[np.float64]] = [np.zeros(0) for _ in self._names]
         self._reversals = [0] * len(self._names)
         self._instance = instance
-        self._last_quarter_ns = planned_end_ns(instance) * 3 // 4
+        self._last_quarter_ns = instance.comm_points.end_ns * 3 // 4
 
     def add(self, first: int, last: int) -> None:
         """Take the commands at the points; each lasts to the next point."""

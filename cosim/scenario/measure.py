@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Observer, Run
-from cosim.scenario.run_rows import oldest_row, point_count
 
 R_co = TypeVar("R_co", covariant=True)
 D = TypeVar("D", np.int64, np.float64)
@@ -46,8 +45,8 @@ class Measure(Protocol[R_co]):
 def measured(run: Run, measure: Measure[R_co]) -> R_co:
     """Return the quantity of a whole run that has kept its rows."""
     measure.begin(run.instances)
-    if point_count(run):
-        measure.add(0, point_count(run))
+    if run.count:
+        measure.add(0, run.count)
     return measure.result(run)
 
 
@@ -123,7 +122,7 @@ class Recent:
     def add(self, values: NDArray[np.int64], instance: ComponentInstance) -> None:
         """Add the values of the next rows; forget rows that no route reads any more."""
         if self._last - self._first + values.size > self._values.size:
-            oldest = min(max(oldest_row(instance), self._first), self._last)
+            oldest = min(max(instance.comm_points.oldest, self._first), self._last)
             kept = self._values[oldest - self._first : self._last - self._first]
             self._values = np.zeros(2 * (kept.size + values.size), np.int64)
             self._values[: kept.size] = kept

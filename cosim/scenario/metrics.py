@@ -30,7 +30,6 @@ from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import is_plant_of, is_vehicle_of
 from cosim.scenario.preparation import PreparedScenario
-from cosim.scenario.run_rows import point_count
 from cosim.scenario.schema import Scenario
 from cosim.trace import AssertionResult
 
@@ -198,7 +197,7 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
 
 def _coupling(context: RunContext) -> dict[str, Any]:
     """Return the largest coupling delay, and that of each connection where they may differ."""
-    if point_count(context.run) < 2:
+    if context.run.count < 2:
         return {"coupling_delay_s": None}
     delays, cut = context.figures.coupling_delays_s, context.figures.cut_delays_s
     own, system = context.scenario.components.values(), context.system

@@ -13,9 +13,9 @@ from cosim.fmu import Port
 from cosim.master import LINK_STATE, ComponentInstance, Endpoint, System, element_names
 from cosim.network import PacketLink
 from cosim.scenario.binding import Meaning, check_name
+from cosim.scenario.link_rows import link_state
 from cosim.scenario.matching import endpoint
 from cosim.scenario.quantity import NUMBER_ONLY, TIME
-from cosim.scenario.run_rows import link_state
 from cosim.scenario.signal_reader import SignalReader
 from cosim.scenario.units import unit_of
 

@@ -7,10 +7,18 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from cosim.core import Progress
-from cosim.master import EngineName, Observer, Pace, Run, Session, Supervisor, System
+from cosim.master import (
+    ComponentInstance,
+    EngineName,
+    Observer,
+    Pace,
+    Run,
+    Session,
+    Supervisor,
+    System,
+)
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.interrupt import DeferredInterrupt
-from cosim.scenario.run_rows import keep_option, most_points
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Event
 
@@ -27,12 +35,12 @@ class ProgressObserver(Observer):
         report_progress: Progress,
         interruption: DeferredInterrupt | None = None,
     ) -> None:
-        self._points = most_points(system)
+        self._end_ns = system.comm_schedule.end_ns
         self._what, self._report_progress, self._interruption = what, report_progress, interruption
 
-    def begin(self, instances: object) -> None:
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Report the start."""
-        del instances
+        self._points_ns = instances[0].comm_points.points_ns if instances else None
         self.rows_complete(0, 0)
 
     def rows_complete(self, first: int, last: int) -> None:
@@ -40,7 +48,8 @@ class ProgressObserver(Observer):
         del first
         if self._interruption is not None:
             self._interruption.raise_if_requested()
-        self._report_progress(self._what, last / self._points)
+        now = int(self._points_ns[last - 1]) if last and self._points_ns is not None else 0
+        self._report_progress(self._what, now / self._end_ns)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Do nothing: log lines go to the trace."""
@@ -116,7 +125,7 @@ def run_system(
             conduct,
             living=living,
             engine=engine,
-            **keep_option(keep=keep),
+            keep=keep,
         )
         run, found = conducted.run, conducted.found or EventResults()
         if pace is not None and found.pace is not None:
@@ -125,7 +134,7 @@ def run_system(
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
             session = living.enter_context(
-                Session(system, [*observers, watcher], engine=engine, **keep_option(keep=keep))
+                Session(system, [*observers, watcher], engine=engine, keep=keep)
             )
             found = conduct(session)
             session.deliver()

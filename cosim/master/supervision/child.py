@@ -227,7 +227,7 @@ class _Report(ObserverDispatch):
         Rows alone are told every few milliseconds, since segments may be of a single point; at the
         end of the run the parent looks for the rest itself.
         """
-        self._shared.complete = complete
+        self._shared.complete = self.delivered = complete
         now = time.monotonic()
         if self._lines_wait or now - self._reported_at > _REPORT_S:
             self._lines_wait, self._reported_at = False, now

@@ -302,7 +302,7 @@ class FollowedRun:
         self._make_ready(complete)
         self._dispatch.deliver(complete)
         if not self._keep:
-            self._wiring.give_back(complete)
+            self._wiring.give_back(min(complete, self._dispatch.unread))
         self._shared.delivered = complete
 
     def _make_ready(self, complete: int) -> None:
