@@ -285,8 +285,7 @@ class GrowingSchedule:
             # what arrives at the end itself, with messages that are sent only then left out
             record = record.copy()
             for time_ns, _, what in sorted(self._due):
-                if time_ns <= end:
-                    record.receive(time_ns, what)
+                record.receive(time_ns, what)
         received = record.received()
         received = received.first(int(received.up_to(end)))
         copies = self._copies_forgotten + bisect_right(self._copies, end)
