@@ -339,13 +339,12 @@ class GrowingSchedule:
         return twin
 
     def _received_by(self, end: int) -> ReceivedRecord:
-        """Return what is received by an instant, without what is sent only then."""
+        """Return what is received by an instant, and later of what was sent before it."""
         record = self._record
         if self._horizon_ns <= end:
             record = record.copy()
             for time_ns, _, what in sorted(self._due):
-                if time_ns <= end:
-                    record.receive(time_ns, what)
+                record.receive(time_ns, what)
         return record
 
     def _sent_by(self, end: int, *, broken_off: bool) -> int:
