@@ -32,7 +32,6 @@ from .keys import (
     WordOrNumberKey as WordOrNumberKey,
     keys_of as keys_of,
 )
-from .live import LiveSchedule as LiveSchedule
 from .messages import sending_instants as sending_instants
 from .packet import (
     Order as Order,
