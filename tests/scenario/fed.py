@@ -30,11 +30,16 @@ def random_blocks(count: int, seed: int, longest: int = 50) -> list[int]:
     return cuts
 
 
-def fed(run: Run, measures: Sequence[Measure[Any]], cuts: Sequence[int]) -> list[Any]:
-    """The results of measures that received the rows of a run in these blocks."""
+def fed(
+    run: Run, measures: Sequence[Measure[Any]], cuts: Sequence[int], *, alone: bool = False
+) -> list[Any]:
+    """The results of measures that received the rows of a run in these blocks.
+
+    `alone` : nothing is readable but the block itself, not even what routes read.
+    """
     for measure in measures:
         measure.begin(run.instances)
-    with Release(run).readable() as release:
+    with Release(run, alone=alone).readable() as release:
         for first, last in itertools.pairwise(cuts):
             release.advance(first, last)
             for measure in measures:
@@ -45,7 +50,7 @@ def fed(run: Run, measures: Sequence[Measure[Any]], cuts: Sequence[int]) -> list
 class Release:
     """The arrays of a run: what is yet to come is not there, what no route reads is gone."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, *, alone: bool = False) -> None:
         self._comm_points = run.instances[0].comm_points
         routes = [route.in_step for instance in run.instances for route in instance.routes]
         own = [instance.own_points for instance in run.instances]
@@ -57,8 +62,8 @@ class Release:
         unique = {id(array): (array, later) for array, later in arrays if array is not None}
         self._arrays = [(array, array.copy(), later) for array, later in unique.values()]
         size = self._comm_points.points_ns.size
-        needed = np.arange(size) - 1
-        for used in routes:
+        needed = np.arange(size) - (not alone)
+        for used in () if alone else routes:
             rows = used.row[:size]
             needed = np.minimum(needed, np.where(rows >= 0, rows, size))
         self._oldest = np.maximum(np.minimum.accumulate(needed[::-1])[::-1], 0)

@@ -187,6 +187,10 @@ def test_blocks_of_random_systems(random_runs: RandomRuns, seed: int) -> None:
         measures = measures_of(system, parts)
         found = fed(run, list(measures.values()), cuts)
         assert repr(dict(zip(measures, found, strict=True))) == repr(whole)
+    names = ("last outputs", "largest", "saturation", "gain", "cut")
+    bare = [measures_of(system, parts)[name] for name in names]
+    found = fed(run, bare, blocks_of_one(count), alone=True)
+    assert repr(found) == repr([whole[name] for name in names])
     expected = truths(system, run)
     assert repr({name: whole[name] for name in expected}) == repr(expected)
     if count > 1:  # a run of one point has no schedules
