@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-import zipfile
 from pathlib import Path
 
-import fmpy
+from compiled import compile_fmu
 
 CALLS = ("nothing", "step", "get", "set", "enter", "exit", "terminate", "free")
 """Value of fail_in, by place."""
@@ -49,14 +47,5 @@ _3 = """<?xml version="1.0" encoding="UTF-8"?>
 
 def faulty_fmu(folder: Path, version: str, name: str) -> Path:
     """name.fmu, compiled by the system's compiler; FMUs of two names are two FMUs."""
-    library = folder / f"{name}{fmpy.sharedLibraryExtension}"
-    source = Path(__file__).with_name("faulty.c")
-    command = ["cc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-o", str(library)]
-    subprocess.run(command, check=True)  # noqa: S603 - our own source
-    path = folder / f"{name}.fmu"
-    place = fmpy.platform if version == "2.0" else fmpy.platform_tuple
-    with zipfile.ZipFile(path, "w") as archive:
-        text = (_2 if version == "2.0" else _3).format(name=name)
-        archive.writestr("modelDescription.xml", text)
-        archive.write(library, f"binaries/{place}/{library.name}")
-    return path
+    description = (_2 if version == "2.0" else _3).format(name=name)
+    return compile_fmu(Path(__file__).with_name("faulty.c"), description, folder / f"{name}.fmu")
