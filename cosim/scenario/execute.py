@@ -92,6 +92,7 @@ def execute_run(
                 events=events,
                 pace=pace,
                 supervisor=supervisor,
+                call_limit=supervision.limits.call,
             )
         except ComponentError as error:
             writer.finish(refused_entries(error))
@@ -152,6 +153,7 @@ def execute_unrecorded(
             events=events,
             pace=pace,
             supervisor=supervisor,
+            call_limit=None if supervision is None else supervision.limits.call,
         )
         beside = None
         if zero_state_run:

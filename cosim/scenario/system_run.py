@@ -90,6 +90,7 @@ def run_system(
     events: Sequence[Event] = (),
     pace: Pace | None = None,
     supervisor: Supervisor | None = None,
+    call_limit: float | None = None,
 ) -> CompletedRun:
     """Run a system from its start to its end, or to where an event stops it.
 
@@ -99,6 +100,7 @@ def run_system(
     living : ends the slaves when it is closed; close it when the run is on disk, since some FMUs
         end the process with them.
     supervisor : executes the run in its child process; None: in this process.
+    call_limit : of one call of an isolated slave in this process [s]; None: no limit.
 
     Raises
     ------
@@ -116,7 +118,7 @@ def run_system(
     else:
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
-            session = living.enter_context(Session(system, [*observers, watcher], engine=engine))
+            session = living.enter_context(Session(system, [*observers, watcher], engine=engine, call_limit=call_limit))
             found = conduct(session)
             session.deliver()
             run = session.result(complete=True)
