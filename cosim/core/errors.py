@@ -85,8 +85,8 @@ class LossError(CosimError):
 class ComponentError(CosimError):
     """A component (an FMU) failed to load, initialise or step.
 
-    `kind`, `component`, `call` : how the process of an isolated component ended, and in which FMI
-    call, as in the cause of a run; None for a component that answered.
+    `kind`, `component`, `call`, `detail` : how the process of an isolated component ended, and in
+    which FMI call, as in the cause of a run; None for a component that answered.
     """
 
     exit_code = 4
@@ -98,9 +98,10 @@ class ComponentError(CosimError):
         kind: str | None = None,
         component: str | None = None,
         call: str | None = None,
+        detail: str | None = None,
         **more: str | None,
     ) -> None:
-        self.kind, self.component, self.call = kind, component, call
+        self.kind, self.component, self.call, self.detail = kind, component, call, detail
         super().__init__(what, **more)
 
 

@@ -55,8 +55,7 @@ class Cause:
     def of_error(cls, error: ComponentError, time_s: float | None) -> Self:
         """Return the cause that an error of a component is, at a time [s]."""
         kind = cast("CauseKind", error.kind or "refused")
-        detail = error.text() if error.kind is None else error.what
-        return cls(kind, error.component, error.call, time_s, detail)
+        return cls(kind, error.component, error.call, time_s, error.detail or error.text())
 
     @property
     def failure(self) -> bool:

@@ -7,8 +7,7 @@ import mmap
 import os
 import sys
 import tempfile
-from collections.abc import Callable
-from ctypes import c_char_p, c_int, c_int32, c_int64, c_uint32, c_uint64, c_void_p
+from ctypes import c_char_p, c_int32, c_int64, c_uint32, c_uint64, c_void_p
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
@@ -22,7 +21,6 @@ DATA: Final = 256
 """Where references and values begin in the shared memory."""
 FUTEX: Final = sys.platform == "linux"
 """Whether processes sleep on a futex; elsewhere on a pipe."""
-_LOOK = ctypes.CFUNCTYPE(c_int, c_int64)
 
 
 class Channel(ctypes.Structure):
@@ -33,7 +31,7 @@ class Channel(ctypes.Structure):
         ("room", c_uint64),
         ("own", c_int32),
         ("other", c_int32),
-        ("look", _LOOK),
+        ("look", c_void_p),
         ("function", c_int32),
         ("given_up", c_int32),
         ("lines", c_uint32),
@@ -135,11 +133,9 @@ def reserve(size: int) -> int:
     return descriptor
 
 
-def make_channel(
-    memory: SharedMemory, bells: tuple[int, int], look: Callable[[int], int]
-) -> Channel:
-    """Make the master's side; `look` is called with the nanoseconds that a call has taken."""
-    return Channel(memory.address, memory.size - DATA, *bells, _LOOK(look))
+def make_channel(memory: SharedMemory, bells: tuple[int, int], look: int) -> Channel:
+    """Make the master's side; `look` : address of int(int64_t), see `Channel` of channel.c."""
+    return Channel(memory.address, memory.size - DATA, *bells, look)
 
 
 def make_server(memory: SharedMemory, bells: tuple[int, int]) -> Server:

@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from multiprocessing.connection import Connection, Pipe
 from typing import Any, Final, Literal
 
@@ -116,7 +116,7 @@ class SlaveProcess:
             hint="its standard error may say why; or isolate = false",
         )
 
-    def channel(self, look: Callable[[int], int]) -> Channel:
+    def channel(self, look: int = 0) -> Channel:
         """Make the master's side of its channel; see `make_channel`."""
         return make_channel(self._memory, self._bells, look)
 
@@ -154,7 +154,7 @@ class SlaveProcess:
         if self.connection.closed:
             return
         self.connection.close()
-        channel = self.channel(lambda _waited: 0)
+        channel = self.channel()
         channel_library().announce_message(ctypes.addressof(channel))
         self.wait(_PATIENCE_S)
         _close(*self._bells)

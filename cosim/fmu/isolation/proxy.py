@@ -6,11 +6,13 @@ import ctypes
 import time
 import weakref
 from collections.abc import Callable
-from ctypes import c_char_p, c_int, c_size_t, c_uint32, c_void_p
+from ctypes import c_char_p, c_uint32
 from functools import partial
 from itertools import count
+from types import MappingProxyType
 from typing import Any, Final
 
+from cffi import FFI
 from fmpy.fmi1 import FMICallException
 
 from cosim.core import DEATH_HINTS, ComponentError, death_of
@@ -25,8 +27,14 @@ _LIMIT_HINT: Final = (
     "a greater limit: --limit call=..., or limits.call in the scenario; none for no limit"
 )
 _PATIENCE_S: Final = 1.0
-_TEXT_FUNCTION: Final = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_size_t, c_void_p)
-_TEXT_FUNCTION_3: Final = ctypes.CFUNCTYPE(c_int, c_void_p, c_void_p, c_size_t, c_void_p, c_size_t)
+_FFI: Final = FFI()
+_LOOK: Final = "int(int64_t)"
+_TEXT_FUNCTIONS: Final = MappingProxyType(
+    {
+        "fmi2": "int(void *, uintptr_t, size_t, uintptr_t)",
+        "fmi3": "int(void *, uintptr_t, size_t, uintptr_t, size_t)",
+    }
+)
 
 
 class Death:
@@ -69,6 +77,7 @@ class Death:
             kind=self._kind,
             component=self._component,
             call=self._call,
+            detail=self._words,
         )
 
 
@@ -94,14 +103,15 @@ class IsolatedSlave:
         self.death: Death | None = None
         self._process, self._library = process, channel_library()
         this = weakref.ref(self)  # a reference to itself would leave it to the garbage collector
-        self._channel = process.channel(lambda waited_ns: _looked(this, waited_ns))
+        self._kept: list[Any] = []  # the addresses of functions point to these
+        look = self._callback(_LOOK, lambda waited_ns: _looked(this, waited_ns), 1)
+        self._channel = process.channel(look)
         self._address = ctypes.addressof(self._channel)
         self._numbers = count(1)
         self._environment = 0
         self._call: str | None = None
         self._made = self._runs = False
         self._texts: list[bytes | None] = []
-        self._kept: list[Any] = []
         self._request("load", binary, component, where)
 
     def __getattr__(self, method: str) -> Callable[..., Any]:
@@ -131,9 +141,7 @@ class IsolatedSlave:
         self._request("provide", name, number)
         if number:
             return int(self._library.proxy_of(number))
-        proxy = self._text_proxy(name)
-        self._kept.append(proxy)
-        return int(ctypes.cast(proxy, c_void_p).value or 0)
+        return self._text_proxy(name)
 
     def exitInitializationMode(self) -> None:
         """Leave initialization mode: the limit of calls holds from now on."""
@@ -226,17 +234,12 @@ class IsolatedSlave:
         """Take log lines, and return whether to give up a call of the loop that lasts so long."""
         try:
             self._take_lines()
-            if not waited_ns:
-                return 0
-            status = self._process.exit_status()
-            if status is not None:
-                self._note_end(status)
-            return int(status is not None or self._exceeds(waited_ns / 1e9))
+            status = self._process.exit_status() if waited_ns else None
         except (EOFError, OSError):
-            self._note_end(self._process.wait(_PATIENCE_S))
-        except BaseException as error:  # noqa: BLE001 - raised when the loop has returned
-            self._give_up("interrupted", "interrupted", error)
-        return 1
+            status = self._process.wait(_PATIENCE_S)
+        if status is not None:
+            self._note_end(status)
+        return int(status is not None or self._exceeds(waited_ns / 1e9))
 
     def _take_lines(self) -> None:
         connection = self._process.connection
@@ -274,11 +277,33 @@ class IsolatedSlave:
         except (EOFError, OSError):
             return
 
-    def _text_proxy(self, name: str) -> Any:
-        """Make the proxy of fmiNGetString or fmiNSetString."""
+    def _callback(self, form: str, function: Callable[..., int], given_up: int) -> int:
+        """Return the address of a function in Python that C calls.
+
+        An exception in it, such as Ctrl-C, which comes before its first line, gives the slave up,
+        and is raised when the loop has returned; C gets `given_up`.
+        """
         this = weakref.ref(self)
 
-        def exchange(_: int, references: int, number: int, values: int, *size: int) -> int:
+        def note(_kind: object, error: BaseException, _trace: object) -> None:
+            slave = this()
+            if slave is not None:
+                slave.give_up_for(error)
+
+        made = _FFI.callback(form, function, error=given_up, onerror=note)
+        self._kept.append(made)
+        return int(_FFI.cast("uintptr_t", made))
+
+    def give_up_for(self, error: BaseException) -> None:
+        """Give the slave up for an exception while it was waited for."""
+        if self.death is None:
+            self._give_up("interrupted", "interrupted", error)
+
+    def _text_proxy(self, name: str) -> int:
+        """Make the proxy of fmiNGetString or fmiNSetString and return its address."""
+        this = weakref.ref(self)
+
+        def exchange(_: object, references: int, number: int, values: int, *size: int) -> int:
             slave = this()
             if slave is None:
                 return GONE
@@ -286,7 +311,7 @@ class IsolatedSlave:
             texts = (c_char_p * (size[0] if size else number)).from_address(values)
             return slave.exchange_texts(name, wanted, texts, *size)
 
-        return (_TEXT_FUNCTION if name.startswith("fmi2") else _TEXT_FUNCTION_3)(exchange)
+        return self._callback(_TEXT_FUNCTIONS[name[:4]], exchange, GONE)
 
     def exchange_texts(self, name: str, references: list[int], texts: Any, *size: int) -> int:
         """Get or set Strings and return the status."""
@@ -299,9 +324,7 @@ class IsolatedSlave:
                 self._request("setString", references, given, relayed=False)
         except FMICallException as error:
             return int(error.status)
-        except BaseException:
-            if self.death is None:
-                raise
+        except ComponentError:
             return GONE
         return 0
 
