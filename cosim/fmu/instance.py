@@ -109,18 +109,27 @@ class Instance:
                 raise InputError.unknown("log category", category, known, where=self._where)
 
     def _check_alone(self) -> None:
-        if not self.description.can_be_instantiated_only_once or self._process is not None:
+        if not self.description.can_be_instantiated_only_once:
             return
-        for other in _open_instances:
-            if other._process is not None:  # noqa: SLF001 - of the same class
-                continue
-            if other.description.sha256 == self.description.sha256 and other.phase != "closed":
+        for other in self._of_this_fmu_here():
+            if other.phase != "closed":
                 raise InputError(
                     "this FMU can be instantiated only once in a process",
                     where=self._where,
                     got=f"component {other.name!r} is an instance of it",
                     hint="isolate = true for all of its components but one, or for all",
                 )
+
+    def _of_this_fmu_here(self) -> list[Instance]:
+        """Return all open instances of its FMU in the same process."""
+        if self._process is not None:  # isolated: it is there alone
+            return []
+        digest = self.description.sha256
+        return [
+            other
+            for other in _open_instances
+            if other._process is None and other.description.sha256 == digest  # noqa: SLF001
+        ]
 
     def _instantiate(self) -> None:
         try:
@@ -235,12 +244,11 @@ class Instance:
         )
 
     def _abandon_all(self, status: int) -> None:
-        """After Fatal, stop calling all instances of this FMU."""
+        """After Fatal, stop calling all instances of this FMU in the same process."""
         if status == FATAL:
             self._fatal = True
-            for other in _open_instances if self._process is None else ():
-                if other._process is None and other.description.sha256 == self.description.sha256:
-                    other._fatal = True
+            for other in self._of_this_fmu_here():
+                other._fatal = True  # noqa: SLF001 - of the same class
 
     def end(self, *, terminate: bool) -> None:
         """Free the instance and unload its library."""

@@ -60,7 +60,8 @@ class Session:
     Raises
     ------
     InputError : a system with an algebraic loop, a parameter that does not exist, an engine that
-        is not installed, isolated components on a system that has no way to isolate them. (From `__enter__`: the FMUs are loaded there.)
+        is not installed, isolated components on a system that has no way to isolate them. (From
+        `__enter__`: the FMUs are loaded there.)
     ComponentError : an FMU that cannot be loaded or initialised.
     """
 

@@ -118,7 +118,9 @@ def run_system(
     else:
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
-            session = living.enter_context(Session(system, [*observers, watcher], engine=engine, call_limit=call_limit))
+            session = living.enter_context(
+                Session(system, [*observers, watcher], engine=engine, call_limit=call_limit)
+            )
             found = conduct(session)
             session.deliver()
             run = session.result(complete=True)

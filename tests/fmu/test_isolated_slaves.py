@@ -47,7 +47,7 @@ def forked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(params=["futex", "pipes"])
-def bell(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, forked: None) -> Any:
+def bell(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
     """What the processes sleep on: Linux has the futex; pipes are for all others."""
     for module in (channel_module, process_module):
         monkeypatch.setattr(module, "FUTEX", request.param == "futex")
@@ -91,7 +91,7 @@ def used(slave: FmuSlave, value: Any) -> list[Any]:
     return [*found, slave.read([f"{kind}.out" for kind in TYPES])]
 
 
-@pytest.mark.usefixtures("bell")
+@pytest.mark.usefixtures("forked", "bell")
 def test_values_and_log_lines_are_those_of_a_slave_here(fmi3: FmuDescription) -> None:
     """Every type of FMI 3.0, Strings included; lines of the call are there when it returns."""
     logs, found = (Log(), Log()), []
@@ -204,7 +204,7 @@ def test_process_is_forked_only_where_nothing_foreign_was_loaded(fmi2: FmuDescri
 DEATHS = {"segfault": "SIGSEGV", "kill": "SIGKILL", "exit-0": "exit code 0", "abort": "SIGABRT"}
 
 
-@pytest.mark.usefixtures("bell")
+@pytest.mark.usefixtures("forked", "bell")
 @pytest.mark.parametrize("fault", DEATHS)
 def test_death_is_named_at_once(tmp_path: Path, fault: str) -> None:
     """In a call over the pipe: component, call, what killed it; others go on, closing is quiet."""
@@ -246,7 +246,9 @@ def test_call_has_a_limit_once_it_is_initialised(tmp_path: Path) -> None:
     with isolated_slave(hostile(tmp_path), call_limit=0.2) as slave:
         slave.initialise(misbehaviour("hang-deaf", "step"), 0.0, None)
         began = time.monotonic()
-        with pytest.raises(ComponentError, match=r"no answer within 0\.2 s in fmi2DoStep") as caught:
+        with pytest.raises(
+            ComponentError, match=r"no answer within 0\.2 s in fmi2DoStep"
+        ) as caught:
             slave.step(0.0, 0.5)
         assert 0.2 <= time.monotonic() - began < 1.5
         assert caught.value.kind == "timed-out"
@@ -316,7 +318,9 @@ def test_where_it_cannot_be_a_message_says_so(
     """On Windows; and without a C compiler where the library is not there yet."""
     channel_library.cache_clear()
     monkeypatch.setattr(channel_module.sys, "platform", "win32")
-    with pytest.raises(InputError, match=r"cannot be isolated on this system[\s\S]*isolate = false"):
+    with pytest.raises(
+        InputError, match=r"cannot be isolated on this system[\s\S]*isolate = false"
+    ):
         SlaveProcess("it", fmi2)
     monkeypatch.undo()
     monkeypatch.setattr(channel_module, "compiled_library", refused)

@@ -182,9 +182,7 @@ def run_row(
     )
 
 
-def _write_scenario(
-    row: Row, home: Path, counts: Path, *, limits: bool, isolate: bool
-) -> None:
+def _write_scenario(row: Row, home: Path, counts: Path, *, limits: bool, isolate: bool) -> None:
     other = "3.0" if row.version == "2.0" else "2.0"
     hostile_fmu(home, row.version, "h", fault=row.fault, call=row.call, at=at(row), counts=counts)
     hostile_fmu(home, other, "s")

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import test_kernel_agrees
 from foreign.c_fmu import c_fmu, every, talker
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from isolated import children
@@ -23,7 +24,6 @@ from test_foreign_slaves import system_of
 from test_kernel_agrees import random_system, run_random
 
 import cosim.fmu.isolation.process as process_module
-import test_kernel_agrees
 from cosim.core import ComponentError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import (
@@ -196,7 +196,11 @@ def pair(folder: Path, version: str, fault: str, call: str, **more: float) -> Sy
     return System(components, wires, {}, {}, make_schedule({}, 10**8, 10**9, "grid"))
 
 
-CALLS = {"get": ("GetReal", "GetFloat64"), "set": ("SetReal", "SetFloat64"), "step": ("DoStep",) * 2}
+CALLS = {
+    "get": ("GetReal", "GetFloat64"),
+    "set": ("SetReal", "SetFloat64"),
+    "step": ("DoStep",) * 2,
+}
 
 
 @pytest.mark.parametrize("engine", ["kernel", "python"])

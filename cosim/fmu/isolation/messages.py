@@ -1,6 +1,7 @@
 """The messages between the process of the master and that of an isolated slave, pickled tuples.
 
-To the slave: `(number, method, arguments, options)`: a method of FMPy's slave, or one of `server.Servant`.
+To the slave: `(number, method, arguments, options)`: a method of FMPy's slave, or one of the
+server.
 To the master, in order: see the names below.
 """
 
@@ -17,7 +18,7 @@ from fmpy.fmi1 import FMICallException
 READY: Final = "ready"
 """The process is there."""
 LINE: Final = "line"
-"""status, category, message: a log line of the FMU, as `cosim.fmu.messages.MessageSink` takes it."""
+"""status, category, message: a log line of the FMU, as a `MessageSink` takes it."""
 BEGIN, END = "begin", "end"
 """name of a call: a call that is none of the loop begins; it has returned."""
 RETURNED: Final = "returned"

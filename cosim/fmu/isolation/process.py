@@ -16,7 +16,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterable
-from multiprocessing.connection import Connection, Pipe
+from multiprocessing.connection import Pipe
 from typing import Any, Final, Literal
 
 import cosim.fmu.isolation.server as of_server

@@ -290,9 +290,10 @@ class IsolatedSlave:
             if slave is not None:
                 slave.give_up_for(error)
 
-        made = _FFI.callback(form, function, error=given_up, onerror=note)
+        made: Any = _FFI.callback(form, function, error=given_up, onerror=note)
         self._kept.append(made)
-        return int(_FFI.cast("uintptr_t", made))
+        address: Any = _FFI.cast("uintptr_t", made)
+        return int(address)
 
     def give_up_for(self, error: BaseException) -> None:
         """Give the slave up for an exception while it was waited for."""

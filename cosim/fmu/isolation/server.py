@@ -8,7 +8,7 @@ import os
 import pickle
 import threading
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Final
 
 from cosim.core import flush_output, prepare_for_foreign_code
 from cosim.fmu.binary import Binary, load_slave
@@ -50,6 +50,10 @@ def main(
         os._exit(0)
 
 
+_OWN: Final = ("load", "make_instance", "provide")
+"""Methods of the server; all others are those of the slave."""
+
+
 class _Servant:
     """Serves one slave."""
 
@@ -72,10 +76,8 @@ class _Servant:
                 number, method, arguments, options = unpacked(self._connection.recv_bytes())
             except (EOFError, OSError):
                 return
-            own = {"load": self._load, "make_instance": self._make_instance}
-            own |= {"provide": self._provide}
             try:
-                do = own.get(method) or getattr(self._slave, method)
+                do = getattr(self if method in _OWN else self._slave, method)
                 reply = packed(RETURNED, number, do(*arguments, **options))
             except Exception as error:  # noqa: BLE001 - raised in the other process
                 reply = _raised(number, error)
@@ -89,16 +91,18 @@ class _Servant:
         """Tell that it has returned."""
         self._send(END)
 
-    def _load(self, binary: Binary, component: str, where: str) -> None:
+    def load(self, binary: Binary, component: str, where: str) -> None:
+        """Load the FMU, from the folder where the master has unpacked it."""
         adopt_folder(binary.folder.parent)
         self._slave = load_slave(binary, component, where)
 
-    def _make_instance(self, *, formats: bool, logging_on: bool) -> None:
+    def make_instance(self, *, formats: bool, logging_on: bool) -> None:
+        """Instantiate; log lines go to the master."""
         environment = register_sink(self._slave.instanceName, self._line)
         self._slave.make_instance(environment, formats=formats, logging_on=logging_on)
         self._server.component = self._slave.component
 
-    def _provide(self, name: str, number: int) -> None:
+    def provide(self, name: str, number: int) -> None:
         """Look up a function; one with a number is called over the shared memory from now on."""
         address = self._slave.address(name)
         if number:

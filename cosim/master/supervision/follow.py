@@ -110,9 +110,10 @@ class FollowedRun:
     ) -> None:
         self._worker, self._number, self._system = worker, number, system
         self._observers, self._limits, self._interruption = observers, limits, interruption
-        # the child itself ends an isolated slave that exceeds the limit of calls
-        later = any(c.isolate for c in system.components.values()) and limits.call is not None
-        self._patient = replace(limits, call=limits.call + GRACE_S) if later else limits
+        self._patient = limits
+        if limits.call is not None and any(c.isolate for c in system.components.values()):
+            # the child itself ends an isolated slave that exceeds the limit
+            self._patient = replace(limits, call=limits.call + GRACE_S)
         self._wired = wired
         self._wiring, self._shared = wired.wiring, wired.shared
         self._points = self._wiring.comm_points

@@ -106,9 +106,9 @@ def exception_parts(error: BaseException) -> tuple[Any, str]:
     """Return an exception in a form that can be sent, and its traceback as text."""
     trace = "".join(traceback.format_exception(error))
     if isinstance(error, CosimError):
-        keys = ("where", "expected", "got", "hint")
+        keys = ["where", "expected", "got", "hint"]
         if isinstance(error, ComponentError):
-            keys += ("kind", "component", "call", "detail")
+            keys += ["kind", "component", "call", "detail"]
         kind = next(c for c in type(error).__mro__ if c.__module__ == CosimError.__module__)
         return (kind, error.what, {key: getattr(error, key) for key in keys}), trace
     return (CosimError, f"unexpected {type(error).__name__}: {error}", {}), trace
