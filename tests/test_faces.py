@@ -34,6 +34,14 @@ LOWER = {
 }
 LOWER["cli"] = {*LOWER}
 """Package -> the packages that it may import from."""
+LOWER_ROOMS: dict[str, set[str]] = {
+    "certificate": set(),
+    "problem": {"certificate"},
+    "nominal": {"certificate"},
+    "lmi": {"certificate", "problem"},
+    "synthesis": {"certificate", "problem", "nominal", "lmi"},
+}
+"""Room of `cosim.hinf` -> the rooms that it may import from."""
 
 
 def files() -> list[tuple[str, Path]]:
@@ -57,7 +65,19 @@ def imported(path: Path) -> list[tuple[int, str]]:
 
 def packages() -> list[str]:
     """Every package with a face, the front door first."""
-    return ["cosim", *(f"cosim.{name}" for name in LOWER)]
+    rooms = (f"cosim.hinf.{room}" for room in LOWER_ROOMS)
+    return ["cosim", *(f"cosim.{name}" for name in LOWER), *rooms]
+
+
+def between_rooms() -> list[tuple[str, str, str]]:
+    """Room, place and full name of what a room of `cosim.hinf` imports from beyond itself."""
+    return [
+        (room, f"{path.relative_to(ROOT)}:{line}", name)
+        for room in LOWER_ROOMS
+        for path in ROOT.glob(f"cosim/hinf/{room}/**/*.py")
+        for line, name in imported(path)
+        if name.startswith("cosim.hinf.") and name.split(".")[2] != room
+    ]
 
 
 def test_every_package_is_known_here() -> None:
@@ -86,6 +106,44 @@ def test_imports_point_one_way() -> None:
         if name.split(".")[1] != package and name.split(".")[1] not in allowed[package]
     ]
     assert wrong == []
+
+
+def test_every_room_of_hinf_is_known_here() -> None:
+    """A new room is given its place among the others, and no module lies outside them."""
+    modules = pkgutil.iter_modules([str(ROOT / "cosim" / "hinf")])
+    assert {module.name for module in modules} == set(LOWER_ROOMS)
+
+
+def test_imports_between_the_rooms_point_one_way() -> None:
+    """Only from the face of a lower room; imports for types and inside functions count too."""
+    assert len(between_rooms()) > 100
+    wrong = [
+        f"{place}: {name}"
+        for room, place, name in between_rooms()
+        if name.split(".")[2] not in LOWER_ROOMS[room] or len(name.split(".")) > 4
+    ]
+    assert wrong == []
+
+
+def test_the_prover_needs_no_solver() -> None:
+    """With cvxpy and Clarabel blocked, every module of it is imported, and no other room is."""
+    script = """
+import importlib, json, pkgutil, sys
+sys.modules["cvxpy"] = sys.modules["clarabel"] = None
+import cosim.hinf.certificate as face
+for module in pkgutil.iter_modules(face.__path__, face.__name__ + "."):
+    importlib.import_module(module.name)
+for name in face.__all__:
+    getattr(face, name)
+print(json.dumps(sorted(sys.modules)))
+"""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)  # noqa: S603
+    assert done.returncode == 0, done.stderr
+    loaded = set(json.loads(done.stdout))
+    assert "cosim.hinf.certificate.proof" in loaded
+    rooms = {name.split(".")[2] for name in loaded if name.startswith("cosim.hinf.")}
+    assert rooms == {"certificate"}
 
 
 def test_the_components_are_no_package_of_their_own() -> None:

@@ -1,4 +1,13 @@
-"""H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop."""
+"""H-infinity design over delays: the LMI, its exact proof, figures of the nominal loop.
+
+Five rooms, each with a face of its own; imports point one way, `models` and `core` below all:
+
+    synthesis -> lmi -> problem -> certificate
+    synthesis -> nominal -> certificate
+
+`certificate` is the prover. It loads no solver and no other room, so that a proof can be checked
+by less code than found it; the JSON of systems is there because a certificate contains one.
+"""
 
 import lazy_loader as _lazy
 

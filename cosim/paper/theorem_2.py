@@ -134,7 +134,7 @@ def _eq_18(v: Proof) -> Row:
 
 
 def _own_lmi(v: Proof) -> Row:
-    """Compare `cosim.hinf.exact_lmi`, its rows x_d divided by k2, with the corrected Omega."""
+    """Compare `cosim.hinf.minus_omega`, its rows x_d divided by k2, with the corrected Omega."""
     s, u = v.data, v.unknowns
 
     def doubles(matrix: Exact) -> Any:

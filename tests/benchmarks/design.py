@@ -30,11 +30,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from cosim.hinf.assembly import Scalars
-from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2, auv_system
-from cosim.hinf.lmi import omega, unknowns
-from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.threads import one_thread
+from cosim.hinf.lmi.assembly import Scalars
+from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.lmi.theorem_2_lmi import omega, unknowns
+from cosim.hinf.nominal.threads import one_thread
+from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
 

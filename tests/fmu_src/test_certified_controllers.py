@@ -21,7 +21,7 @@ from cosim.hinf import (
     hinf_norm,
     system_by_name,
 )
-from cosim.hinf.system_json import system_from_json
+from cosim.hinf.certificate.system_json import system_from_json
 from cosim.models.paper_example import PRINTED_K
 
 CONTROLLERS = {"HinfController": "auv", "PaperController": "paper"}

@@ -12,8 +12,8 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.hinf.lmi import omega, unknowns
-from cosim.hinf.proof import Variables
+from cosim.hinf.certificate.proof import Variables
+from cosim.hinf.lmi.theorem_2_lmi import omega, unknowns
 from cosim.models.delay_system import Delay, DelaySystem
 
 Array = NDArray[np.float64]

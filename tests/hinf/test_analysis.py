@@ -23,9 +23,9 @@ from solver_points import Array, benchmark, random_system
 
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
-from cosim.hinf.analysis_certificate import _variables
-from cosim.hinf.analysis_proof import ExactAnalysis, _loop, minus_phi
-from cosim.hinf.rational import exact, exact_matrix, first_bad_pivot
+from cosim.hinf.certificate.analysis_certificate import _variables
+from cosim.hinf.certificate.analysis_proof import ExactAnalysis, _loop, minus_phi
+from cosim.hinf.certificate.rational import exact, exact_matrix, first_bad_pivot
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import analyse, as_cvxpy, check_certificate, lmi
-from cosim.hinf.assembly import Scalars
-from cosim.hinf.problem import Answer, Problem
+from cosim.hinf import analyse, as_cvxpy, check_certificate
+from cosim.hinf.lmi.assembly import Scalars
+from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.synthesis import cvxpy_lmi
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -118,8 +119,8 @@ def test_invalid_requests_are_refused() -> None:
 
 def test_the_example_of_its_docstring_runs() -> None:
     """A structured gain, in five lines."""
-    assert doctest.testmod(lmi).failed == 0
-    assert doctest.testmod(lmi).attempted >= 7
+    assert doctest.testmod(cvxpy_lmi).failed == 0
+    assert doctest.testmod(cvxpy_lmi).attempted >= 7
 
 
 def test_cvxpy_is_imported_when_it_is_asked_for() -> None:

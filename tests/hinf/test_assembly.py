@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from solver_points import random_system
 
-from cosim.hinf.assembly import Scalars, Structure
-from cosim.hinf.conic import Constraint, solve
-from cosim.hinf.lmi import Unknowns, omega, unknowns
-from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.svec import smat, svec
+from cosim.hinf.lmi.assembly import Scalars, Structure
+from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.lmi.svec import smat, svec
+from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega, unknowns
 from cosim.models import paper_example
 from cosim.models.delay_system import DelaySystem
 
@@ -44,7 +44,7 @@ def _reference_gamma(
 
 @pytest.mark.parametrize("case", range(8))
 def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
-    """Any point, k1, k2 of either sign: equal to the Schur complement of `lmi`, to rounding."""
+    """Any point, k1, k2 of either sign: equal to the Schur complement of `omega`, to rounding."""
     rng = np.random.default_rng(case)
     system = random_system(
         rng, late=bool(case & 1), any_age=bool(case & 2), uncertain=bool(case & 4)

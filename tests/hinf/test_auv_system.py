@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cosim.core.errors import InputError
 from cosim.hinf import AuvDesignSettings, Design, auv_system, design
-from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
+from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.models.delay_system import DelaySystem
 
 DAMPING, STATE_DELAY, LINK, SHORT = 0.05, 0.5, 1.25, 0.05

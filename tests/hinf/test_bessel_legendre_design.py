@@ -18,8 +18,8 @@ from cosim.hinf import (
     design_to_json,
     greatest_delay,
 )
-from cosim.hinf.analysis_lmi import AnalysisLmi
-from cosim.hinf.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
+from cosim.hinf.lmi.analysis_lmi import AnalysisLmi
+from cosim.hinf.lmi.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

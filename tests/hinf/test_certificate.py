@@ -15,8 +15,8 @@ from scipy.linalg import expm
 from solver_points import Array, benchmark, random_system, solved
 
 from cosim.core.errors import InputError
-from cosim.hinf.certificate import certificate_to_json, certify, check_certificate
-from cosim.hinf.proof import Variables
+from cosim.hinf.certificate.certificate import certificate_to_json, certify, check_certificate
+from cosim.hinf.certificate.proof import Variables
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -13,8 +13,12 @@ import pytest
 from solver_points import benchmark, solved
 
 from cosim.core.errors import InputError
-from cosim.hinf.certificate import certificate_to_json, check_certificate, read_certificate
-from cosim.hinf.rational import MAX_DIGITS
+from cosim.hinf.certificate.certificate import (
+    certificate_to_json,
+    check_certificate,
+    read_certificate,
+)
+from cosim.hinf.certificate.rational import MAX_DIGITS
 from cosim.models import paper_example
 
 

@@ -14,7 +14,7 @@ from solver_points import solved
 
 from cosim.cli.application import main
 from cosim.hinf import certificate_hash
-from cosim.hinf.certificate import certificate_to_json
+from cosim.hinf.certificate.certificate import certificate_to_json
 from cosim.models import paper_example
 
 Run = Callable[..., tuple[int, str, str]]

@@ -12,11 +12,12 @@ from solver_points import random_system
 
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import Delay, DelaySystem, close, design, spectral_abscissa, with_delays
-from cosim.hinf.assembly import Scalars
-from cosim.hinf.closed_loop import ClosedLoop
-from cosim.hinf.decay import growth_of, is_above_exponential
-from cosim.hinf.decay_lmi import proved_decay, shifted_systems
-from cosim.hinf.synthesis import checked_scalars
+from cosim.hinf.certificate.decay import growth_of, is_above_exponential
+from cosim.hinf.lmi.assembly import Scalars
+from cosim.hinf.lmi.decay_lmi import shifted_systems
+from cosim.hinf.nominal.closed_loop import ClosedLoop
+from cosim.hinf.synthesis.decay_search import proved_decay
+from cosim.hinf.synthesis.synthesis import checked_scalars
 from cosim.models import paper_example
 
 

@@ -11,9 +11,9 @@ import pytest
 from scipy.optimize import brentq
 
 from cosim.core.errors import InputError
-from cosim.hinf.closed_loop import ClosedLoop, close
-from cosim.hinf.delay_margins import delay_margin
-from cosim.hinf.roots import spectral_abscissa
+from cosim.hinf.nominal.closed_loop import ClosedLoop, close
+from cosim.hinf.nominal.delay_margins import delay_margin
+from cosim.hinf.nominal.roots import spectral_abscissa
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

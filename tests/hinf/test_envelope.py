@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from cosim.core.errors import InputError
-from cosim.hinf.envelope import Envelope, Scaling, auv_uncertainty, quadratic_part
+from cosim.hinf.problem.envelope import Envelope, Scaling, auv_uncertainty, quadratic_part
 from cosim.models.auv import TABLE_1, thrust_map, vehicle_derivatives, velocity_coefficients
 
 BOXES = (

@@ -11,10 +11,10 @@ import pytest
 from scipy.linalg import block_diag
 from solver_points import Array, random_system, value
 
-from cosim.hinf.exact_lmi import ExactLmi, minus_omega
-from cosim.hinf.lmi import Unknowns, omega
-from cosim.hinf.proof import Variables, exact_variables
-from cosim.hinf.rational import exact_matrix
+from cosim.hinf.certificate.exact_lmi import ExactLmi, minus_omega
+from cosim.hinf.certificate.proof import Variables, exact_variables
+from cosim.hinf.certificate.rational import exact_matrix
+from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega
 from cosim.models.delay_system import DelaySystem
 
 

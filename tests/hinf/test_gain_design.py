@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.hinf import (
-    Delay,
-    DelaySystem,
-    check_certificate,
-    design,
-    gain_design as designing,
-    greatest_delay,
-)
+from cosim.hinf import Delay, DelaySystem, check_certificate, design, greatest_delay
+from cosim.hinf.synthesis import gain_design as designing
 from cosim.models import paper_example
 
 

@@ -9,19 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import (
-    auv_system,
-    check_certificate,
-    design,
-    greatest_delay,
-    synthesis,
-    with_delays,
-)
-from cosim.hinf.assembly import Scalars
-from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
-from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.scaling import scaling_of
-from cosim.hinf.stabilisability import unstabilisable_root
+from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
+from cosim.hinf.lmi.assembly import Scalars
+from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.lmi.scaling import scaling_of
+from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
+from cosim.hinf.synthesis import synthesis
+from cosim.hinf.synthesis.stabilisability import unstabilisable_root
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

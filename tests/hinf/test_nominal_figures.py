@@ -21,7 +21,7 @@ from cosim.hinf import (
     spectral_abscissa,
     without_uncertainty,
 )
-from cosim.hinf.synthesis import Design
+from cosim.hinf.synthesis.synthesis import Design
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

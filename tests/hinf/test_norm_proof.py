@@ -10,10 +10,10 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.hinf import auv_system
-from cosim.hinf.closed_loop import close
-from cosim.hinf.norm import gain_at, hinf_norm
-from cosim.hinf.norm_proof import _Proof, norm_proved
-from cosim.hinf.roots import roots_right_of
+from cosim.hinf.nominal.closed_loop import close
+from cosim.hinf.nominal.norm import gain_at, hinf_norm
+from cosim.hinf.nominal.norm_proof import _Proof, norm_proved
+from cosim.hinf.nominal.roots import roots_right_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

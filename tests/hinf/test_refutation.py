@@ -19,15 +19,15 @@ from cosim.cli.application import main
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.fmu.export.controller import export_controller
 from cosim.hinf import auv_system, check_certificate, design, greatest_delay, with_delays
-from cosim.hinf.assembly import Scalars
-from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
-from cosim.hinf.greatest_delays import greatest_delay as delay_of_theorem_2
-from cosim.hinf.lmi import Unknowns, omega
-from cosim.hinf.problem import Answer, Problem
-from cosim.hinf.rational import exact
-from cosim.hinf.refutation import refute
-from cosim.hinf.refutation_certificate import gamma_floor
-from cosim.hinf.refutation_proof import AffineLmi, Place
+from cosim.hinf.certificate.rational import exact
+from cosim.hinf.certificate.refutation_certificate import gamma_floor
+from cosim.hinf.certificate.refutation_proof import AffineLmi, Place
+from cosim.hinf.lmi.assembly import Scalars
+from cosim.hinf.lmi.problem import Answer, Problem
+from cosim.hinf.lmi.refutation import refute
+from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega
+from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
+from cosim.hinf.synthesis.greatest_delays import greatest_delay as delay_of_theorem_2
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -52,7 +52,7 @@ def _matrix(rows: list[list[str]], unit: Fraction) -> Array:
 
 @pytest.mark.parametrize("case", range(8))
 def test_multipliers_leave_one_constant_of_the_reference_lmi(case: int) -> None:
-    """<W, -Omega> + <Z_X, X> + <Z_Q, Q> by `lmi`: the same c <= 0 at any unknowns whatever."""
+    """<W, -Omega> + <Z_X, X> + <Z_Q, Q> by `omega`: the same c <= 0 at any unknowns whatever."""
     rng = np.random.default_rng(40 + case)
     late, any_age = bool(case & 1), bool(case & 2)
     system = random_system(rng, late=late, any_age=any_age, uncertain=bool(case & 4))

@@ -8,8 +8,8 @@ import pytest
 from scipy.special import lambertw
 
 from cosim.core.errors import InputError
-from cosim.hinf.closed_loop import ClosedLoop, close
-from cosim.hinf.roots import characteristic_roots, roots_right_of, spectral_abscissa
+from cosim.hinf.nominal.closed_loop import ClosedLoop, close
+from cosim.hinf.nominal.roots import characteristic_roots, roots_right_of, spectral_abscissa
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

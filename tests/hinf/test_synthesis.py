@@ -8,15 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.core.errors import InputError, NotAchievableError
-from cosim.hinf import (
-    analyse,
-    auv_system,
-    check_certificate,
-    design,
-    greatest_delay,
-    synthesis,
-)
-from cosim.hinf.auv import DEFAULT_K1, DEFAULT_K2
+from cosim.hinf import analyse, auv_system, check_certificate, design, greatest_delay
+from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
+from cosim.hinf.synthesis import synthesis
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

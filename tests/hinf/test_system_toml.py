@@ -11,8 +11,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cosim.core.errors import InputError
-from cosim.hinf.system_json import MATRICES, system_from_json, system_to_json
-from cosim.hinf.system_toml import load_system, system_from_toml
+from cosim.hinf.certificate.system_json import MATRICES, system_from_json, system_to_json
+from cosim.hinf.problem.system_toml import load_system, system_from_toml
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 

@@ -9,8 +9,8 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.hinf import characteristic_roots, close, hinf_norm, system_by_name, worst_case
-from cosim.hinf.closed_loop import ClosedLoop
-from cosim.hinf.norm import gain_at
+from cosim.hinf.nominal.closed_loop import ClosedLoop
+from cosim.hinf.nominal.norm import gain_at
 
 LAG = ClosedLoop([[[-1.0]]], [0.0], [[1.0, 0.0]], [[[1.0]]], [[0.0, 1.0]])
 """x' = -x + w1, z = x + w2: G = (1/(1 + jw), 1)."""

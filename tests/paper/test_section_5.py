@@ -9,7 +9,7 @@ import pytest
 from truth.dde import solve
 
 from cosim.hinf import close, hinf_norm, with_delays
-from cosim.hinf.closed_loop import ClosedLoop
+from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.models import paper_example as example
 from cosim.models.delay_system import Delay, DelaySystem
 from cosim.paper.every_delay import every_delay

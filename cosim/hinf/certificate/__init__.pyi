@@ -1,0 +1,86 @@
+from .analysis_certificate import (
+    analysis_to_json as analysis_to_json,
+    exact_analysis as exact_analysis,
+)
+from .analysis_proof import (
+    MAX_BOX as MAX_BOX,
+    MAX_ORDER as MAX_ORDER,
+    AnalysisVariables as AnalysisVariables,
+    analysis_proved as analysis_proved,
+    covers_smaller as covers_smaller,
+)
+from .ball_matrices import (
+    balls as balls,
+    below as below,
+    exact_terms as exact_terms,
+    floats as floats,
+    size as size,
+)
+from .certificate import (
+    certificate_bytes as certificate_bytes,
+    certificate_from_bytes as certificate_from_bytes,
+    certificate_hash as certificate_hash,
+    certificate_to_json as certificate_to_json,
+    certify as certify,
+    check_certificate as check_certificate,
+    read_certificate as read_certificate,
+)
+from .control_limits import (
+    MAX_OFFSETS as MAX_OFFSETS,
+    GainLimit as GainLimit,
+    PeakControl as PeakControl,
+    norm_above as norm_above,
+    offset_corners as offset_corners,
+    peak_system as peak_system,
+    proved_peaks as proved_peaks,
+    too_many_offsets as too_many_offsets,
+)
+from .decay import (
+    Decay as Decay,
+    acting_delays as acting_delays,
+    corners as corners,
+    growth_of as growth_of,
+)
+from .exact_lmi import (
+    ExactVariables as ExactVariables,
+    minus_omega as minus_omega,
+)
+from .guarantees import (
+    KEY as KEY,
+    Guarantees as Guarantees,
+    guarantees_from_json as guarantees_from_json,
+)
+from .proof import (
+    CertificateCheck as CertificateCheck,
+    Variables as Variables,
+    exact_variables as exact_variables,
+    failure as failure,
+)
+from .rational import (
+    exact as exact,
+    exact_matrix as exact_matrix,
+    first_bad_pivot as first_bad_pivot,
+    norm_is_below as norm_is_below,
+    rounded_up as rounded_up,
+)
+from .refutation_certificate import (
+    gamma_floor as gamma_floor,
+    refutation_to_json as refutation_to_json,
+)
+from .refutation_proof import (
+    AffineLmi as AffineLmi,
+    Multipliers as Multipliers,
+    Place as Place,
+    refuted as refuted,
+)
+from .system_json import (
+    MATRICES as MATRICES,
+    assembled as assembled,
+    delay_from as delay_from,
+    first_difference as first_difference,
+    format_value as format_value,
+    known_keys as known_keys,
+    matrix_from_rows as matrix_from_rows,
+    number as number,
+    system_from_json as system_from_json,
+)

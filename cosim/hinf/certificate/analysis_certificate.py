@@ -1,0 +1,195 @@
+"""The certificate of an analysis as JSON: what `check_certificate` reads of kind "analysis".
+
+    {"kind": "analysis", "claim": {...}, "system": {...}, "K": [[...]],
+     "variables": {"order": 0, "P": [["p/q", ...]], "Q": [...], "R": [...], "eps", "gamma"}}
+
+Q, R: one matrix per positive delay; Q is null where any age is allowed. "lower", where it is
+given, has the least of each positive delay that the claim covers, null where any age is allowed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate.analysis_proof import (
+    MAX_ORDER,
+    AnalysisVariables,
+    ExactAnalysis,
+    analysis_claim,
+    analysis_proved,
+    orders_of,
+)
+from cosim.hinf.certificate.proof import CertificateCheck
+from cosim.hinf.certificate.rational import (
+    exact,
+    exact_matrix,
+    from_text,
+    is_symmetric,
+    matrix_from_text,
+    matrix_to_text,
+    to_text,
+)
+from cosim.hinf.certificate.system_json import (
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    system_from_json,
+    system_to_json,
+)
+
+if TYPE_CHECKING:
+    from cosim.models import Delay, DelaySystem, Matrix
+
+KIND = "analysis"
+_KEYS = ("kind", "claim", "system", "variables", "K")
+_REQUIRED = ("order", "P", "Q", "R", "eps", "gamma")
+_VARIABLES = (*_REQUIRED, "lower")
+
+
+def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
+    """Convert the doubles of `v` to rationals, and symmetrise the matrices exactly."""
+
+    def symmetric(value: Matrix) -> Any:
+        rational = exact_matrix(value)
+        return (rational + rational.transpose()) / 2
+
+    return ExactAnalysis(
+        order=v.order,
+        P=symmetric(v.P),
+        Q=tuple(None if Q is None else symmetric(Q) for Q in v.Q),
+        R=tuple(symmetric(R) for R in v.R),
+        eps=None if v.eps is None or not system.E.size else exact(v.eps),
+        gamma=None if v.gamma is None else exact(v.gamma),
+        lower=None if v.lower is None else tuple(None if d is None else exact(d) for d in v.lower),
+    )
+
+
+def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dict[str, Any]:
+    """Return the certificate as JSON values for `check_analysis`, without checking it."""
+    lower = None if v.lower is None else [None if d is None else to_text(d) for d in v.lower]
+    return {
+        "kind": KIND,
+        "claim": analysis_claim(system, v),
+        "system": system_to_json(system),
+        "variables": {
+            "order": v.order,
+            "P": matrix_to_text(v.P),
+            "Q": [None if Q is None else matrix_to_text(Q) for Q in v.Q],
+            "R": [matrix_to_text(R) for R in v.R],
+            "eps": None if v.eps is None else to_text(v.eps),
+            "gamma": None if v.gamma is None else to_text(v.gamma),
+        }
+        | ({} if lower is None else {"lower": lower}),
+        "K": gain.tolist(),
+    }
+
+
+def check_analysis(data: dict[str, Any]) -> CertificateCheck:
+    """Check an analysis from its JSON alone, with rational arithmetic and no solver.
+
+    Raises
+    ------
+    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
+    """
+    own = {key: data[key] for key in _KEYS if key in data}
+    known_keys(own, "certificate", _KEYS, required=_KEYS)
+    system = system_from_json(data["system"])
+    gain = _gain(data["K"], system)
+    v = _variables(system, data["variables"])
+    claim = analysis_claim(system, v)
+    if data["claim"] != claim:
+        return CertificateCheck(
+            valid=False,
+            reason="the claim is not the one that system and variables make",
+            claim=claim,
+        )
+    named = [("P", v.P), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q) if Q is not None)]
+    for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
+        if not is_symmetric(value):
+            return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
+    return analysis_proved(system, gain, v)
+
+
+def _gain(rows: Any, system: DelaySystem) -> Matrix:
+    n, m = system.B.shape
+    if rows == [] and m == 0:
+        return np.zeros((0, n))
+    gain = matrix_from_rows(rows, "K")
+    if gain.shape != (m, n):
+        raise InputError("wrong shape", where="K", expected=str((m, n)), got=str(gain.shape))
+    return gain
+
+
+def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
+    known_keys(data, "variables", _VARIABLES, required=_REQUIRED)
+    order = data["order"]
+    if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= MAX_ORDER:
+        raise InputError(
+            "not an order",
+            where="variables.order",
+            expected=f"an integer from 0 to {MAX_ORDER}",
+            got=format_value(order),
+        )
+    n, orders = system.A.shape[0], orders_of(system, order)
+    late = [delay for delay in system.delays if delay.d > 0]
+    for name in ("Q", "R"):
+        if not isinstance(data[name], list) or len(data[name]) != len(late):
+            raise InputError(
+                "one per positive delay",
+                where=f"variables.{name}",
+                expected=f"a list of {len(late)}",
+                got=format_value(data[name]),
+            )
+    missing = [data["Q"][j] is None for j in range(len(late))]
+    checks = [(f"Q[{j}]", missing[j], delay.any_age) for j, delay in enumerate(late)]
+    checks.append(("eps", data["eps"] is None, not system.E.size))
+    if not system.has_performance:
+        checks.append(("gamma", data["gamma"] is None, True))
+    for name, absent, expected in checks:
+        if absent != expected:
+            raise InputError(
+                "does not fit the system",
+                where=f"variables.{name}",
+                expected="null" if expected else "a value",
+                got="null" if absent else "a value",
+            )
+    rows = n * (1 + sum(orders))
+    return ExactAnalysis(
+        order=order,
+        P=matrix_from_text(data["P"], "variables.P", rows, rows),
+        Q=tuple(
+            None if Q is None else matrix_from_text(Q, f"variables.Q[{j}]", n, n)
+            for j, Q in enumerate(data["Q"])
+        ),
+        R=tuple(matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
+        eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
+        gamma=None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma"),
+        lower=_lower(late, order, data["lower"]) if "lower" in data else None,
+    )
+
+
+def _lower(late: list[Delay], order: int, texts: Any) -> tuple[Any, ...]:
+    """The least of each positive delay: from 0 to the delay, null where any age is allowed."""
+    fits = order > 0 and isinstance(texts, list) and len(texts) == len(late)
+    if not fits or any((x is None) != delay.any_age for x, delay in zip(texts, late, strict=True)):
+        raise InputError(
+            "does not fit the system",
+            where="variables.lower",
+            expected=f"from order 1 on: {len(late)} numbers, null where any age is allowed",
+            got=format_value(texts),
+        )
+    lower = []
+    for j, (text, delay) in enumerate(zip(texts, late, strict=True)):
+        low = None if text is None else from_text(text, f"variables.lower[{j}]")
+        if low is not None and not 0 <= low <= exact(delay.d):
+            raise InputError(
+                "not below the delay",
+                where=f"variables.lower[{j}]",
+                expected=f"0 to {delay.d}",
+                got=format_value(text),
+            )
+        lower.append(low)
+    return tuple(lower)

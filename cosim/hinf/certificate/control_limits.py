@@ -1,0 +1,260 @@
+"""Proved limits of the control: a bound on |K|, and bounds on every |u_i(t)|.
+
+**Gain.** |K| <= k, the largest singular value, is k^2 I - K K' >= 0 with the deployed K; the
+proof needs no LMI.
+
+**Peak.** Without z, the LMI of `cosim.hinf.certificate.exact_lmi` at some mu (its gamma) implies
+V' <= mu w'w for the functional V and every admissible F(t). From an initial state x0, constant
+before t = 0 (the terms of x' in V are zero then), and with a disturbance of finite energy,
+
+    x(t)'P x(t) <= V(t) <= x0'(P + sum_j dj Qj) x0 + mu int w'w,    P = X^-1, Qj = P Qbar_j P
+
+for every t > 0, and before it. With |x0_i| <= offset_i the first term is largest at a corner
+of that box, since it is convex; int w'w <= energy^2. For u = K x(t-d_f)
+
+    u_i^2 <= K_i X K_i' times that level,
+
+all of it in rational numbers. X, Qbar, R, eps and mu are independent of those that prove gamma.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import flint
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate.exact_lmi import ExactVariables
+from cosim.hinf.certificate.proof import failure
+from cosim.hinf.certificate.rational import (
+    exact,
+    exact_matrix,
+    from_text,
+    norm_is_below,
+    rounded_up,
+    to_text,
+)
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.variables_json import asymmetric, variables_from_json, variables_to_json
+from cosim.models import DelaySystem, Matrix
+
+MAX_OFFSETS = 8
+"""Most states that may start away from zero: 2^7 corners of a box, up to their sign."""
+
+_PRECISIONS = (256, 512, 1024, 2048, 4096)  # bits
+_DIGITS = 50  # bits of a level that must be sure
+
+
+@dataclass(frozen=True, eq=False)
+class GainLimit:
+    """The largest singular value of K is at most `bound`, a `fmpq`."""
+
+    bound: Any
+
+    def claim(self) -> dict[str, Any]:
+        """Return the claim that is proved if `failure` returns None."""
+        return {
+            "property": "the largest singular value of K is at most bound",
+            "bound": to_text(self.bound),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON values that `gain_limit_from_json` reads."""
+        return {"bound": to_text(self.bound)}
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Return why it is not proved; None if it is."""
+        del system
+        K = exact_matrix(gain)
+        if self.bound < 0:
+            return "the bound of |K| is negative"
+        return None if norm_is_below(K, self.bound) else "bound^2 I - K K' is not positive definite"
+
+
+def gain_limit_from_json(data: Any, system: DelaySystem, where: str) -> GainLimit:
+    """Read what `GainLimit.to_json` wrote; an `InputError` for anything else."""
+    del system
+    known_keys(data, where, ("bound",), required=("bound",))
+    return GainLimit(from_text(data["bound"], f"{where}.bound"))
+
+
+def norm_above(gain: Matrix) -> float:
+    """Return a double just above |K|, for which `GainLimit` is proved."""
+    value = float(np.linalg.norm(gain, 2)) if gain.size else 0.0
+    value = rounded_up(value) if value > 0 else math.ulp(1.0)
+    while GainLimit(exact(value)).failure(DelaySystem([[0.0]]), gain) is not None:
+        value *= 1 + 1e-12
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class PeakControl:
+    """Bounds |u_i(t)| <= bound_i for every t, with their proof: exact numbers (`fmpq`).
+
+    bounds : one per input.
+    offset : one per state; the initial state has |x_i| <= offset_i, constant before t = 0.
+    energy : int w'w <= energy^2.
+    variables : of the LMI without z; their gamma, mu above, is None where the energy is zero.
+    """
+
+    bounds: tuple[Any, ...]
+    offset: tuple[Any, ...]
+    energy: Any
+    variables: ExactVariables
+
+    def claim(self) -> dict[str, Any]:
+        """Return the claim that is proved if `failure` returns None."""
+        return {
+            "property": "|u_i(t)| <= bounds_i for every t, from any constant initial state with "
+            "|x_i| <= offset_i, with any w of int w'w <= energy^2",
+            "bounds": [to_text(value) for value in self.bounds],
+            "offset": [to_text(value) for value in self.offset],
+            "energy": to_text(self.energy),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON values that `peak_control_from_json` reads."""
+        return {
+            "bounds": [to_text(value) for value in self.bounds],
+            "offset": [to_text(value) for value in self.offset],
+            "energy": to_text(self.energy),
+            "variables": variables_to_json(self.variables),
+        }
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Return which condition is not proved; None if all are."""
+        if self.energy < 0 or any(value < 0 for value in (*self.bounds, *self.offset)):
+            return "a bound, an offset or the energy is negative"
+        v = self.variables
+        name = asymmetric(v)
+        if name is not None:
+            return f"{name} is not symmetric"
+        reason = failure(peak_system(system, energy=self.energy != 0), gain, v)
+        if reason is not None:
+            return reason
+        squares = squared_peaks(system, gain, v, self.offset, self.energy)
+        if squares is None:
+            return "X is as good as singular"
+        for i, (bound, square) in enumerate(zip(self.bounds, squares, strict=True)):
+            if not _square_is_above(bound, square):
+                return f"bounds[{i}] is not proved: {float(bound):.6g} is below the level reached"
+        return None
+
+
+def peak_control_from_json(data: Any, system: DelaySystem, where: str) -> PeakControl:
+    """Read what `PeakControl.to_json` wrote; an `InputError` for anything else."""
+    keys = ("bounds", "offset", "energy", "variables")
+    known_keys(data, where, keys, required=keys)
+    n, m = system.B.shape
+
+    def numbers(name: str, count: int) -> tuple[Any, ...]:
+        values = data[name]
+        if not isinstance(values, list) or len(values) != count:
+            raise InputError("wrong length", where=f"{where}.{name}", expected=f"a list of {count}")
+        return tuple(from_text(x, f"{where}.{name}[{i}]") for i, x in enumerate(values))
+
+    energy = from_text(data["energy"], f"{where}.energy")
+    offset = numbers("offset", n)
+    if sum(value != 0 for value in offset) > MAX_OFFSETS:
+        raise too_many_offsets(sum(value != 0 for value in offset), f"{where}.offset")
+    if energy != 0 and not system.C.size:
+        raise InputError(
+            "does not fit the system", where=f"{where}.energy", expected="0, without a disturbance"
+        )
+    place = f"{where}.variables"
+    variables = variables_from_json(data["variables"], system, place, gain=energy != 0)
+    return PeakControl(numbers("bounds", m), offset, energy, variables)
+
+
+def peak_system(system: DelaySystem, *, energy: bool) -> DelaySystem:
+    """Return the system with z = 0; also without w where there is no energy."""
+    s = system
+    C = s.C if energy else s.C[:, :0]
+    D, D1, D2 = (np.zeros((int(energy), M.shape[1])) for M in (s.A, C, s.B))
+    return replace(s, C=C, D=D, D1=D1, D2=D2)
+
+
+def squared_peaks(
+    system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
+) -> tuple[Any, ...] | None:
+    """Return bounds of every u_i^2, as balls (`flint.arb`); None for a nearly singular X."""
+    K = exact_matrix(gain)
+    late = v.X
+    for delay, Q in zip(system.delays, v.Q, strict=True):
+        late = late + exact(delay.d) * Q
+    corners = offset_corners(offset)
+    n = len(offset)
+    starts = flint.fmpq_mat(n, len(corners), [corner[i] for i in range(n) for corner in corners])
+    KXK = K * v.X * K.transpose()
+    for bits in _PRECISIONS:
+        with flint.ctx.workprec(bits):
+            level = flint.arb(0)
+            if corners:
+                try:
+                    p = flint.arb_mat(v.X).solve(flint.arb_mat(starts))
+                except ZeroDivisionError:
+                    continue
+                levels = p.transpose() * flint.arb_mat(late) * p
+                for k in range(len(corners)):
+                    level = level.max(levels[k, k])
+            if energy != 0:
+                level += flint.arb(v.gamma * energy * energy)
+            squares = tuple(level * flint.arb(KXK[i, i]) for i in range(K.nrows()))
+            if all(square == 0 or square.rel_accuracy_bits() > _DIGITS for square in squares):
+                return squares
+    return None
+
+
+def offset_corners(offset: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+    """Return one of each pair of opposite corners of |x_i| <= offset_i; [] if the box is 0.
+
+    Raises
+    ------
+    InputError : more than `MAX_OFFSETS` of its sides are not zero.
+    """
+    sides = [i for i, value in enumerate(offset) if value != 0]
+    if len(sides) > MAX_OFFSETS:
+        raise too_many_offsets(len(sides), "offset")
+    corners = []
+    for signs in itertools.product((1, -1), repeat=max(len(sides) - 1, 0)):
+        corner = list(offset)
+        for i, sign in zip(sides[1:], signs, strict=True):
+            corner[i] = sign * corner[i]
+        corners.append(tuple(corner))
+    return corners if sides else []
+
+
+def too_many_offsets(sides: int, where: str) -> InputError:
+    """Return the error for an offset with more than `MAX_OFFSETS` sides that are not zero."""
+    return InputError(
+        "too many states start away from zero",
+        where=where,
+        expected=f"at most {MAX_OFFSETS} numbers above zero",
+        got=str(sides),
+    )
+
+
+def proved_peaks(
+    system: DelaySystem, gain: Matrix, v: ExactVariables, offset: tuple[Any, ...], energy: Any
+) -> tuple[float, ...] | None:
+    """Return the least bounds that prove a `PeakControl`, rounded up to seven digits."""
+    squares = squared_peaks(system, gain, v, offset, energy)
+    if squares is None:
+        return None
+    peaks = []
+    for square in squares:
+        root = math.sqrt(max(float(square.upper()), 0.0))
+        value = rounded_up(root) if root > 0 else 0.0
+        while not _square_is_above(exact(value), square):
+            value = value * (1 + 1e-12) or math.ulp(0.0)
+        peaks.append(value)
+    return tuple(peaks)
+
+
+def _square_is_above(bound: Any, square: Any) -> bool:
+    with flint.ctx.workprec(_PRECISIONS[0]):
+        return bool(flint.arb(bound * bound) >= square)

@@ -1,0 +1,178 @@
+"""A rate of decay, proved: every solution with w = 0 falls at least as e^{-alpha t}.
+
+xi(t) = e^{alpha t} x(t) obeys
+
+    xi' = (A_0 + dA_0 + alpha I) xi + sum_j s_j (A_j + dA_j) xi(t-tau_j) + ... B K ...,
+
+s_j = e^{alpha tau_j} on everything that acts through delay j, dA_j = E F(t) H_j and the control
+included. Whatever tau_j is between 0 and d_j, and however it varies where any age is allowed,
+s_j stays in [1, e^{alpha dj}]. The LMI of `cosim.hinf.certificate.exact_lmi` is affine in each
+s_j: proved at all corners of that box, with the same X, Q, R and eps, it holds everywhere in it,
+and the functional of xi, which bounds xi'Pxi, never rises. Hence |x(t)| <= c e^{-alpha t}.
+
+The upper end of the box is a rational number above e^{alpha dj}, which ball arithmetic shows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import flint
+
+from cosim.core import InputError
+from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift
+from cosim.hinf.certificate.proof import failure
+from cosim.hinf.certificate.rational import exact, from_text, to_text
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.hinf.certificate.variables_json import asymmetric, variables_from_json, variables_to_json
+
+if TYPE_CHECKING:
+    from cosim.models import DelaySystem, Matrix
+
+MAX_ACTING = 5
+"""Most delays through which anything acts: 2^5 inequalities."""
+
+_LARGEST_GROWTH = 1e9
+_KEYS = ("rate", "growth", "variables")
+
+
+@dataclass(frozen=True, eq=False)
+class Decay:
+    """A rate of decay with its proof: exact numbers (`fmpq`).
+
+    rate : alpha [1/s], positive.
+    growth : per delay, at least e^{alpha dj}; 1 where nothing acts through it.
+    variables : of the LMI at all corners; their gamma is None.
+    """
+
+    rate: Any
+    growth: tuple[Any, ...]
+    variables: ExactVariables
+
+    def claim(self) -> dict[str, Any]:
+        """Return the claim that is proved if `failure` returns None."""
+        return {
+            "property": "every solution with w = 0 decays at least as exp(-rate t)",
+            "rate": to_text(self.rate),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON values that `decay_from_json` reads."""
+        return {
+            "rate": to_text(self.rate),
+            "growth": [to_text(value) for value in self.growth],
+            "variables": variables_to_json(self.variables),
+        }
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Return which condition is not proved; None if all are.
+
+        Raises
+        ------
+        InputError : too many inequalities, or too large ones.
+        """
+        if not self.rate > 0:
+            return "the rate is not positive"
+        acting = acting_delays(system)
+        for j in acting:
+            if not is_above_exponential(self.growth[j], self.rate * exact(system.delays[j].d)):
+                return f"growth[{j}] is not at least exp(rate d)"
+        name = asymmetric(self.variables)
+        if name is not None:
+            return f"{name} is not symmetric"
+        for growth in corners(self.growth, acting):
+            reason = failure(system, gain, self.variables, Shift(self.rate, growth))
+            if reason is not None:
+                return reason
+        return None
+
+
+def decay_from_json(data: Any, system: DelaySystem, where: str) -> Decay:
+    """Read what `Decay.to_json` wrote.
+
+    Raises
+    ------
+    InputError : a missing key, a wrong shape, a text that is no number.
+    """
+    known_keys(data, where, _KEYS, required=_KEYS)
+    N = len(system.delays)
+    if not isinstance(data["growth"], list) or len(data["growth"]) != N:
+        raise InputError("one per delay", where=f"{where}.growth", expected=f"a list of {N}")
+    return Decay(
+        rate=from_text(data["rate"], f"{where}.rate"),
+        growth=tuple(from_text(x, f"{where}.growth[{j}]") for j, x in enumerate(data["growth"])),
+        variables=variables_from_json(data["variables"], system, f"{where}.variables", gain=False),
+    )
+
+
+def acting_delays(system: DelaySystem) -> tuple[int, ...]:
+    """Return the indices of the positive delays whose A, H or feedback is not zero.
+
+    Raises
+    ------
+    InputError : there are more than `MAX_ACTING`.
+    """
+    found = tuple(
+        j
+        for j, x in enumerate(system.delays)
+        if x.d > 0 and (x.A.any() or x.H.any() or (x.feedback and system.B.any()))
+    )
+    if len(found) > MAX_ACTING:
+        raise InputError(
+            "too many delays for a proof of decay",
+            where="decay",
+            expected=f"at most {MAX_ACTING} delays through which anything acts",
+            got=str(len(found)),
+        )
+    return found
+
+
+def corners(growth: tuple[Any, ...], acting: tuple[int, ...]) -> Iterator[tuple[Any, ...]]:
+    """Return all s with s_j = 1 or growth_j for the acting delays, and 1 for the others."""
+    one = flint.fmpq(1)
+    ends = [(one, value) if j in acting else (one,) for j, value in enumerate(growth)]
+    return itertools.product(*ends)
+
+
+def growth_of(system: DelaySystem, rate: float) -> tuple[float, ...]:
+    """Return per delay a double at least e^{rate d}; 1 where nothing acts through it.
+
+    Raises
+    ------
+    InputError : a rate that is not positive, or too great for a delay to prove anything.
+    """
+    if not (math.isfinite(rate) and rate > 0):
+        raise InputError(
+            "not a rate of decay",
+            where="decay",
+            expected="a positive number of 1/s",
+            got=repr(rate),
+        )
+    acting = acting_delays(system)
+    values = []
+    for j, delay in enumerate(system.delays):
+        value = 1.0
+        if j in acting:
+            power = exact(rate) * exact(delay.d)
+            if power > exact(math.log(_LARGEST_GROWTH)):
+                raise InputError(
+                    f"the rate is too great for a delay of {delay.d:g} s",
+                    where="decay",
+                    expected=f"at most {math.log(_LARGEST_GROWTH) / delay.d:.4g} 1/s",
+                    got=f"{rate:g}",
+                )
+            value = math.exp(rate * delay.d)
+            while not is_above_exponential(exact(value), power):
+                value = math.nextafter(value, math.inf)
+        values.append(value)
+    return tuple(values)
+
+
+def is_above_exponential(value: Any, power: Any) -> bool:
+    """Prove that the rational `value` is at least e^power."""
+    with flint.ctx.workprec(256):
+        return bool(flint.arb(value) >= flint.arb(power).exp())

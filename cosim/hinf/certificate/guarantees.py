@@ -1,0 +1,79 @@
+"""Guarantees that a certificate may prove beside gamma: decay, a bound on |K|, peaks of u.
+
+In the JSON of a certificate each has its own proof and its own claim:
+
+    "claim": {..., "guarantees": {"decay": {...}}},  "guarantees": {"decay": {...}}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+from cosim.hinf.certificate.control_limits import (
+    GainLimit,
+    PeakControl,
+    gain_limit_from_json,
+    peak_control_from_json,
+)
+from cosim.hinf.certificate.decay import Decay, decay_from_json
+from cosim.hinf.certificate.system_json import known_keys
+from cosim.models import DelaySystem, Matrix
+
+KEY = "guarantees"
+_READERS: dict[str, Callable[[Any, DelaySystem, str], Any]] = {
+    "decay": decay_from_json,
+    "gain_limit": gain_limit_from_json,
+    "peak_control": peak_control_from_json,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Guarantees:
+    """The guarantees of a design; None where a constraint was not set."""
+
+    decay: Decay | None = None
+    gain_limit: GainLimit | None = None
+    peak_control: PeakControl | None = None
+
+    def _each(self) -> list[tuple[str, Decay | GainLimit | PeakControl]]:
+        named = [(field.name, getattr(self, field.name)) for field in fields(self)]
+        return [(name, value) for name, value in named if value is not None]
+
+    def claim(self) -> dict[str, Any]:
+        """Return the part of the claim of a certificate: empty, or the key `guarantees`."""
+        return {KEY: {name: one.claim() for name, one in self._each()}} if self._each() else {}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the part of a certificate: empty, or the key `guarantees` with the proofs."""
+        return {KEY: {name: one.to_json() for name, one in self._each()}} if self._each() else {}
+
+    def failure(self, system: DelaySystem, gain: Matrix) -> str | None:
+        """Return the first that is not proved, and why; None if all are.
+
+        Raises
+        ------
+        InputError : a proof that is too large.
+        """
+        for name, one in self._each():
+            reason = one.failure(system, gain)
+            if reason is not None:
+                return f"{name}: {reason}"
+        return None
+
+
+def guarantees_from_json(data: dict[str, Any], system: DelaySystem) -> Guarantees:
+    """Read the guarantees of a certificate; none where it has no such key.
+
+    Raises
+    ------
+    InputError : an unknown or missing key, a wrong shape, a text that is no number.
+    """
+    if KEY not in data:
+        return Guarantees()
+    tables = data[KEY]
+    known_keys(tables, KEY, tuple(_READERS))
+    return Guarantees(
+        **{name: _READERS[name](table, system, f"{KEY}.{name}") for name, table in tables.items()}
+    )

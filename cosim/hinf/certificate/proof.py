@@ -1,0 +1,180 @@
+"""The exact proof of Theorem 2, corrected, for a closed loop, and its claim.
+
+The conditions, in rational arithmetic, for the deployed K and Y := K X:
+
+    -Omega > 0,  X > 0,  every Qbar_j > 0 (exactly 0 where any age is allowed),  k2_j /= 0.
+
+-Omega > 0 implies Rbar_j > 0 for every delay dj > 0, eps > 0 and gamma > |D1|. The terms of
+each delay grow with it, so what holds at dj holds for every constant delay up to dj.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift, minus_omega
+from cosim.hinf.certificate.rational import (
+    exact,
+    exact_matrix,
+    first_bad_matrix,
+    first_bad_pivot,
+    to_text,
+)
+from cosim.models import DelaySystem, Matrix
+
+MAX_ROWS = 400
+"""Largest LMI that is checked; the vehicle's with two delays has some 70 rows."""
+
+
+@dataclass(frozen=True)
+class Variables:
+    """The LMI's variables from a solver: float arrays and floats.
+
+    X (n, n); Q, R one (n, n) per delay: Qbar = P^-1 Q P^-1, Rbar = R^-1 (Q zero for any age);
+    k1, k2 one number per delay. `eps` is ignored without uncertainty, `gamma` without w and z.
+    """
+
+    X: Matrix
+    Q: tuple[Matrix, ...]
+    R: tuple[Matrix, ...]
+    eps: float | None
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    gamma: float | None
+
+
+@dataclass(frozen=True)
+class CertificateCheck:
+    """Outcome of an exact check.
+
+    valid : whether the claim is proved.
+    reason : why it is not; None if it is.
+    claim : the claim, as in the JSON (see `claim_of`).
+    """
+
+    valid: bool
+    reason: str | None
+    claim: dict[str, Any]
+
+
+def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
+    """Return the claim of a certificate as JSON values.
+
+    gamma : the rational bound of the gain from w to z; None if only stability is claimed.
+    """
+    return {
+        "property": "stability" if gamma is None else "stability and H-infinity gain <= gamma",
+        "gamma": None if gamma is None else to_text(gamma),
+        "delays": [
+            {
+                "d": delay.d,
+                "age": "any, however it varies, up to d" if delay.any_age else "constant, up to d",
+                "feedback": delay.feedback,
+            }
+            for delay in system.delays
+        ],
+        "uncertain": bool(system.E.size),
+        "inputs": "doubles",
+    }
+
+
+def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateCheck:
+    """Prove the claim of `claim_of` for u = K x(t-d_f), or return why it is not proved.
+
+    Parameters
+    ----------
+    system : its doubles are taken exactly.
+    gain : (m, n) K, its doubles taken exactly.
+    v : symmetric matrices and numbers that fit the system.
+
+    Raises
+    ------
+    InputError : the LMI has more than `MAX_ROWS` rows.
+    """
+    reason = failure(system, gain, v)
+    return CertificateCheck(valid=reason is None, reason=reason, claim=claim_of(system, v.gamma))
+
+
+def failure(
+    system: DelaySystem, gain: Matrix, v: ExactVariables, shift: Shift | None = None
+) -> str | None:
+    """Return which condition is not proved; None if all are. `shift`: for the shifted system.
+
+    Raises
+    ------
+    InputError : as `proved`.
+    """
+    rows = (1 + 3 * len(system.delays)) * system.A.shape[0] + system.H.shape[0]
+    rows += system.C.shape[1] + system.D.shape[0] if v.gamma is not None else 0
+    if rows > MAX_ROWS:
+        raise InputError(
+            "the LMI is too large to be proved here",
+            where="system",
+            expected=f"at most {MAX_ROWS} rows",
+            got=f"{rows} rows",
+        )
+    for j, delay in enumerate(system.delays):
+        if v.k2[j] == 0:
+            return f"k2[{j}] is 0"
+        if delay.any_age and v.Q[j] != 0 * v.Q[j]:
+            return f"Q[{j}] is not exactly 0, as a delay of any age needs"
+    positive = [("X", v.X)]
+    positive += [(f"Q[{j}]", v.Q[j]) for j, x in enumerate(system.delays) if not x.any_age]
+    # where dj > 0, R is a diagonal block of -Omega
+    positive += [(f"R[{j}]", v.R[j]) for j, x in enumerate(system.delays) if x.d == 0]
+    name = first_bad_matrix(positive)
+    if name is not None:
+        return f"{name} is not positive definite"
+    lmi = minus_omega(system, exact_matrix(gain) * v.X, v, shift)
+    bad = first_bad_pivot(lmi.lower)
+    if bad is not None:
+        total = len(lmi.lower)
+        return (
+            f"-Omega is not positive definite: pivot {bad + 1} of {total}, "
+            f"in the rows of {lmi.row_names[bad]}, is not positive"
+        )
+    return None
+
+
+def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
+    """Convert the doubles of `v` to rationals, and symmetrise the matrices exactly.
+
+    Raises
+    ------
+    InputError : if shapes do not fit the system or a number is not finite.
+    """
+    n, N = system.A.shape[0], len(system.delays)
+    for name, values in (("Q", v.Q), ("R", v.R), ("k1", v.k1), ("k2", v.k2)):
+        if len(values) != N:
+            raise InputError("one per delay", where=name, expected=str(N), got=str(len(values)))
+
+    def symmetric(name: str, value: Any) -> Any:
+        array = np.asarray(value, dtype=np.float64)
+        if array.shape != (n, n) or not np.isfinite(array).all():
+            raise InputError(
+                "not a matrix of finite numbers",
+                where=name,
+                expected=f"shape ({n}, {n})",
+                got=f"shape {array.shape}",
+            )
+        rational = exact_matrix(array)
+        return (rational + rational.transpose()) / 2
+
+    def scalar(name: str, value: float | None) -> Any:
+        if value is None or not np.isfinite(value):
+            raise InputError("not finite", where=name, expected="a finite number", got=repr(value))
+        return exact(value)
+
+    return ExactVariables(
+        X=symmetric("X", v.X),
+        Q=tuple(symmetric(f"Q[{j}]", Q) for j, Q in enumerate(v.Q)),
+        R=tuple(symmetric(f"R[{j}]", R) for j, R in enumerate(v.R)),
+        eps=scalar("eps", v.eps) if system.E.size else None,
+        k1=tuple(scalar(f"k1[{j}]", value) for j, value in enumerate(v.k1)),
+        k2=tuple(scalar(f"k2[{j}]", value) for j, value in enumerate(v.k2)),
+        gamma=scalar("gamma", v.gamma) if system.has_performance else None,
+    )

@@ -1,0 +1,42 @@
+from .analysis_lmi import AnalysisLmi as AnalysisLmi
+from .assembly import Scalars as Scalars
+from .bessel_legendre_lmi import (
+    BesselLegendreLmi as BesselLegendreLmi,
+    multipliers_of as multipliers_of,
+    scalar_multipliers as scalar_multipliers,
+)
+from .conic import Solution as Solution
+from .constrained_problem import ConstrainedProblem as ConstrainedProblem
+from .decay_lmi import (
+    CornersProblem as CornersProblem,
+    shifted_systems as shifted_systems,
+)
+from .peak_lmi import (
+    THETAS as THETAS,
+    proved_peak_control as proved_peak_control,
+)
+from .problem import (
+    ROUGH_TOLERANCE as ROUGH_TOLERANCE,
+    Answer as Answer,
+    Problem as Problem,
+    exact_point as exact_point,
+    without_performance as without_performance,
+)
+from .refutation import refute as refute
+from .scaling import (
+    Scaling as Scaling,
+    check_size as check_size,
+    scaling_of as scaling_of,
+)
+from .solver_status import (
+    FAILED as FAILED,
+    OTHER_ROUTES as OTHER_ROUTES,
+    not_found as not_found,
+    solver_words as solver_words,
+)
+from .svec import Array as Array
+from .theorem_2_lmi import (
+    Unknowns as Unknowns,
+    omega as omega,
+    unknowns as unknowns,
+)

@@ -1,0 +1,31 @@
+from .closed_loop import (
+    ClosedLoop as ClosedLoop,
+    close as close,
+)
+from .delay_margins import delay_margin as delay_margin
+from .from_control import (
+    checked_system as checked_system,
+    frequency_response as frequency_response,
+    to_control as to_control,
+)
+from .nominal_figures import (
+    NominalFigures as NominalFigures,
+    nominal_figures_of as nominal_figures_of,
+)
+from .norm import (
+    NormResult as NormResult,
+    gain_at as gain_at,
+    hinf_norm as hinf_norm,
+)
+from .norm_proof import norm_proved as norm_proved
+from .roots import (
+    characteristic_roots as characteristic_roots,
+    spectral_abscissa as spectral_abscissa,
+)
+from .threads import one_thread as one_thread
+from .worst_case_disturbance import (
+    WorstCase as WorstCase,
+    worst_case as worst_case,
+    worst_case_at as worst_case_at,
+    worst_case_from_json as worst_case_from_json,
+)

@@ -1,0 +1,87 @@
+"""Figures of the nominal loop, computed without the LMI, to compare its gamma with."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+from cosim.core import NotAchievableError
+from cosim.hinf.nominal.closed_loop import close
+from cosim.hinf.nominal.delay_margins import delay_margin
+from cosim.hinf.nominal.norm import ROOTS, NormResult, hinf_norm
+from cosim.hinf.nominal.norm_proof import norm_proved
+from cosim.hinf.nominal.roots import characteristic_roots
+from cosim.hinf.nominal.threads import one_thread
+from cosim.models import DelaySystem
+
+# relative distances of the bounds tried: for a flat gain a close bound takes too long
+_ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
+# the same where the gain only tends to its norm: each closer bound takes three times the work
+_ABOVE_LIMIT = (1e-2, 1e-3, 1e-4, 1e-5)
+
+
+class NominalFigures(NamedTuple):
+    """Figures of the nominal loop at its present delays, all taken as constants.
+
+    abscissa : spectral abscissa [1/s], computed.
+    exact_norm : H-infinity norm from w to z, computed: a gain that is attained. None if the
+        loop is not stable, or there is no w or no z.
+    exact_norm_upper : a number that the norm is proved to lie below, by ball arithmetic, and
+        the loop proved stable with it; within 1e-8 of `exact_norm` where the gain has a peak,
+        less close where it is flat or attained at infinite frequency only. None without a proof.
+    norm_frequency : where the norm is attained [rad/s]; None at infinite frequency.
+    delay_margin : for each delay the value [s] at which stability is first lost, the others
+        kept; None: never lost, or not stable at present. None as a whole where a root comes too
+        close to the axis to decide.
+    """
+
+    abscissa: float
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+
+
+@one_thread
+def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
+    """Compute the figures of `system` with u = K x; its E, H are ignored.
+
+    Raises
+    ------
+    InputError : K (m, n) does not fit.
+    NotAchievableError : roots that cannot be found (see `characteristic_roots`).
+    """
+    loop = close(system, K)
+    roots = characteristic_roots(loop, ROOTS if system.has_performance else 1)
+    abscissa = float(roots[0].real)
+    peak = hinf_norm(loop, roots) if system.has_performance else None
+    finite = peak is not None and math.isfinite(peak.frequency)
+    margins = None
+    with suppress(NotAchievableError):  # a root too close to the axis to decide
+        margins = delay_margin(system, K, abscissa)
+    return NominalFigures(
+        abscissa=abscissa,
+        exact_norm=None if peak is None else peak.value,
+        exact_norm_upper=None if peak is None else _proved_above(system, K, peak),
+        norm_frequency=peak.frequency if peak is not None and finite else None,
+        delay_margin=margins,
+    )
+
+
+def _proved_above(system: DelaySystem, K: ArrayLike, peak: NormResult) -> float | None:
+    """Return the least of a few bounds of the norm that is proved; None if none is."""
+    norm, best = peak.value, None
+    if not norm > 0.0:
+        return None
+    if math.isfinite(peak.frequency):
+        levels = (norm * (1.0 + share) for share in _ABOVE)
+        return next((level for level in levels if norm_proved(system, K, level)), None)
+    for share in _ABOVE_LIMIT:
+        level = norm * (1.0 + share)
+        if not norm_proved(system, K, level):
+            break
+        best = level
+    return best

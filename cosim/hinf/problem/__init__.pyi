@@ -1,0 +1,21 @@
+from .auv import (
+    DEFAULT_ENVELOPE as DEFAULT_ENVELOPE,
+    DEFAULT_K1 as DEFAULT_K1,
+    DEFAULT_K2 as DEFAULT_K2,
+    AuvDesignSettings as AuvDesignSettings,
+    auv_system as auv_system,
+)
+from .design_constraints import (
+    DesignConstraints as DesignConstraints,
+    design_constraints_of as design_constraints_of,
+)
+from .envelope import Envelope as Envelope
+from .system_toml import (
+    BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
+    Delay as Delay,
+    DelaySystem as DelaySystem,
+    NamedSystem as NamedSystem,
+    parse_toml as parse_toml,
+    system_by_name as system_by_name,
+)
+from .weights import weighted as weighted

@@ -1,0 +1,162 @@
+"""Design constraints beside gamma: a rate of decay, a bound on |K|, peaks of u."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cosim.core import InputError
+from cosim.hinf.certificate import MAX_OFFSETS, growth_of, number, too_many_offsets
+from cosim.models import DelaySystem
+
+KEYS = ("decay", "gain_limit", "peak_control", "offset", "energy")
+
+
+@dataclass(frozen=True)
+class DesignConstraints:
+    """What a gain must meet beside gamma; None where there is no constraint.
+
+    decay : least rate [1/s] at which every solution decays.
+    gain_limit : bound on the largest singular value of K.
+    peak_control : bound on |u_i(t)|, one number per input, for every initial state of the box
+        and every disturbance of the energy below.
+    offset : the box, one number per state: |x_i| <= offset_i, constant before t = 0.
+    energy : int w'w <= energy^2.
+    """
+
+    decay: float | None = None
+    gain_limit: float | None = None
+    peak_control: tuple[float, ...] | None = None
+    offset: tuple[float, ...] | None = None
+    energy: float | None = None
+
+    @property
+    def any(self) -> bool:
+        """Whether there is any constraint."""
+        return self != DesignConstraints()
+
+
+def design_constraints_of(
+    system: DelaySystem,
+    *,
+    decay: float | None = None,
+    gain_limit: float | None = None,
+    peak_control: Sequence[float] | float | None = None,
+    offset: Sequence[float] | None = None,
+    energy: float | None = None,
+    where: str = "",
+) -> DesignConstraints:
+    """Check constraints against a system; one number for `peak_control` applies to every input.
+
+    Raises
+    ------
+    InputError : a number out of range, a length that does not fit, or a peak of u without an
+        offset and an energy.
+    """
+    prefix = f"{where}." if where else ""
+    if decay is not None:
+        growth_of(system, decay)
+    if gain_limit is not None:
+        _positive(gain_limit, f"{prefix}gain_limit")
+    if peak_control is not None:
+        values = [peak_control] if isinstance(peak_control, int | float) else list(peak_control)
+        peaks = _peaks(system, values, f"{prefix}peak_control")
+        box, strength = _start(system, offset, energy, prefix)
+        return DesignConstraints(decay, gain_limit, peaks, box, strength)
+    for name, value in (("offset", offset), ("energy", energy)):
+        if value is not None:
+            raise InputError(
+                f"{name} is only used with a limit on the peak of the control",
+                where=f"{prefix}{name}",
+                expected="peak_control as well",
+            )
+    return DesignConstraints(decay, gain_limit)
+
+
+def _peaks(system: DelaySystem, values: Sequence[float], where: str) -> tuple[float, ...]:
+    """Return one limit per input."""
+    m = system.B.shape[1]
+    peaks = tuple(float(value) for value in (list(values) * m if len(values) == 1 else values))
+    if len(peaks) != m or m == 0:
+        raise InputError(
+            "peak_control does not fit the system",
+            where=where,
+            expected=f"one number, or {m} of them, one per input" if m else "a system with inputs",
+            got=f"{len(values)} of them",
+        )
+    for i, value in enumerate(peaks):
+        _positive(value, f"{where}[{i}]")
+    return peaks
+
+
+def _start(
+    system: DelaySystem, offset: Sequence[float] | None, energy: float | None, prefix: str
+) -> tuple[tuple[float, ...], float]:
+    """Return the box of initial states, and the energy of the disturbance."""
+    n = system.A.shape[0]
+    box = tuple(float(value) for value in offset) if offset is not None else (0.0,) * n
+    if len(box) != n:
+        raise InputError(
+            "the offset does not fit the system",
+            where=f"{prefix}offset",
+            expected=f"{n} numbers, one per state",
+            got=f"{len(box)} of them",
+        )
+    for i, value in enumerate(box):
+        _not_negative(value, f"{prefix}offset[{i}]")
+    sides = sum(value > 0 for value in box)
+    if sides > MAX_OFFSETS:
+        raise too_many_offsets(sides, f"{prefix}offset")
+    strength = 0.0 if energy is None else float(energy)
+    _not_negative(strength, f"{prefix}energy")
+    if strength and not system.C.size:
+        raise InputError(
+            "this system has no disturbance",
+            where=f"{prefix}energy",
+            expected="0, or a system with C",
+        )
+    if not strength and not any(box):
+        raise InputError(
+            "a peak of the control cannot arise from nothing: no offset and no energy",
+            where=f"{prefix}peak_control",
+            expected="an offset of the initial state, an energy of the disturbance, or both",
+            hint="give offset, one number per state, or energy",
+        )
+    return box, strength
+
+
+def design_constraints_from_table(
+    table: Mapping[str, Any], system: DelaySystem, where: str
+) -> DesignConstraints:
+    """Read the design constraints in [design] of a TOML file.
+
+    Raises
+    ------
+    InputError : as `design_constraints_of`, with the key.
+    """
+    given: dict[str, Any] = {}
+    for key in (key for key in KEYS if key in table):
+        value, place = table[key], f"{where}.{key}"
+        is_list = key == "offset" or (key == "peak_control" and isinstance(value, list))
+        if is_list and not isinstance(value, list):
+            raise InputError(
+                "not a list of numbers", where=place, expected="a list, one number per state"
+            )
+        given[key] = (
+            [number(x, f"{place}[{i}]") for i, x in enumerate(value)]
+            if is_list
+            else number(value, place)
+        )
+    return design_constraints_of(system, **given, where=where)
+
+
+def _positive(value: float, where: str) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise InputError("not a limit", where=where, expected="a positive number", got=repr(value))
+
+
+def _not_negative(value: float, where: str) -> None:
+    if not (math.isfinite(value) and value >= 0):
+        raise InputError("out of range", where=where, expected="a number >= 0", got=repr(value))

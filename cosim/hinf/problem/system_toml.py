@@ -1,0 +1,246 @@
+"""Systems by name (`paper`, `auv`), or as TOML files with the symbols of Eq. (7).
+
+One delay, with the symbols of the paper::
+
+    [system]
+    A = [[-5.0, 0.0], [6.0, -10.0]]     # likewise B, C, D, D1, D2, E, H
+    A1 = [[-1.0, 0.0], [2.0, 1.0]]      # likewise H1
+    d = 0.3
+
+Any number of delays: in place of A1, H1, d one table each::
+
+    [[system.delays]]
+    d = 1.25
+    A = [[...]]         # zero where absent; likewise H
+    feedback = true     # u = K x(t-d)
+    any_age = true      # every time-varying delay up to d
+
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional
+settings of a design, k1 and k2 one number per delay, with its constraints
+(`cosim.hinf.problem.design_constraints`)::
+
+    [design]
+    k1 = [0.6]
+    k2 = [0.2]
+    gamma = 5.05
+    decay = 0.5         # 1/s
+    gain_limit = 2.0    # on |K|
+    peak_control = 3.0  # on every |u_i|, from offset and energy
+    offset = [1.0, 0.0]
+    energy = 1.0
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate import (
+    MATRICES,
+    assembled,
+    delay_from,
+    format_value,
+    known_keys,
+    matrix_from_rows,
+    number,
+)
+from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2, auv_system
+from cosim.hinf.problem.design_constraints import (
+    KEYS as DESIGN_CONSTRAINT_KEYS,
+    DesignConstraints,
+    design_constraints_from_table,
+)
+from cosim.hinf.problem.weights import weighted
+from cosim.models import (
+    Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
+    DelaySystem as DelaySystem,  # noqa: PLC0414 - the same
+    paper_example,
+)
+
+BUILT_IN_SYSTEMS = ("paper", "auv")
+_ONE_DELAY = ("d", "A1", "H1")
+
+
+@dataclass(frozen=True)
+class NamedSystem:
+    """A system with the settings of its design.
+
+    k1, k2 : one number per delay, k2 not zero; None: to be searched.
+    gamma : the bound to design for, positive; None: the least.
+    weights : of the rows of z, already in `system`; None where there are none.
+    unweighted : the system before these weights; None where there are none.
+    design_constraints : what a design must meet beside gamma.
+    """
+
+    system: DelaySystem
+    k1: tuple[float, ...] | None
+    k2: tuple[float, ...] | None
+    gamma: float | None = None
+    weights: tuple[float, ...] | None = None
+    unweighted: DelaySystem | None = None
+    design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
+
+
+def system_by_name(name: str) -> NamedSystem:
+    """Return a built-in system, or the one in a `.toml` file.
+
+    Raises
+    ------
+    InputError : no such system, or a file that does not hold one.
+    """
+    if name == "paper":
+        return NamedSystem(paper_example.system(), (paper_example.K1,), (paper_example.K2,))
+    if name == "auv":
+        return NamedSystem(auv_system(), DEFAULT_K1, DEFAULT_K2)
+    if not name.endswith(".toml"):
+        raise InputError.unknown("system", name, (*BUILT_IN_SYSTEMS, "FILE.toml"))
+    return load_system(name)
+
+
+def load_system(path: str | Path) -> NamedSystem:
+    """Read a system file; the system is named after the file unless it has a name.
+
+    Raises
+    ------
+    InputError : the file cannot be read, is malformed (with line and content), or does not
+        describe a system (with the key, what was expected and what was got).
+    """
+    path = Path(path)
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("the file cannot be read", where=str(path), got=str(error)) from error
+    return system_from_toml(text, where=str(path), name=path.stem)
+
+
+def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
+    """Read a system from TOML text; messages name `where`, and `name` is used if it has none.
+
+    Raises
+    ------
+    InputError : as `load_system`.
+    """
+    data = parse_toml(text, where)
+    known_keys(data, where, ("system", "design"), required=("system",))
+    table, place = data["system"], f"{where}: system"
+    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights")
+    known_keys(table, place, keys, required=("A",))
+    system = assembled(table, _delays(table, place), place, name)
+    weights, unweighted = None, None
+    if "weights" in table:
+        weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
+        system = weighted(unweighted, weights, where=f"{place}.weights")
+    place = f"{where}: design"
+    design = data.get("design", {})
+    known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
+    N = len(system.delays)
+    k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
+    k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
+    if k2 is not None and 0.0 in k2:
+        raise InputError(
+            "k2 is zero", where=f"{place}.k2", expected="no zero (Theorem 2)", got=str(list(k2))
+        )
+    gamma = number(design["gamma"], f"{place}.gamma") if "gamma" in design else None
+    if gamma is not None and not system.has_performance:
+        raise InputError(
+            "this system has no gain to bound",
+            where=f"{place}.gamma",
+            expected="no gamma, or a system with C and with D, D1 or D2",
+            got=str(gamma),
+        )
+    if gamma is not None and gamma <= 0:
+        raise InputError(
+            "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
+        )
+    design_constraints = design_constraints_from_table(design, system, place)
+    return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints)
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Parse TOML.
+
+    Raises
+    ------
+    InputError : it is malformed; the message has the line and its content.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r"line (\d+)", str(error))
+        # "at end of document": the last line is where something is missing
+        lines = text.splitlines() or [""]
+        line = int(place.group(1)) if place else len(lines)
+        content = lines[min(line, len(lines)) - 1].strip()
+        raise InputError(
+            "malformed TOML", where=f"{where}:{line}", expected=str(error), got=content
+        ) from error
+    except (ValueError, RecursionError) as error:
+        # beyond the limits of the parser: an integer of thousands of digits, deep nesting
+        raise InputError("malformed TOML", where=where, got=str(error)) from error
+
+
+def _delays(data: dict[str, Any], where: str) -> list[Delay]:
+    """Return the delays of either spelling."""
+    n = len(data["A"]) if isinstance(data["A"], list) else 0
+    one = [key for key in _ONE_DELAY if key in data]
+    if "delays" in data:
+        if one:
+            raise InputError(
+                "one delay and a list of delays at once",
+                where=where,
+                expected="either d, A1, H1 or [[system.delays]]",
+                got=f"{', '.join(one)} beside delays",
+            )
+        tables = data["delays"]
+        if not isinstance(tables, list):
+            raise InputError(
+                "not a list of delays",
+                where=f"{where}.delays",
+                expected="[[system.delays]], double brackets",
+                got=type(tables).__name__,
+            )
+        return [delay_from(table, f"{where}.delays[{i}]", n) for i, table in enumerate(tables)]
+    if one and (one == ["d"] or "d" not in one):
+        raise InputError(
+            "half a delay",
+            where=where,
+            expected="d, and A1 or H1 (or both)",
+            got=", ".join(one),
+            hint="a delay through which only the control acts is a [[system.delays]]",
+        )
+    if not one:
+        return []
+    A1 = matrix_from_rows(data["A1"], f"{where}.A1") if "A1" in data else np.zeros((n, n))
+    H1 = matrix_from_rows(data["H1"], f"{where}.H1") if "H1" in data else None
+    d = number(data["d"], f"{where}.d")
+    try:
+        return [Delay(d, A1, H1)]
+    except ValueError as error:
+        raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+
+
+def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:
+    """Read one number per delay; a single number where there is one delay."""
+    values = value if isinstance(value, list) else [value]
+    if len(values) != count:
+        raise InputError(
+            "not one number per delay",
+            where=where,
+            expected=f"a list of {count}",
+            got=f"{len(values)} of them",
+        )
+    return _numbers(values, where)
+
+
+def _numbers(values: Any, where: str) -> tuple[float, ...]:
+    if not isinstance(values, list):
+        raise InputError(
+            "not a list of numbers", where=where, expected="a list", got=format_value(values)
+        )
+    return tuple(number(x, f"{where}[{i}]") for i, x in enumerate(values))

@@ -1,0 +1,5 @@
+"""Searches over the LMIs: designs, analyses and greatest delays, each proved in the end."""
+
+import lazy_loader as _lazy
+
+__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)

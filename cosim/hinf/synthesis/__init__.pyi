@@ -1,0 +1,28 @@
+from .analysis import (
+    Analysis as Analysis,
+    analyse as analyse,
+)
+from .certified_delays import (
+    CertifiedDelay as CertifiedDelay,
+    certified_delay as certified_delay,
+)
+from .cvxpy_lmi import (
+    CvxpyLmi as CvxpyLmi,
+    as_cvxpy as as_cvxpy,
+)
+from .design_file import (
+    design_from_json as design_from_json,
+    design_to_json as design_to_json,
+)
+from .gain_design import (
+    design as design,
+    greatest_delay as greatest_delay,
+    nominal_gamma as nominal_gamma,
+    without_uncertainty as without_uncertainty,
+)
+from .greatest_delays import (
+    DELAY_LIMIT as DELAY_LIMIT,
+    GreatestDelay as GreatestDelay,
+    with_delays as with_delays,
+)
+from .synthesis import Design as Design

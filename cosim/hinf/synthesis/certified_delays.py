@@ -1,0 +1,179 @@
+"""Remark 3 for a given loop: the greatest delay at which stability, or a gamma, is certified.
+
+Every certified delay has an exact proof. "Not certified beyond" means that no proof was found
+there, not that the loop is unstable there.
+
+A proof of order 0 (Theorem 1) covers every constant delay up to its own, so the greatest delay
+is found by bisection. A proof of higher order first covers exactly one delay: the search goes
+up from the greatest delay of order 0 in steps of `_STEP`, to the end of that feasible interval
+(a gap shorter than a step is not seen), and then tries one proof for every delay up to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.hinf.nominal import nominal_figures_of
+from cosim.hinf.synthesis.analysis import (
+    Analysis,
+    Prover,
+    check_gamma,
+    check_order_of_analysis,
+    gain_of,
+)
+from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay, with_delay
+from cosim.models import DelaySystem
+
+_STEP = 1.1
+_FIRST = 2.0**-10  # first delay tried above zero, as a share of the limit
+_PRECISION = 1e-6  # of the bisection, relative
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedDelay:
+    """The greatest certified value of one delay, the others kept.
+
+    Attributes
+    ----------
+    delay_index : index of the delay in `system.delays`.
+    d : the greatest certified delay [s]; None if no delay is certified.
+    not_certified_at : a delay [s] just above d without a proof; None at the limit or without d.
+    limit_reached : whether d is the limit of the search.
+    analysis : at d, with its proof, its order, and whether it covers every smaller delay
+        (`covers_smaller_delays`); of the system as given if no delay is certified.
+    """
+
+    delay_index: int
+    d: float | None
+    not_certified_at: float | None
+    limit_reached: bool
+    analysis: Analysis
+
+
+def certified_delay(
+    system: DelaySystem,
+    gain: ArrayLike | None = None,
+    gamma: float | None = None,
+    *,
+    delay_index: int = 0,
+    order: int = 0,
+    limit: float = DELAY_LIMIT,
+) -> CertifiedDelay:
+    """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
+
+    Parameters
+    ----------
+    system : Eq. (7).
+    gain : (m, n) K; None for u = 0.
+    gamma : bound of the gain from w to z; None for stability alone.
+    delay_index : index of the delay.
+    order : of the Bessel-Legendre inequality, 0 for Theorem 1.
+    limit : where the search stops [s].
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    """
+    K = gain_of(system, gain)
+    check_delay(system, delay_index, limit)
+    check_order_of_analysis(order)
+    if gamma is not None:
+        check_gamma(gamma, system)
+    search = _Search(system, K, gamma, delay_index)
+    if order and not system.delays[delay_index].any_age:
+        search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
+        search.climb(order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.order != order:
+            search.climb(0, limit, start=search.d, step=_STEP)
+        if search.d is None:
+            # some loops need their delay
+            search.climb(order, limit, start=system.delays[delay_index].d, step=_STEP)
+    else:
+        search.climb(order, limit, start=0.0, step=2.0)
+    search.widen()
+    done = search.d is not None and search.d >= limit
+    system_at_d = system if search.d is None else search.at(search.d)
+    analysis = Analysis(
+        system=system_at_d,
+        K=None if gain is None else K,
+        order=order if search.d is None else search.order,
+        certified=search.d is not None,
+        reason=None
+        if search.d is not None
+        else f"no delay was found at which a proof exists; at {search.failed:g} s: {search.reason}",
+        gamma=None if search.d is None else gamma,
+        least_gamma=None,
+        certificate=search.certificate,
+        **nominal_figures_of(system_at_d, K)._asdict(),
+    )
+    return CertifiedDelay(
+        delay_index=delay_index,
+        d=search.d,
+        not_certified_at=None if done or search.d is None else search.failed,
+        limit_reached=done,
+        analysis=analysis,
+    )
+
+
+class _Search:
+    """The greatest certified delay so far (`d`), and the least failed one (`failed`)."""
+
+    def __init__(
+        self, system: DelaySystem, K: NDArray[np.float64], gamma: float | None, delay_index: int
+    ) -> None:
+        self._system, self._K, self._gamma, self._which = system, K, gamma, delay_index
+        self.d: float | None = None
+        self.failed: float | None = None
+        self.order = 0
+        self.reason: str | None = None
+        self.certificate: dict[str, Any] | None = None
+
+    def at(self, d: float) -> DelaySystem:
+        """Return the system with the delay that is searched replaced by d [s]."""
+        return with_delay(self._system, self._which, d)
+
+    def widen(self) -> None:
+        """Replace the proof by one for every delay up to the greatest, where there is one."""
+        if self.d is not None:
+            prover = Prover(self._system, self._K, self.order, self._gamma)
+            self.certificate = prover.widened(self.at(self.d)) or self.certificate
+
+    def climb(
+        self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
+    ) -> None:
+        """Go up from `start` until a proof fails or the limit is reached, then bisect."""
+        prover = Prover(self._system, self._K, order, self._gamma)
+        self.failed = None
+
+        def certified(d: float) -> bool:
+            proof = prover.proof(self.at(d))
+            if proof is None:
+                self.failed, self.reason = d, prover.reason
+            else:
+                self.d, self.order, self.certificate = d, order, proof
+            return proof is not None
+
+        d = min(start, limit)
+        if d != self.d and not certified(d):
+            return
+        while d < limit and self.failed is None:
+            d = min(max(d * step, limit * _FIRST), limit)
+            certified(d)
+        while (
+            self.failed is not None
+            and self.d is not None
+            and self.failed - self.d > precision * self.failed
+        ):
+            certified(_between(self.d, self.failed))
+
+
+def _between(low: float, high: float) -> float:
+    """Return the middle, rounded to as few digits as the interval needs."""
+    middle = (low + high) / 2
+    digits = 1 - int(np.floor(np.log10(high - low)))
+    rounded = round(middle, digits)
+    return rounded if low < rounded < high else middle

@@ -1,0 +1,153 @@
+"""The LMI of Theorem 2 as a cvxpy problem, for constraints of a user's own on X, Y, Q, R.
+
+The LMI is `cosim.hinf.lmi.theorem_2_lmi`. cvxpy is imported when `as_cvxpy` is called; the
+project's own designs use `cosim.hinf.lmi.assembly` instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cosim.core import InputError
+from cosim.hinf.lmi import Unknowns, omega, scaling_of, unknowns
+from cosim.hinf.nominal import checked_system
+from cosim.hinf.synthesis.analysis import gain_of
+from cosim.hinf.synthesis.synthesis import (
+    Design,
+    check_achievable,
+    checked_scalars,
+    design,
+    rounded_gain,
+)
+from cosim.models import DelaySystem, Matrix
+
+_SINGULAR = 1e14  # condition number of X beyond which Y X^-1 is noise
+
+
+@dataclass(frozen=True, eq=False)
+class CvxpyLmi(Unknowns):
+    """The LMI of one system at given k1, k2, as a cvxpy problem.
+
+    X, Y, Q, R, eps, gamma are variables of these names (Q1, R1 for the first delay); Y is an
+    expression if the gain is given, gamma a number if it is given, Q zero for any age.
+
+    Attributes
+    ----------
+    system, k1, k2 : of the LMI.
+    constraints : -Omega >= 0, X >= 0, and for a delay of zero R >= 0.
+    problem : minimise gamma over them; with a given gamma, or without w and z, maximise t with
+        -Omega >= t I and X of trace n.
+    """
+
+    system: DelaySystem
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    constraints: list[Any]
+    problem: Any
+
+    def gain(self) -> Matrix:
+        """Return K = Y X^-1 (m, n) of the solved problem, rounded as in every design.
+
+        Raises
+        ------
+        InputError : the variables have no value (nothing was solved), or X is singular.
+        """
+        X, Y = self.X.value, self.Y.value
+        if X is None or Y is None or not np.linalg.cond(X) < _SINGULAR:
+            raise InputError(
+                "there is no gain in X and Y",
+                where="X, Y",
+                expected="the values of a solved problem, X regular",
+                got="no value" if X is None or Y is None else "X as good as singular",
+                hint="call solve() and look at its status; bound X from below, X >> 0.01 I",
+            )
+        K = np.asarray(np.linalg.solve(X.T, Y.T).T, dtype=np.float64)
+        return rounded_gain(K, scaling_of(self.system))
+
+    def design(self, gamma: float | None = None) -> Design:
+        """Return the design with this gain, proved exactly at k1, k2.
+
+        The proof has variables of its own, without the constraints that were added. Its least
+        gamma is at most that of the problem.
+
+        Parameters
+        ----------
+        gamma : a bound to prove instead of the least one of this gain.
+
+        Raises
+        ------
+        InputError : as `gain`.
+        NotAchievableError : the gain could not be certified.
+        """
+        return design(self.system, self.k1, self.k2, gamma=gamma, gain=self.gain())
+
+
+def as_cvxpy(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+) -> CvxpyLmi:
+    """Formulate the LMI of Theorem 2 as a cvxpy problem, to which constraints can be added.
+
+    Parameters
+    ----------
+    system : Eq. (7) with delays (n states, m inputs).
+    k1, k2 : one number per delay, k2 not zero.
+    gamma : a bound to meet instead of the least one.
+    gain : (m, n) a given gain; then Y = K X.
+
+    Returns
+    -------
+    CvxpyLmi
+        X (n, n) symmetric, Y (m, n), Q and R one (n, n) per delay, eps and gamma scalars, the
+        `constraints` and the `problem`; after solving, `design()` proves the gain.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system, or no B.
+    NotAchievableError : gamma <= ||D1||.
+
+    Examples
+    --------
+    A gain whose first control does not use the second state, X diagonal:
+
+    >>> import cvxpy as cp
+    >>> from cosim.hinf import as_cvxpy
+    >>> from cosim.models import paper_example
+    >>> lmi = as_cvxpy(paper_example.system(), [0.6], [0.2])
+    >>> more = [lmi.X[0, 1] == 0, lmi.Y[0, 1] == 0]
+    >>> least = cp.Problem(lmi.problem.objective, [*lmi.constraints, *more]).solve(cp.CLARABEL)
+    >>> found = lmi.design()
+    >>> abs(float(found.K[0, 1])) < 1e-5, found.gamma < least * 1.001
+    (True, True)
+    """
+    import cvxpy as cp  # noqa: PLC0415 - slow to load, and few need it
+
+    system = checked_system(system, control=True)
+    p = checked_scalars(system, k1, k2)
+    if gamma is not None:
+        check_achievable(gamma, system)
+    v = unknowns(system, gain=None if gain is None else gain_of(system, gain), gamma=gamma)
+    whole, positive = omega(system, p.k1, p.k2, v)
+    least = gamma is None and system.has_performance
+    margin = 0.0 if least else cp.Variable(name="margin")
+    constraints = [(whole + whole.T) / 2 << -margin * np.eye(whole.shape[0])]
+    constraints += [matrix >> 0 for matrix in positive]
+    if least:
+        objective: Any = cp.Minimize(v.gamma)
+    else:
+        # without a free gamma the LMI is homogeneous: fix the size of the solution
+        constraints.append(sum(v.X[i, i] for i in range(len(system.A))) == len(system.A))
+        objective = cp.Maximize(margin)
+    problem = cp.Problem(objective, constraints)
+    return CvxpyLmi(
+        **vars(v), system=system, k1=p.k1, k2=p.k2, constraints=constraints, problem=problem
+    )

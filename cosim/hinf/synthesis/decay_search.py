@@ -1,0 +1,64 @@
+"""Search k1, k2 with which a rate of decay can be proved of a given gain, and prove it."""
+
+from __future__ import annotations
+
+from cosim.hinf.certificate import Decay, exact, growth_of
+from cosim.hinf.lmi import (
+    Answer,
+    CornersProblem,
+    Problem,
+    Scalars,
+    exact_point,
+    not_found,
+    shifted_systems,
+    solver_words,
+)
+from cosim.hinf.synthesis.search import starts
+from cosim.models import DelaySystem, Matrix
+
+_DIGITS = 3  # of margins that are compared: those behind them may differ between machines
+
+
+def corner_scalars(
+    system: DelaySystem, rate: float, p: Scalars, gain: Matrix | None = None
+) -> list[Scalars]:
+    """Return k1, k2 feasible for the outermost corner alone: `p`, and the best fixed start."""
+    outermost = Problem(shifted_systems(system, rate)[-1])
+    found: list[tuple[float, int, Scalars]] = []
+    for at in starts(p):
+        answer = outermost.margin(at, None, gain)
+        if isinstance(answer, Answer) and answer.value > 0:
+            found.append((float(f"{-answer.value:.{_DIGITS}g}"), len(found), at))
+            if gain is not None and at is p:
+                break
+    likely = [at for _, _, at in sorted(found)[:1]]
+    return [p, *(at for at in likely if at is not p)] if any(x[2] is p for x in found) else likely
+
+
+def proved_decay(
+    system: DelaySystem, gain: Matrix, rate: float, p: Scalars
+) -> tuple[Decay | None, str]:
+    """Prove that the loop decays at `rate`; return the proof, or None and why.
+
+    Parameters
+    ----------
+    system, gain : the loop, with the deployed K.
+    rate : [1/s].
+    p : k1, k2 to try first.
+    """
+    growth = tuple(exact(value) for value in growth_of(system, rate))
+    problem = CornersProblem(system, rate)
+    reason = ""
+    with solver_words() as words:
+        for at in corner_scalars(system, rate, p, gain):
+            weights = None
+            for _ in range(2):
+                answer = problem.margin(at, None, gain, weights)
+                if not isinstance(answer, Answer) or answer.value <= 0:
+                    break
+                decay = Decay(exact(rate), growth, exact_point(system, answer.point, at))
+                failed = decay.failure(system, gain)
+                if failed is None:
+                    return decay, ""
+                reason, weights = failed, answer.scale
+    return None, reason or not_found(words)

@@ -1,0 +1,110 @@
+"""A design as JSON: its certificate, and the figures of the nominal loop."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from cosim.core import InputError
+from cosim.hinf.certificate import (
+    KEY,
+    Guarantees,
+    check_certificate,
+    format_value,
+    guarantees_from_json,
+    number,
+    system_from_json,
+)
+from cosim.hinf.nominal import worst_case_from_json
+from cosim.hinf.synthesis.synthesis import Design
+
+# computed, not part of the claim
+_FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")
+# absent in older files: then None
+_LATER_FIGURES = ("exact_norm_upper", "delay_margin", "worst_case")
+
+
+def design_to_json(design: Design) -> dict[str, Any]:
+    """Return JSON values: `claim`, `system`, `variables`, `K` of the proof, and `figures`."""
+    figures = {name: getattr(design, name) for name in (*_FIGURES, "exact_norm_upper")}
+    margin = design.delay_margin
+    figures["delay_margin"] = None if margin is None else list(margin)
+    if design.worst_case is not None:  # else left out: a design that is read is written as it was
+        figures["worst_case"] = {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in asdict(design.worst_case).items()
+        }
+    return {**design.certificate, "figures": figures}
+
+
+def design_from_json(data: Any, *, where: str) -> Design:
+    """Read a design from its JSON, and check its proof again.
+
+    Raises
+    ------
+    InputError : not a design, or one whose proof does not hold.
+    """
+    proof = check_certificate(data)
+    if not proof.valid:
+        raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
+    figures = data.get("figures")
+    known = set(_FIGURES + _LATER_FIGURES)
+    if not isinstance(figures, dict) or not set(_FIGURES) <= set(figures) <= known:
+        if "kind" in data:
+            raise InputError("not a design", where=where, got="an analysis, without figures")
+        raise InputError(
+            "this design has not the figures of a design",
+            where=where,
+            expected=f"figures: {', '.join(_FIGURES)}, optionally {', '.join(_LATER_FIGURES)}",
+            got=format_value(sorted(figures) if isinstance(figures, dict) else figures),
+        )
+    # the claimed values are read from the proof, never from a note beside it
+    proved = data["variables"]
+    system = system_from_json(data["system"])
+    notes: dict[str, Any] = {
+        name: _number_or_none(figures.get(name), f"{where}: {name}")
+        for name in (*_FIGURES, "exact_norm_upper")
+    }
+    margins = figures.get("delay_margin")
+    if margins is not None:
+        margins = _margins(margins, f"{where}: delay_margin", len(system.delays))
+    worst = figures.get("worst_case")
+    if worst is not None:
+        worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
+    order: int | None = proved.get("order")
+    own = ("kind", "claim", "system", "variables", "K", *(() if order is not None else (KEY,)))
+    return Design(
+        system=system,
+        K=np.array(data["K"], dtype=float),
+        gamma=None if proved["gamma"] is None else _double(proved["gamma"]),
+        k1=() if order is not None else tuple(map(_double, proved["k1"])),
+        k2=() if order is not None else tuple(map(_double, proved["k2"])),
+        certificate={key: data[key] for key in own if key in data},
+        order=order,
+        guarantees=Guarantees() if order is not None else guarantees_from_json(data, system),
+        delay_margin=margins,
+        worst_case=worst,
+        **notes,
+    )
+
+
+def _number_or_none(value: Any, where: str) -> float | None:
+    return None if value is None else number(value, where)
+
+
+def _margins(values: Any, where: str, N: int) -> tuple[float | None, ...]:
+    if not isinstance(values, list) or len(values) != N:
+        raise InputError(
+            "not a delay margin",
+            where=where,
+            expected=f"a list of {N}, one number or null per delay",
+            got=format_value(values),
+        )
+    return tuple(_number_or_none(value, f"{where}[{i}]") for i, value in enumerate(values))
+
+
+def _double(text: str) -> float:
+    return float(Fraction(text))

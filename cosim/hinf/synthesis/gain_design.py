@@ -1,0 +1,209 @@
+"""Design and greatest delay as users call them, for every condition and with constraints.
+
+1. The gain of least gamma without the design constraints (`cosim.hinf.synthesis.synthesis`) is kept
+   if the constraints can be proved for it.
+2. Otherwise the gain of least gamma that meets them (`cosim.hinf.synthesis.constrained_search`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from numpy.typing import ArrayLike
+
+from cosim.core import InputError, NotAchievableError
+from cosim.hinf.nominal import checked_system, one_thread
+from cosim.hinf.problem import design_constraints_of
+from cosim.hinf.synthesis import synthesis
+from cosim.hinf.synthesis.analysis import analyse
+from cosim.hinf.synthesis.bessel_legendre_designs import (
+    bessel_legendre_delay,
+    bessel_legendre_design,
+)
+from cosim.hinf.synthesis.constrained_search import (
+    ConstrainedSearch,
+    describe_constraints,
+    prove_constraints,
+    scalars_of,
+    with_guarantees,
+)
+from cosim.hinf.synthesis.greatest_delays import (
+    DELAY_LIMIT,
+    GreatestDelay,
+    greatest_delay as delay_of_theorem_2,
+)
+from cosim.hinf.synthesis.search import initial_scalars
+from cosim.hinf.synthesis.synthesis import Design
+from cosim.models import DelaySystem
+
+
+@one_thread
+def design(
+    system: DelaySystem,
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+    search: bool | None = None,
+    order: int | None = None,
+    decay: float | None = None,
+    gain_limit: float | None = None,
+    peak_control: Sequence[float] | float | None = None,
+    offset: Sequence[float] | None = None,
+    energy: float | None = None,
+) -> Design:
+    """Design a state feedback and prove its gamma, or prove the gamma of a given gain.
+
+    Parameters
+    ----------
+    system : Eq. (7) with delays (n states, m inputs).
+    k1, k2 : one number per delay, k2 not zero (Theorem 2). Without both, they are searched;
+        if one is given, the other is its negative.
+    gamma : a bound to meet instead of the least one; the design's own may be lower.
+    gain : (m, n) a gain to analyse instead of designing one.
+    search : look for better k1, k2 (`cosim.hinf.synthesis.search`), starting from these among
+        others.
+    order : None for Theorem 2; N for the Bessel-Legendre condition of order N, which starts
+        from the gain of Theorem 2 and allows no design constraints.
+    decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
+    gain_limit : bound on the largest singular value of K.
+    peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
+        needs `offset`, `energy` or both.
+    offset : (n,) the initial state, |x_i| <= offset_i, constant before t = 0.
+    energy : int w'w <= energy^2.
+
+    Returns
+    -------
+    Design
+        Its gamma and its `guarantees` are proved, for the whole uncertainty of the system.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no certified solution with this gamma and these design constraints.
+
+    Examples
+    --------
+    >>> from cosim.hinf import Delay, DelaySystem, design
+    >>> pendulum = DelaySystem(
+    ...     A=[[0, 1], [1, 0]], B=[[0], [1]], C=[[0], [1]], D=[[1, 0], [0, 0]], D2=[[0], [1]],
+    ...     delays=[Delay(0.1, [[0, 0], [0, 0]], feedback=True, any_age=True)],
+    ... )
+    >>> found = design(pendulum, decay=0.5)
+    >>> found.gamma > found.exact_norm, found.abscissa < -0.5, found.K.shape
+    (True, True, (1, 2))
+    """
+    system = checked_system(system, control=True)
+    one, two, look = initial_scalars(system, k1, k2, search)
+    design_constraints = design_constraints_of(
+        system,
+        decay=decay,
+        gain_limit=gain_limit,
+        peak_control=peak_control,
+        offset=offset,
+        energy=energy,
+    )
+    if order is not None:
+        if design_constraints.any:
+            raise InputError(
+                "design constraints are proved with Theorem 2 only",
+                where="order",
+                expected=f"no order, with {describe_constraints(design_constraints)}",
+                got=str(order),
+            )
+        return bessel_legendre_design(
+            system, one, two, order=order, gamma=gamma, gain=gain, search=look
+        )
+    plain: Design | None = None
+    try:
+        plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
+    except NotAchievableError:
+        # without a constraint the best gain may be unbounded
+        if not design_constraints.any or gain is not None:
+            raise
+    start = synthesis.checked_scalars(system, one, two)
+    if plain is not None:
+        if not design_constraints.any:
+            return plain
+        guarantees, reason = prove_constraints(plain, design_constraints)
+        if guarantees is not None:
+            return with_guarantees(plain, guarantees)
+        if gain is not None:
+            raise NotAchievableError(
+                "the design constraints could not be proved for this gain",
+                where=system.name or None,
+                expected=describe_constraints(design_constraints),
+                got=reason,
+            )
+        start = scalars_of(plain)
+    return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(plain)
+
+
+def greatest_delay(
+    system: DelaySystem,
+    gamma: float | None,
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
+    *,
+    delay_index: int = 0,
+    limit: float = DELAY_LIMIT,
+    search: bool | None = None,
+    order: int | None = None,
+) -> GreatestDelay:
+    """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
+
+    Parameters
+    ----------
+    system : the delays other than `delay_index` are kept.
+    gamma : bound of the gain from w to z; None, for stability, without w and z.
+    k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+    delay_index : index of the delay.
+    limit : where the search ends [s].
+    search : look for better k1, k2 as well.
+    order : None for Theorem 2, with a refutation just beyond; N for the Bessel-Legendre
+        condition of order N.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no delay at all can be certified.
+    """
+    system = checked_system(system, control=True)
+    one, two, look = initial_scalars(system, k1, k2, search)
+    if order is None:
+        return delay_of_theorem_2(
+            system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
+        )
+    return bessel_legendre_delay(
+        system, gamma, one, two, order=order, delay_index=delay_index, limit=limit, search=look
+    )
+
+
+def without_uncertainty(system: DelaySystem) -> DelaySystem:
+    """Return the nominal system: E and every H removed."""
+    delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
+    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
+
+
+def nominal_gamma(found: Design) -> float | None:
+    """Return the least certified gamma of the same K, k1, k2 or order, without uncertainty.
+
+    Its distance to `found.gamma` is the cost of E, H, its distance to the exact norm the
+    conservatism of the condition. Takes about as long as half a design.
+
+    Returns
+    -------
+    None where only stability is certified; `found.gamma` where nothing is uncertain.
+
+    Raises
+    ------
+    NotAchievableError : no proof was found.
+    """
+    if found.gamma is None or not found.system.E.size:
+        return found.gamma
+    nominal = without_uncertainty(found.system)
+    if found.order is not None:
+        return analyse(nominal, found.K, order=found.order).gamma
+    return synthesis.design(nominal, found.k1, found.k2, gain=found.K).gamma

@@ -1,0 +1,276 @@
+"""Remark 3: the greatest delay for a given gamma, by Theorem 2.
+
+At fixed k1, k2 the LMI is feasible on an interval from 0: a solution at d is one at every
+smaller delay, since d enters it, rows r and m removed, with positive semidefinite factors only.
+The interval ends where the margin is zero. Just below, a design is proved exactly; just above,
+Farkas' lemma proves exactly that there is no solution.
+
+With k1, k2 searched there may be no end: the loop of section 5 is stable for every delay. Then
+the search stops at its limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from scipy import optimize
+
+from cosim.core import InputError, NotAchievableError
+from cosim.hinf.lmi import (
+    ROUGH_TOLERANCE,
+    Answer,
+    Problem,
+    Scalars,
+    not_found,
+    refute,
+    solver_words,
+)
+from cosim.hinf.nominal import one_thread
+from cosim.hinf.synthesis.delay_search import search_greatest_delay
+from cosim.hinf.synthesis.not_achievable import hint_after
+from cosim.hinf.synthesis.stabilisability import unstabilisable_error
+from cosim.hinf.synthesis.synthesis import (
+    Design,
+    check_achievable,
+    checked_scalars,
+    design_from_proof,
+    find_certified_gain,
+)
+from cosim.models import DelaySystem
+
+DELAY_LIMIT = 20.0
+"""Where a search ends [s]."""
+
+_SMALLEST = 1e-6  # shortest delay searched, as a share of the limit
+_BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
+_ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
+_PRECISION = 1e-7  # of the end at fixed k1, k2, relative: that of a margin
+_BEYOND = (1e-3, 1e-2, 0.1, 1.0)
+"""Shares beyond a greatest delay found where its end at fixed k1, k2 is searched."""
+
+
+@dataclass(frozen=True, eq=False)
+class GreatestDelay:
+    """The greatest delay certified for a gamma.
+
+    delay : d* [s]; the other delays as they were.
+    design : the gain and its proof at d*.
+    limit_reached : whether d* is the limit of the search; nothing is known beyond.
+    refuted_at : a delay [s] just above d* from which on the LMI is proved to have no solution at
+        the design's k1, k2; None: not certified beyond.
+    refutation : the proof as JSON values, for `check_certificate`.
+    """
+
+    delay: float
+    design: Design
+    limit_reached: bool
+    refuted_at: float | None
+    refutation: dict[str, Any] | None
+
+
+@one_thread
+def greatest_delay(
+    system: DelaySystem,
+    gamma: float | None,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    delay_index: int = 0,
+    limit: float = DELAY_LIMIT,
+    search: bool = False,
+) -> GreatestDelay:
+    """Find the greatest delay by Theorem 2, as `gain_design.greatest_delay` with k1, k2 given.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no delay at all can be certified.
+    """
+    check_delay(system, delay_index, limit)
+    if gamma is not None:
+        check_achievable(gamma, system)
+    elif system.has_performance:
+        raise InputError("a greatest delay needs a bound gamma", where="gamma", expected="a number")
+    p = checked_scalars(system, k1, k2)
+    start = with_delay(system, delay_index, limit)
+    problem = Problem(start)
+    p = replace(p, d=tuple(delay.d for delay in start.delays))
+    with solver_words() as words:
+        end = _searched_end(problem, p, gamma, delay_index) if search else None
+        if end is None:
+            end = _end(problem, p, gamma, delay_index)
+    if end is None:
+        cause = unstabilisable_error(system)
+        if cause is not None:
+            raise cause
+        least = _replaced(p, delay_index, _SMALLEST * limit)
+        there = with_delay(system, delay_index, least.d[delay_index])
+        proof = None if search else refute(there, problem, least, gamma)
+        raise _none_at_all(system, gamma, least, proof, not_found(words), search=search)
+    shares = (0.0, *_BELOW) if end.d[delay_index] == limit else _BELOW
+    reason = ""
+    for share in shares:
+        d = end.d[delay_index] * (1 - share)
+        at = _replaced(end, delay_index, d)
+        there = with_delay(system, delay_index, d)
+        found, reason = find_certified_gain(there, problem, at, gamma)
+        if found is not None:
+            beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
+            return GreatestDelay(
+                delay=d,
+                design=design_from_proof(there, *found, None),
+                limit_reached=d == limit,
+                refuted_at=None if beyond is None else beyond[0],
+                refutation=None if beyond is None else beyond[1],
+            )
+    raise NotAchievableError(
+        "no delay could be certified",
+        where=system.name or None,
+        expected=f"an exact proof near d = {end.d[delay_index]:.6g}, the greatest by the solver",
+        got=reason,
+        hint=hint_after(reason, "another k1, k2, or a larger gamma"),
+    )
+
+
+def _end(problem: Problem, p: Scalars, gamma: float | None, delay_index: int) -> Scalars | None:
+    """Return where the margin at these k1, k2 is zero, or the delay of `p`; None: nowhere."""
+    margin = _margin_by(problem, p, gamma, delay_index)
+    limit = p.d[delay_index]
+    if margin(limit) > 0:
+        return p
+    least = _SMALLEST * limit
+    if margin(least) <= 0:
+        return None
+    return _replaced(p, delay_index, _zero(margin, least, limit))
+
+
+def _searched_end(
+    problem: Problem, p: Scalars, gamma: float | None, delay_index: int
+) -> Scalars | None:
+    """Return the end at the k1, k2 of the greatest delay found, or the limit."""
+    found = search_greatest_delay(problem, p, gamma, delay_index)
+    if found is None or found.d[delay_index] == p.d[delay_index]:
+        return found
+    margin = _margin_by(problem, found, gamma, delay_index)
+    low = found.d[delay_index]
+    if margin(low) <= 0:
+        return found
+    for share in _BEYOND:
+        high = min(found.d[delay_index] * (1 + share), p.d[delay_index])
+        if margin(high) <= 0:
+            return _replaced(found, delay_index, _zero(margin, low, high))
+        low = high
+    return _replaced(found, delay_index, low)
+
+
+def _margin_by(
+    problem: Problem, p: Scalars, gamma: float | None, delay_index: int
+) -> Callable[[float], float]:
+    """Return the margin as a function of the delay; -1 where the solver finds none."""
+
+    @cache
+    def margin(d: float) -> float:
+        answer = problem.margin(_replaced(p, delay_index, d), gamma, tolerance=ROUGH_TOLERANCE)
+        return answer.value if isinstance(answer, Answer) else -1.0
+
+    return margin
+
+
+def _zero(margin: Callable[[float], float], low: float, high: float) -> float:
+    return float(optimize.brentq(margin, low, high, xtol=_PRECISION * high, rtol=_PRECISION))
+
+
+def _refuted(
+    system: DelaySystem, problem: Problem, p: Scalars, gamma: float | None, delay_index: int
+) -> tuple[float, dict[str, Any]] | None:
+    """Return a delay just above that of `p` without a solution, and the proof."""
+    for share in _ABOVE:
+        d = p.d[delay_index] * (1 + share)
+        proof = refute(
+            with_delay(system, delay_index, d), problem, _replaced(p, delay_index, d), gamma
+        )
+        if proof is not None:
+            return d, proof
+    return None
+
+
+def _none_at_all(
+    system: DelaySystem,
+    gamma: float | None,
+    p: Scalars,
+    proof: dict[str, Any] | None,
+    reason: str,
+    *,
+    search: bool,
+) -> NotAchievableError:
+    """Return the error with the proof that no delay is feasible, or with the `reason` without."""
+    goal = "stability" if gamma is None else f"gamma = {gamma:g}"
+    where = "the k1, k2 searched" if search else f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
+    usual = "a larger gamma" if search else "other k1, k2, or a search for them; a larger gamma"
+    return NotAchievableError(
+        f"no delay was found at which {goal} can be certified"
+        if proof is None
+        else f"{goal} cannot be achieved at any delay with these k1, k2",
+        where=system.name or None,
+        expected=f"a feasible LMI at a small delay, with {where}",
+        got=reason
+        if proof is None
+        else f"proved: the LMI has no solution at delays {list(p.d)}, nor at greater ones",
+        hint=usual if proof is not None else hint_after(reason, usual),
+        certificate=proof,
+    )
+
+
+def _replaced(p: Scalars, delay_index: int, d: float) -> Scalars:
+    return replace(p, d=(*p.d[:delay_index], d, *p.d[delay_index + 1 :]))
+
+
+def check_delay(system: DelaySystem, delay_index: int, limit: float) -> None:
+    """Refuse an index that no delay has, and a limit that is no positive number of seconds.
+
+    Raises
+    ------
+    InputError : naming which.
+    """
+    N = len(system.delays)
+    if not 0 <= delay_index < N:
+        expected = f"an index from 0 to {N - 1}" if N else "a system with a delay"
+        raise InputError(
+            "there is no such delay", where="delay_index", expected=expected, got=str(delay_index)
+        )
+    if not (math.isfinite(limit) and limit > 0):
+        raise InputError(
+            "not a limit for a delay", where="limit", expected="seconds > 0", got=repr(limit)
+        )
+
+
+def with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
+    """Return the same system with delay `delay_index` replaced by d [s]."""
+    return with_delays(
+        system, [d if j == delay_index else x.d for j, x in enumerate(system.delays)]
+    )
+
+
+def with_delays(system: DelaySystem, lengths: Sequence[float]) -> DelaySystem:
+    """Return the same system with other delays [s].
+
+    Raises
+    ------
+    InputError : not one number per delay, or a negative one.
+    """
+    if len(lengths) != len(system.delays):
+        raise InputError(
+            "the delays do not fit the system",
+            where="delays",
+            expected=f"{len(system.delays)} numbers of seconds",
+            got=str(list(lengths)),
+        )
+    try:
+        delays = tuple(replace(x, d=d) for d, x in zip(lengths, system.delays, strict=True))
+    except ValueError as error:
+        raise InputError(str(error), where="delays") from error
+    return replace(system, delays=delays)

@@ -1,0 +1,149 @@
+"""Errors for designs that cannot be achieved: the cause, and what to try.
+
+Where possible the cause is proved (`cosim.hinf.lmi.refutation`), with the proof in the error. Only
+then does a message say that there is no solution; otherwise that none was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cosim.core import NotAchievableError
+from cosim.hinf.lmi import (
+    FAILED,
+    OTHER_ROUTES,
+    Answer,
+    Problem,
+    Scalars,
+    Solution,
+    not_found,
+    refute,
+    without_performance,
+)
+from cosim.hinf.synthesis.stabilisability import unstabilisable_error
+from cosim.models import DelaySystem
+
+_OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
+_NOTHING = 1e-6  # a least gamma below this, in inner units, counts as zero
+
+
+def hint_after(reason: str, usual: str) -> str:
+    """Return what to try: other routes where the solver failed, otherwise `usual`."""
+    return OTHER_ROUTES if FAILED in reason else usual
+
+
+def no_feasible_gamma(
+    system: DelaySystem, p: Scalars, solution: Solution, *, given: bool
+) -> NotAchievableError:
+    """Return the error for an LMI without a solution for any gamma: proved, or not found.
+
+    given : whether the gain is given, and may be the reason.
+    """
+    cause = None if given else unstabilisable_error(system)
+    if cause is not None:
+        return cause
+    bare = without_performance(system)
+    proof = None if given else refute(bare, Problem(bare), p, None)
+    if proof is not None:
+        what = "the LMI has no solution for any gamma"
+        reason = "proved: the LMI of stability alone has none at these k1, k2 and delays"
+    else:
+        what = reason = not_found({solution.solver_message: 1})
+        if FAILED not in reason:
+            what = "no solution of the LMI was found for any gamma"
+    return NotAchievableError(
+        what,
+        where=system.name or None,
+        expected=f"a feasible LMI at {_at(p)}",
+        got=reason
+        if reason != what
+        else f"status {solution.solver_message}, and no proof either way",
+        hint=hint_after(reason, _OTHER_SCALARS),
+        certificate=proof,
+    )
+
+
+def gamma_below_least(
+    system: DelaySystem, problem: Problem, p: Scalars, gamma: float, least: Answer, *, given: bool
+) -> NotAchievableError | None:
+    """Return the error for a gamma below the least at these k1, k2; None if it may be feasible.
+
+    Without a proof the message says that gamma was not reached, not that it cannot be.
+    """
+    if gamma >= least.value * (1 - 1e-7):
+        return None
+    proof = None if given else refute(system, problem, p, gamma)
+    if proof is None and not least.accurate:
+        return None
+    verb = "was not" if proof is None else "cannot be"
+    return NotAchievableError(
+        f"gamma = {gamma:g} {verb} reached with these k1, k2",
+        where=system.name or None,
+        expected=f"gamma >= {least.value:.6g}, the least that the solver finds at {_at(p)}",
+        got=f"{gamma:g}" + ("" if proof is None else "; proved: the LMI has no solution there"),
+        hint="another k1, k2: the least gamma depends on them strongly",
+        certificate=proof,
+    )
+
+
+def is_zero_gamma(problem: Problem, least: Answer) -> bool:
+    """Whether a least gamma is zero, as far as a solver can tell."""
+    return least.value * problem.scaling.a**2 < _NOTHING
+
+
+def no_least_gamma(system: DelaySystem, words: Mapping[str, int]) -> NotAchievableError:
+    """Return the error for a gain from w to z that can be made arbitrarily small.
+
+    words : how often each status ended the solves that gave a gamma of zero.
+    """
+    idle = not (system.C.any() or system.D1.any())
+    idle = idle or not (system.D.any() or system.D1.any() or system.D2.any())
+    failure = not_found(words)
+    if FAILED in failure and not idle:
+        return NotAchievableError(
+            failure, where=system.name or None, expected="a least gamma", hint=OTHER_ROUTES
+        )
+    if idle:
+        what = "there is no gain from w to z to minimise: one of its matrices is zero"
+        expected = "an output z that depends on w"
+        hint = "leave C and D out for stability alone"
+    else:
+        what = "there is no least gamma: the greater the gain K, the smaller the gain from w to z"
+        expected = "an output z that weighs the control as well, by D2"
+        hint = "a gamma that is small enough, or a weight on u in D2"
+    where, got = system.name or None, "a gamma that tends to zero"
+    return NotAchievableError(what, where=where, expected=expected, got=got, hint=hint)
+
+
+def not_certified(
+    system: DelaySystem,
+    p: Scalars,
+    levels: Sequence[float | None],
+    reason: str,
+    *,
+    given: bool,
+) -> NotAchievableError:
+    """Return the error for a design without a proof at any level of gamma that was tried."""
+    cause = None if given else unstabilisable_error(system)
+    if cause is not None:
+        return cause
+    bounds = [level for level in levels if level is not None]
+    proof: dict[str, Any] | None = None
+    if not given:
+        proof = refute(system, Problem(system), p, max(bounds, default=None))
+    goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
+    return NotAchievableError(
+        "no solution of the LMI could be certified"
+        if proof is None
+        else f"the LMI has no solution for {goal} with these k1, k2",
+        where=system.name or None,
+        expected=f"an exact proof of {goal} at {_at(p)}",
+        got=reason if proof is None else "proved: the LMI has no solution there",
+        hint=hint_after(reason, _OTHER_SCALARS),
+        certificate=proof,
+    )
+
+
+def _at(p: Scalars) -> str:
+    return f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"

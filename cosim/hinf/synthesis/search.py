@@ -1,0 +1,182 @@
+"""Search k1 and k2: they change gamma, or the delay, by up to a factor of ten.
+
+The optimum of the LMI is smooth in k1, k2, and its multipliers give the gradient for free. From
+a few fixed starts, k2 a multiple of 1/d and k1 a multiple of k2, the best is improved by a
+bounded quasi-Newton descent in log k2 and k1/k2. Nothing is random: the same system gives the
+same k1, k2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from scipy import optimize
+
+from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars, Solution
+from cosim.models import DelaySystem, Matrix
+
+_SCALES = (0.05, 0.2, 0.5, 1.0)
+_RATIOS = (-1.0, -0.2)
+MULTIPLES = (1e-4, 1e3)
+"""k2 stays within these multiples of 1/d."""
+RATIO_LIMIT = 20.0
+"""|k1 / k2| stays within this."""
+_STEPS = 40
+
+Ask = Callable[[Scalars], Answer | None]
+
+
+def least_gamma(
+    problem: Problem, p: Scalars, gain: Matrix | None = None
+) -> tuple[Scalars, float] | None:
+    """Return k1, k2 of the least gamma found, and that gamma; None where no start is feasible.
+
+    `p` has the delays, and k1, k2 to start from beside the fixed starts; with a `gain`, its
+    least gamma is searched.
+    """
+
+    def ask(at: Scalars) -> Answer | None:
+        return _answer(problem.least_gamma(at, gain))
+
+    found = _feasible_starts(ask, p)
+    if not found:
+        return None
+    # two descents: the best start may lead to a worse local minimum
+    ends = [_descend(ask, at, sign=1.0) for at, _ in sorted(found, key=lambda x: x[1])[:2]]
+    return min(ends, key=lambda x: x[1])
+
+
+def widest_margin(
+    problem: Problem, p: Scalars, gamma: float | None, gain: Matrix | None = None
+) -> tuple[Scalars, float] | None:
+    """Return k1, k2 with a margin at the delays of `p`, and the margin; < 0: none was found."""
+
+    def ask(at: Scalars) -> Answer | None:
+        return _answer(problem.margin(at, gamma, gain, tolerance=ROUGH_TOLERANCE))
+
+    found = _feasible_starts(ask, p)
+    if not found:
+        return None
+    best, value = max(found, key=lambda x: x[1])
+    if value > 0:
+        return best, value
+    best, value = _descend(ask, best, sign=-1.0, enough=0.0)
+    return best, -value
+
+
+def initial_scalars(
+    system: DelaySystem,
+    k1: Sequence[float] | None,
+    k2: Sequence[float] | None,
+    search: bool | None,  # noqa: FBT001 - passed on as it was given
+) -> tuple[Sequence[float], Sequence[float], bool]:
+    """Return k1, k2 to start from, and whether to search: by default where neither is given.
+
+    If one is given, the other is its negative; if none is, k2 = 1/(2d).
+    """
+    if k1 is None and k2 is None:
+        late = [delay.d for delay in system.delays if delay.d > 0]
+        k2 = [0.5 / (delay.d or min(late, default=1.0)) for delay in system.delays]
+        search = search is None or search
+    if k2 is None:
+        k2 = [-value for value in k1 or ()]
+    if k1 is None:
+        k1 = [-value for value in k2]
+    return k1, k2, bool(search and system.delays)
+
+
+def starts(p: Scalars) -> list[Scalars]:
+    """Return `p` itself, and k2 = c/d, k1 = r k2 for fixed c and r."""
+    late = [d for d in p.d if d > 0]
+    if not late:
+        return [p]
+    lengths = [d or min(late) for d in p.d]
+    made = []
+    for c in _SCALES:
+        for r in _RATIOS:
+            k2 = tuple(c / d for d in lengths)
+            made.append(Scalars(tuple(r * value for value in k2), k2, p.d))
+    return [p, *made]
+
+
+def _feasible_starts(ask: Ask, p: Scalars) -> list[tuple[Scalars, float]]:
+    """Return the starts at which the solver has an answer, with its value."""
+    tried = [(at, ask(at)) for at in starts(p)]
+    return [(at, answer.value) for at, answer in tried if answer is not None]
+
+
+class SearchDoneError(Exception):
+    """Ends a search whose result is good enough."""
+
+
+def _descend(
+    ask: Ask, start: Scalars, *, sign: float, enough: float | None = None, steps: int = _STEPS
+) -> tuple[Scalars, float]:
+    """Minimise sign * value from a feasible start; end early below `enough`."""
+    N = len(start.k2)
+    signs = np.sign(start.k2)
+    lengths = [d if d > 0 else 1.0 for d in start.d]
+    best: list[tuple[Scalars, float]] = []
+
+    def scalars(u: Array) -> Scalars:
+        k2 = signs * np.exp(u[:N])
+        k1 = u[N:] * k2
+        return replace(start, k1=tuple(map(float, k1)), k2=tuple(map(float, k2)))
+
+    def value(u: Array) -> tuple[float, Array]:
+        at = scalars(u)
+        answer = ask(at)
+        if answer is None and not best:
+            raise SearchDoneError  # the start itself, rounded: at the edge of what can be solved
+        if answer is None:
+            # a high value makes the line search turn back
+            return 10.0 * abs(best[0][1]) + 10.0, np.zeros(2 * N)
+        here = sign * answer.value
+        if not best or here < best[0][1]:
+            best[:] = [(at, here)]
+        if enough is not None and here < enough:
+            raise SearchDoneError
+        by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N : 2 * N]
+        k1, k2 = np.array(at.k1), np.array(at.k2)
+        return here, np.concatenate([by_k1 * k1 + by_k2 * k2, by_k1 * k2])
+
+    u = np.concatenate([np.log(np.abs(start.k2)), np.array(start.k1) / np.array(start.k2)])
+    bounds = [(math.log(MULTIPLES[0] / d), math.log(MULTIPLES[1] / d)) for d in lengths]
+    bounds += [(-RATIO_LIMIT, RATIO_LIMIT)] * N
+    inside = np.clip(u, *np.array(bounds).T)
+    if not np.array_equal(inside, u):
+        return start, sign * _value(ask(start))
+    with suppress(SearchDoneError):
+        optimize.minimize(
+            value,
+            u,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds,
+            options={"maxfun": steps, "ftol": 1e-9, "gtol": 1e-7},
+        )
+    return best[0] if best else (start, sign * _value(ask(start)))
+
+
+def _answer(found: Answer | Solution) -> Answer | None:
+    return found if isinstance(found, Answer) else None
+
+
+def _value(answer: Answer | None) -> float:
+    return math.inf if answer is None else answer.value
+
+
+def scaled(p: Scalars, delay_index: int, d: float) -> Scalars:
+    """Return `p` with one delay changed, and its k1, k2 in proportion to 1/d."""
+    scale = p.d[delay_index] / d
+
+    def put(values: Sequence[float], value: float) -> tuple[float, ...]:
+        return (*values[:delay_index], value, *values[delay_index + 1 :])
+
+    return Scalars(
+        put(p.k1, p.k1[delay_index] * scale), put(p.k2, p.k2[delay_index] * scale), put(p.d, d)
+    )

@@ -1,0 +1,332 @@
+"""Least gamma for given delays by Theorem 2 (Remark 2), certified for the rounded gain.
+
+Steps, for a gain to be designed or a given one:
+
+1. minimise gamma over the LMI (`cosim.hinf.lmi.problem`), k1 and k2 given;
+2. a little above the least gamma, maximise the margin of the LMI relative to its own scale: a
+   point inside the feasible set, where rounding does no harm;
+3. round the gain to a few decimals, which removes the differences of a solver's last digits
+   between machines;
+4. with the rounded gain fixed, maximise the margin again, and prove the result exactly
+   (`cosim.hinf.certificate.certificate`). If the proof fails, go back to step 2 a little higher.
+
+The gamma of a design is the gamma of its proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.core import InputError, NotAchievableError
+from cosim.hinf.certificate import (
+    Guarantees,
+    Variables,
+    certificate_to_json,
+    certify,
+    covers_smaller,
+    gamma_floor,
+    rounded_up,
+)
+from cosim.hinf.lmi import Answer, Problem, Scalars, Scaling, check_size, not_found, solver_words
+from cosim.hinf.nominal import (
+    NominalFigures,
+    WorstCase,
+    nominal_figures_of,
+    one_thread,
+    worst_case_at,
+)
+from cosim.hinf.synthesis.analysis import check_gamma, gain_of
+from cosim.hinf.synthesis.not_achievable import (
+    gamma_below_least,
+    is_zero_gamma,
+    no_feasible_gamma,
+    no_least_gamma,
+    not_certified,
+)
+from cosim.hinf.synthesis.search import least_gamma, widest_margin
+from cosim.models import DelaySystem
+
+GAIN_DIGITS = 6
+"""Significant digits of a designed gain, relative to its largest entry."""
+
+_NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
+_ABOVE_LEAST = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A certified gain, with its proof and the figures of its nominal loop.
+
+    Attributes
+    ----------
+    system : the system it is designed for.
+    K : (m, n) the gain, as its doubles.
+    gamma : certified bound of the gain from w to z, uncertainty included; None where the
+        system has no w or no z, and stability alone is certified.
+    k1, k2 : one per delay; empty where the proof has an `order`.
+    least_gamma : the solver's least gamma at k1, k2; not proved.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.nominal.nominal_figures`); None also where it could not be computed (a delay
+        too long for its roots to be counted), or where an older file has none.
+    certificate : the proof as JSON values, for `check_certificate`.
+    order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
+        Theorem 2.
+    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
+        attained at a finite frequency, and in older files.
+    guarantees : the design constraints that are proved, also in the certificate.
+    """
+
+    system: DelaySystem
+    K: NDArray[np.float64]
+    gamma: float | None
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    least_gamma: float | None
+    abscissa: float | None
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+    certificate: dict[str, Any]
+    order: int | None = None
+    worst_case: WorstCase | None = None
+    guarantees: Guarantees = field(default_factory=Guarantees)
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return self.order is None or covers_smaller(self.certificate["claim"])
+
+    @property
+    def certified(self) -> bool:
+        """Always true: a `Design` is only made with a proof."""
+        return True
+
+
+@one_thread
+def design(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+    search: bool = False,
+    problem: Problem | None = None,
+) -> Design:
+    """Design and prove a gain by Theorem 2, as `gain_design.design` with k1, k2 given.
+
+    problem : the LMI with further constraints; None for that of Theorem 2 alone.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : the LMI has no certified solution at k1, k2 (and gamma).
+    """
+    scalars = checked_scalars(system, k1, k2)
+    fixed = None if gain is None else gain_of(system, gain)
+    if gamma is not None:
+        check_achievable(gamma, system)
+    problem = problem or Problem(system)
+    if search:
+        scalars = _searched(problem, scalars, fixed)
+    with solver_words() as words:
+        least = _least(system, problem, scalars, gamma, fixed) if system.has_performance else None
+    levels = _levels(problem, least, gamma)
+    if gamma is not None and least is not None:
+        refusal = gamma_below_least(system, problem, scalars, gamma, least, given=fixed is not None)
+        if refusal is not None:
+            raise refusal
+    elif least is not None and not levels:
+        raise no_least_gamma(system, words)
+    reason = ""
+    for level in levels:
+        found, reason = find_certified_gain(system, problem, scalars, level, fixed, least)
+        if found is not None:
+            return design_from_proof(system, *found, None if least is None else least.value)
+    raise not_certified(system, scalars, levels, reason, given=fixed is not None)
+
+
+def _least(
+    system: DelaySystem,
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None,
+) -> Answer | None:
+    """Return the least gamma; None where the solver failed and a gamma is given to try."""
+    answer = problem.least_gamma(p, gain)
+    if isinstance(answer, Answer):
+        return answer
+    if gamma is not None and answer.status == "failed":
+        return None
+    raise no_feasible_gamma(system, p, answer, given=gain is not None)
+
+
+def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list[float | None]:
+    """Return the gammas to try in turn until one is proved; None stands for stability."""
+    if least is None:
+        return [gamma]
+    above: list[float | None] = []
+    if not is_zero_gamma(problem, least):
+        above += [rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
+    if gamma is None:
+        return above
+    # a proof for less holds for gamma too; far above the least, the LMI is badly scaled
+    return [gamma, *(level for level in above if level is not None and level < gamma)]
+
+
+def find_certified_gain(
+    system: DelaySystem,
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None = None,
+    near: Answer | None = None,
+) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
+    """Return a gain with variables that prove it at `gamma`, or None and why.
+
+    near : a solution nearby, whose scale the margin is relative to.
+    """
+    with solver_words() as words:
+        found = _central(problem, p, gamma, gain, near)
+    if found is None:
+        return None, not_found(words)
+    proof = certify(system, *found)
+    return (found, "") if proof.valid else (None, str(proof.reason))
+
+
+def design_from_proof(
+    system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
+) -> Design:
+    """Return the design of a proved gain, with the figures of its nominal loop."""
+    figures: NominalFigures | None = None
+    worst: WorstCase | None = None
+    # a proof does not depend on them
+    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+        figures = nominal_figures_of(system, K)
+        worst = worst_case_at(system, K, figures.norm_frequency)
+    return Design(
+        system=system,
+        K=K,
+        gamma=variables.gamma,
+        k1=variables.k1,
+        k2=variables.k2,
+        least_gamma=least,
+        certificate=certificate_to_json(system, K, variables),
+        worst_case=worst,
+        **(dict.fromkeys(NominalFigures._fields) if figures is None else figures._asdict()),
+    )
+
+
+def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
+    """Return better k1, k2; those of `p` where none are found."""
+    if problem.has_gamma:
+        found = least_gamma(problem, p, gain)
+    else:
+        found = widest_margin(problem, p, None, gain)
+    return p if found is None else found[0]
+
+
+def _central(
+    problem: Problem,
+    p: Scalars,
+    gamma: float | None,
+    gain: NDArray[np.float64] | None,
+    near: Answer | None,
+) -> tuple[NDArray[np.float64], Variables] | None:
+    """Return a gain and variables with a margin at `gamma`; None where the solver finds none.
+
+    The margin is relative to the scale of the rows: that of a solution nearby, or of a first
+    round.
+    """
+    if near is not None and gamma is not None and gamma > _NEAR * near.value:
+        near = None
+    scale = None if near is None else near.scale
+    for wanted in (gain is None, near is None and gain is not None):
+        if not wanted:
+            continue
+        first = problem.margin(p, gamma, gain, scale)
+        if not isinstance(first, Answer) or first.value <= 0:
+            return None
+        scale = first.scale
+        if gain is None:
+            X, Y = first.point.X, first.point.Y
+            K = np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64)
+            gain = rounded_gain(K, problem.scaling)
+    last = problem.margin(p, gamma, gain, scale)
+    if gain is None or not isinstance(last, Answer) or last.value <= 0:
+        return None
+    point = last.point
+    return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
+
+
+def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
+    """Round K to `GAIN_DIGITS` significant digits of its largest entry; the rest is noise.
+
+    Largest in units in which states and inputs compare; each entry to decimals of its own.
+    """
+    if not K.any():
+        return K  # no inputs, or nothing that acts
+    largest = np.abs(units.gain(K)).max() * units.input[:, None] / units.state
+    decimals = GAIN_DIGITS - 1 - np.floor(np.log10(largest)).astype(int)
+    rounded = [
+        [round(k, int(d)) for k, d in zip(*x, strict=True)] for x in zip(K, decimals, strict=True)
+    ]
+    return np.array(rounded, dtype=np.float64) + 0.0  # no negative zero
+
+
+def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
+    """Return k1, k2 and the system's delays; an `InputError` where they do not fit it."""
+    one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
+    check_size("k1", one)
+    check_size("k2", two)
+    if any(value == 0 for value in two):
+        raise InputError("k2 must not be zero", where="k2", got=str(list(two)))
+    return Scalars(one, two, tuple(delay.d for delay in system.delays))
+
+
+def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
+    if len(numbers) != len(system.delays) or not all(np.isfinite(numbers)):
+        raise InputError(
+            f"{name} does not fit the system",
+            where=name,
+            expected=f"{len(system.delays)} finite numbers, one per delay",
+            got=str(list(numbers)),
+        )
+    return numbers
+
+
+def check_achievable(gamma: float, system: DelaySystem) -> None:
+    """Refuse a gamma that no delay, k1, k2 or gain can achieve.
+
+    Raises
+    ------
+    InputError : no positive number, or a system without w and z.
+    NotAchievableError : gamma <= ||D1||.
+    """
+    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
+    check_gamma(gamma, system)
+    proof = gamma_floor(system, gamma)
+    if proof is not None or gamma <= floor:
+        raise NotAchievableError(
+            f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
+            "that of D1, for any controller",
+            where=system.name or None,
+            expected=f"gamma > {floor:g}",
+            got=f"{gamma:g}"
+            + (
+                ", which is ||D1|| to the last digits"
+                if proof is None
+                else f"; proved in rational arithmetic: |D1 w| >= {gamma:g} |w|"
+            ),
+            hint="another D1, or a larger gamma; no delay, k1, k2 or gain helps",
+            certificate=proof,
+        )
