@@ -156,7 +156,7 @@ def test_sessions_do_what_they_do_in_one_process(
     ]
     system = System(parts, wires, {}, {}, schedule)
     found: list[list[bytes]] = []
-    carried = None
+    elsewhere = None
     for one in (system, isolated(system)):
         found.append([])
 
@@ -174,13 +174,13 @@ def test_sessions_do_what_they_do_in_one_process(
             portable = session.snapshot(portable=True)
             session.run_until()
             note(session.result())
-            if carried is not None:
-                session.restore(carried)
+            if elsewhere is not None:
+                session.restore(elsewhere)
                 session.run_until()
                 note(session.result())
                 found[-1][-6:] = []
                 assert found[-1] == found[0]
-            carried = portable
+            elsewhere = portable
     assert found[0] == found[1]
 
 
