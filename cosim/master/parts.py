@@ -49,6 +49,7 @@ class Component:
     `log_categories` : those of the FMU's categories that are logged; None: all.
     `feedthrough` : the outputs with direct feedthrough, in place of what the FMU declares:
     "none", or their names (`cosim.fmu.feedthrough`); None: as the FMU declares.
+    `isolate` : its slave is in a process of its own (`cosim.fmu.isolation`).
     Arrays have the lengths that structural parameters among `parameters` give them.
 
     Raises
@@ -62,6 +63,7 @@ class Component:
     log_level: LogLevel = "debug"
     log_categories: Sequence[str] | None = None
     feedthrough: Feedthrough | None = None
+    isolate: bool = False
 
     def __post_init__(self) -> None:
         resized = self.description.resized(self.parameters)

@@ -169,6 +169,8 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
         )
     else:
         error = slave.refused(f"{what} at t = {seconds:g} s", early_stop.status)
+    if error.kind is not None:  # the process of an isolated slave has ended
+        return "failed", error.text(), Cause.of_error(error, seconds)
     overflow = "no longer finite" in (error.got or "")
     diverged = overflow and has_grown(instance, early_stop.complete)
     detail = error.what if error.got is None else f"{error.what}: {error.got}"

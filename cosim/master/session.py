@@ -22,8 +22,8 @@ from typing import Any, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import CosimError, InputError
-from cosim.fmu import FmuSlave
+from cosim.core import ComponentError, CosimError, InputError
+from cosim.fmu import FmuSlave, SlaveProcess
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
@@ -57,11 +57,15 @@ class Session:
         still be read, and the run can be of any length.
     wiring, dispatch, word : those of a process that watches this one
         (`cosim.master.supervision`); by default the session's own.
+    call_limit : of one call of an isolated slave during the run [s of wall-clock time]; None: no
+        limit.
+    process_started : called with each process of an isolated slave, before it loads anything.
 
     Raises
     ------
     InputError : a system with an algebraic loop, a parameter that does not exist, an engine that
-        is not installed. (From `__enter__`: the FMUs are loaded there.)
+        is not installed, isolated components on a system that has no way to isolate them. (From
+        `__enter__`: the FMUs are loaded there.)
     ComponentError : an FMU that cannot be loaded or initialised.
     """
 
@@ -75,8 +79,11 @@ class Session:
         wiring: Wiring | None = None,
         dispatch: ObserverDispatch | None = None,
         word: NDArray[np.int64] | None = None,
+        call_limit: float | None = None,
+        process_started: Callable[[SlaveProcess], None] | None = None,
     ) -> None:
         self.system = system
+        self._call_limit, self._process_started = call_limit, process_started
         self._observers = observers
         self._wiring = wiring or wire(system)
         self._word, self._keep = word, keep
@@ -102,10 +109,15 @@ class Session:
 
     def __enter__(self) -> Self:
         try:
+            processes = self._start_processes()
             for name, component in self.system.components.items():
                 note = functools.partial(_note, self._dispatch, name, component.log_level)
                 slave = FmuSlave(
-                    component.description, name, note, categories=component.log_categories
+                    component.description,
+                    name,
+                    note,
+                    categories=component.log_categories,
+                    process=processes.get(name),
                 )
                 self._stack.enter_context(slave)
                 self._wiring.instance(name).slave = slave
@@ -122,6 +134,20 @@ class Session:
             self.close()
             raise
         return self
+
+    def _start_processes(self) -> dict[str, SlaveProcess]:
+        """Start the processes of isolated slaves, before an FMU is loaded in this one."""
+        processes = {}
+        for name, component in self.system.components.items():
+            if component.isolate:
+                process = SlaveProcess(name, component.description, call_limit=self._call_limit)
+                self._stack.callback(process.close)
+                processes[name] = process
+        for process in processes.values():
+            process.wait_until_ready()
+            if self._process_started is not None:
+                self._process_started(process)
+        return processes
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -142,6 +168,12 @@ class Session:
     def opened(self) -> bool:
         """Whether its slaves are initialised."""
         return self._loop is not None
+
+    @property
+    def end_failure(self) -> ComponentError | None:
+        """What ended the process of an isolated slave as it was terminated or freed."""
+        slaves = (vars(instance).get("slave") for instance in self._wiring.instances)
+        return next((s.end_failure for s in slaves if s is not None and s.end_failure), None)
 
     @property
     def engine(self) -> EngineChoice:

@@ -137,6 +137,7 @@ def parts_of(
             None if step is None else nanoseconds(step),
             *_wanted_log(scenario, name),
             feedthrough=declared.get(name),
+            isolate=scenario.components[name].isolate,
         )
     return SystemParts(components, wires, links, driven, comm_schedule)
 

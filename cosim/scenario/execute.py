@@ -93,7 +93,10 @@ def execute_run(
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
         recorder = TraceRecorder(writer, system)
-        made = _Runs(prepared, system, events, living, supervisor, progress or silent, engine, pace)
+        made = _Runs(
+            *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
+            call_limit=supervision.limits.call,
+        )
         try:
             made.run(recorder, keep=False)
         except ComponentError as error:
@@ -143,7 +146,10 @@ def execute_unrecorded(
         if supervision is not None:
             fmus = list(prepared.fmus.values())
             supervisor = opened.enter_context(supervision.open(system, fmus))
-        made = _Runs(prepared, system, events, living, supervisor, progress or silent, engine, pace)
+        made = _Runs(
+            *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
+            call_limit=None if supervision is None else supervision.limits.call,
+        )
         run = made.run(keep=keep, zero_state_run=zero_state_run)
         made.run_from_zero_state()
         living.close()
@@ -192,6 +198,7 @@ class _Runs:
     Parameters
     ----------
     living : ends the slaves when it is closed.
+    call_limit : as in `run_system`.
     """
 
     def __init__(
@@ -204,7 +211,10 @@ class _Runs:
         report_progress: Progress,
         engine: EngineName,
         pace: Pace | None,
+        *,
+        call_limit: float | None,
     ) -> None:
+        self._call_limit = call_limit
         self._prepared, self._system, self._events = prepared, system, events
         self._living, self._supervisor = living, supervisor
         self._report_progress, self._engine, self._pace = report_progress, engine, pace
@@ -237,6 +247,7 @@ class _Runs:
             pace=self._pace,
             supervisor=self._supervisor,
             keep=keep,
+            call_limit=self._call_limit,
         )
         self._completed, self._figures = completed, measures.figures(completed.run)
         return completed.run
@@ -272,6 +283,7 @@ class _Runs:
             events=script_of(self._prepared.loaded.scenario, system, Findings()),
             supervisor=self._supervisor,
             keep=False,
+            call_limit=self._call_limit,
         ).run
 
     def outcome(self, trace: Path | None, began: float) -> Outcome:

@@ -101,6 +101,7 @@ def run_system(
     pace: Pace | None = None,
     supervisor: Supervisor | None = None,
     keep: bool = True,
+    call_limit: float | None = None,
 ) -> CompletedRun:
     """Run a system from its start to its end, or to where an event stops it.
 
@@ -111,6 +112,7 @@ def run_system(
         end the process with them.
     supervisor : executes the run in its child process; None: in this process.
     keep : whether the run keeps its rows.
+    call_limit : of one call of an isolated slave in this process [s]; None: no limit.
 
     Raises
     ------
@@ -134,7 +136,13 @@ def run_system(
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
             session = living.enter_context(
-                Session(system, [*observers, watcher], engine=engine, keep=keep)
+                Session(
+                    system,
+                    [*observers, watcher],
+                    engine=engine,
+                    keep=keep,
+                    call_limit=call_limit,
+                )
             )
             found = conduct(session)
             session.deliver()

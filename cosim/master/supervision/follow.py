@@ -7,12 +7,12 @@ import selectors
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.reduction import send_handle
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-from cosim.core import ComponentError, InputError
+from cosim.core import DEATH_HINTS, ComponentError, InputError, death_of
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
 from cosim.master.cause import Cause, CauseKind
@@ -113,6 +113,10 @@ class FollowedRun:
         self._keep = keep
         self._worker, self._number, self._system = worker, number, system
         self._observers, self._limits, self._interruption = observers, limits, interruption
+        self._patient = limits
+        if limits.call is not None and any(c.isolate for c in system.components.values()):
+            # the child itself ends an isolated slave that exceeds the limit
+            self._patient = replace(limits, call=limits.call + GRACE_S)
         self._wired = wired
         self._wiring, self._shared = wired.wiring, wired.shared
         self._points = self._wiring.comm_points
@@ -146,7 +150,10 @@ class FollowedRun:
         folder = str(own_folder())
         self._send(
             messages.RUN,
-            Job(self._system, conduct, engine, self._keep, self._wired.size, folder, known),
+            Job(
+                *(self._system, conduct, self._limits.call, engine),
+                *(self._keep, self._wired.size, folder, known),
+            ),
         )
         self._send_descriptor(send=not there)
         try:
@@ -174,7 +181,7 @@ class FollowedRun:
         self._stop_since = None  # a new time of grace
         try:
             self._send(messages.CLOSE)
-            self._follow(messages.CLOSED)
+            _, self.end_failure = self._follow(messages.CLOSED)
         except _BrokenOffError as broken:
             self.end_failure = broken.cause, broken.words
         self._end_output()
@@ -245,7 +252,7 @@ class FollowedRun:
         ------
         _BrokenOffError : the child is dead, by itself or because it exceeded a limit.
         """
-        timer = _Timer(self._limits, closing=last == (messages.CLOSED,))
+        timer = _Timer(self._patient, closing=last == (messages.CLOSED,))
         with selectors.DefaultSelector() as selector:
             selector.register(self._worker.connection, selectors.EVENT_READ)
             for output in self._outputs:
@@ -291,6 +298,8 @@ class FollowedRun:
                 number, text = content
                 if self._wiring.texts.number(text) != number:
                     raise ValueError(f"expected number {number} for {text!r}")
+            case messages.PROCESS:
+                self._worker.add_process(*content)
             case messages.BEGUN:
                 self._engine = content[0]
                 self._begun = True
@@ -328,7 +337,8 @@ class FollowedRun:
             if found is not None:
                 return found
         status = self._worker.kill()
-        raise self._broken(*_death(status))
+        death = death_of(status)
+        raise self._broken(death.kind, f"the process of the components {death.words}")
 
     def _check(self, timer: _Timer) -> None:
         """Check limits and interruption; end the child where it exceeds its time.
@@ -457,21 +467,9 @@ def _more(seconds: float, limit: float | None) -> bool:
     return limit is not None and seconds > limit
 
 
-def _death(status: int) -> tuple[CauseKind, str]:
-    """Say how a process ended."""
-    if status < 0:
-        try:
-            name = signal.Signals(-status).name
-        except ValueError:
-            name = f"signal {-status}"
-        return "crashed", f"the process of the components crashed ({name})"
-    return "exited", f"the process of the components left with exit code {status}"
-
-
 _HINTS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "crashed": "a fault of the FMU: report it to whoever made it",
-        "exited": "an FMU must not end the process: report it to whoever made it",
+        **DEATH_HINTS,
         **{
             f"limits.{name}": f"a greater limit: --limit {name}=..., or limits.{name} in the "
             "scenario; none for no limit"
