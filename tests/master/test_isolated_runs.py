@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import test_kernel_agrees
 from foreign.c_fmu import c_fmu, every, talker
@@ -224,6 +225,45 @@ def test_death_in_the_loop_fails_the_run(
         assert f"in {name} ({call}" in str(run.reason)
         assert "t = 0.5 s" in str(run.reason)
         assert run.points_ns.size == (6 if call == "step" else 5)
+
+
+@pytest.mark.parametrize("fault", ["rounding", "flush-to-zero"])
+def test_what_a_call_does_to_arithmetic_ends_with_it(tmp_path: Path, fault: str) -> None:
+    """As in one process, each call begins with the same modes."""
+    system = pair(tmp_path, "2.0", fault, "get", decay=0.7)
+    tiny = {**system.components["h"].parameters, "x0": 1.0 if fault == "rounding" else 3e-310}
+    parts = {**system.components, "h": replace(system.components["h"], parameters=tiny)}
+    alone = replace(system, components=parts, connections=())
+    runs = [simulate(isolated(alone, name)).signal("h", "x") for name in ("h", "s")]
+    assert runs[0].tobytes() == runs[1].tobytes()
+    assert runs[0][-1] > 0.0
+
+
+def test_nobody_spins(tmp_path: Path) -> None:
+    """Neither process uses a processor while the other one computes or nothing is asked for."""
+    with Session(pair(tmp_path, "2.0", "sleep", "step", seconds=0.5)) as session:
+        slave = psutil.Process(*children())
+        session.step()
+        before = sum(slave.cpu_times()[:2]), time.process_time()
+        session.step(2)
+        time.sleep(0.5)
+        after = sum(slave.cpu_times()[:2]), time.process_time()
+    assert after[0] - before[0] < 0.1
+    assert after[1] - before[1] < 0.1
+
+
+def test_death_is_noticed_though_a_child_of_the_slave_lives(tmp_path: Path) -> None:
+    """It has the other end of the pipe, which is not closed then."""
+    with Session(pair(tmp_path, "2.0", "child", "step")) as session:
+        session.run_until(0.5)
+        (number,) = set(children()) & {one.pid for one in psutil.Process().children()}
+        (left,) = psutil.Process(number).children()
+        os.kill(number, signal.SIGKILL)
+        session.run_until()
+        run = session.result()
+        left.kill()
+    assert run.cause is not None
+    assert (run.status, run.cause.kind, run.cause.component) == ("failed", "crashed", "h")
 
 
 def test_death_between_two_calls_is_that_of_the_next(tmp_path: Path) -> None:

@@ -177,6 +177,10 @@ def test_crash_at_the_start_is_typed_too(tmp_path: Path) -> None:
     for more in ((), ("--no-supervise",)):
         run = cosim("run", "s.toml", "--out", "t.mcap", "--json", *ISOLATE, *more, cwd=tmp_path)
         assert run.code == 4
+        if more:
+            assert "SIGSEGV" in run.error["what"]
+        else:
+            assert (run.json["status"], run.json["cause"]["kind"]) == ("failed", "crashed")
         trace = Trace(tmp_path / "t.mcap")
         assert trace.result is not None
         causes.append(json.loads(trace.result["cause"]))
