@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -13,8 +12,8 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from faulty import CALLS, faulty_fmu
 from foreign.c_fmu import c_fmu, every
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.core.errors import ComponentError, InputError, LossError
@@ -65,9 +64,9 @@ def supervisor() -> Iterator[Supervisor]:
         yield opened
 
 
-def pump(folder: Path, call: str, status: int) -> System:
-    fmu = describe_fmu(faulty_fmu(folder, "2.0", "pump"))
-    parameters = {"u": 2.0, "fail_in": CALLS.index(call), "status": status, "fail_at": 0.45}
+def pump(folder: Path, fault: str, call: str = "step", at: float = 0.45) -> System:
+    fmu = describe_fmu(hostile_fmu(folder, "2.0", "pump"))
+    parameters = {"u": 2.0, **misbehaviour(fault, call, at)}
     return System(
         {"pump": Component(fmu, parameters)},
         [],
@@ -86,7 +85,7 @@ def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -
     """Two runs in one process, one that ends it, and one more in another; then none is left."""
     before = children()
     with Supervisor() as opened:
-        sound, deadly = pump(tmp_path, "nothing", 0), pump(tmp_path, "step", -signal.SIGSEGV)
+        sound, deadly = pump(tmp_path, "nothing"), pump(tmp_path, "segfault")
         assert supervised(opened, sound).status == "finished"
         (first,) = children() - before
         assert supervised(opened, sound).status == "finished"
@@ -183,7 +182,7 @@ class Full(Diary):
 
 def test_error_of_an_observer_ends_the_run_in_order(tmp_path: Path) -> None:
     """It is raised here, the child stops and frees its slaves, and can do the next run."""
-    system = pump(tmp_path, "nothing", 0)
+    system = pump(tmp_path, "nothing")
     with Supervisor() as opened:
         with pytest.raises(LossError, match="the disk is full"):
             supervised(opened, system, Full())
@@ -192,12 +191,10 @@ def test_error_of_an_observer_ends_the_run_in_order(tmp_path: Path) -> None:
 
 def test_errors_of_the_session_are_raised_here(supervisor: Supervisor, tmp_path: Path) -> None:
     """With their class and all their parts, as in one process."""
-    for call, kind in (("enter", ComponentError), ("nothing", InputError)):
-        system = pump(tmp_path, call, 3)
-        if call == "nothing":
+    for fault, kind in (("error", ComponentError), ("nothing", InputError)):
+        system = pump(tmp_path, fault, "enter", at=0.0)
+        if fault == "nothing":
             system.components["pump"].parameters["u"] = "a text"  # type: ignore[index]
-        else:
-            system.components["pump"].parameters["fail_at"] = 0.0  # type: ignore[index]
         found = []
         for run in (simulate, lambda s: supervised(supervisor, s)):
             with pytest.raises(kind) as raised:
@@ -209,8 +206,8 @@ def test_errors_of_the_session_are_raised_here(supervisor: Supervisor, tmp_path:
 
 def test_crash_between_two_sent_values_keeps_the_rows_before(tmp_path: Path) -> None:
     """Of two components, one of which dies in a get: the row of that point is not complete."""
-    fmu = describe_fmu(faulty_fmu(tmp_path, "3.0", "pump"))
-    bad = {"u": 1.0, "fail_in": CALLS.index("get"), "status": -signal.SIGABRT, "fail_at": 0.45}
+    fmu = describe_fmu(hostile_fmu(tmp_path, "3.0", "pump"))
+    bad = {"u": 1.0, **misbehaviour("abort", "get", 0.45)}
     system = System(
         {"good": Component(fmu, {"u": 1.0}), "bad": Component(fmu, bad)},
         [],
