@@ -98,11 +98,11 @@ def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -
     assert children() == before
 
 
-def with_bad(folder: Path, status: int, threads: int) -> System:
+def with_bad(folder: Path, threads: int) -> System:
     """Six pumps, the fifth of which misbehaves in its step."""
-    system = pump(folder, "step", status)
+    system = pump(folder, "segfault")
     component = system.components["pump"]
-    sound = replace(component, parameters={**component.parameters, "fail_in": 0})
+    sound = pump(folder, "nothing").components["pump"]
     components = {f"pump {i}": component if i == 4 else sound for i in range(6)}
     return replace(system, components=components, threads=threads)
 
@@ -112,7 +112,7 @@ def test_crash_on_one_of_several_threads_names_its_component(tmp_path: Path, thr
     """Whichever thread steps it, and whatever the others do meanwhile."""
     with Supervisor() as opened:
         for _ in range(5):
-            died = supervised(opened, with_bad(tmp_path, -signal.SIGSEGV, threads))
+            died = supervised(opened, with_bad(tmp_path, threads))
             assert (died.status, died.points_ns.size) == ("failed", 6)
             assert died.cause is not None
             assert (died.cause.kind, died.cause.component) == ("crashed", "pump 4")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -15,8 +14,8 @@ import psutil
 import pytest
 from cli.shell import BUILT_IN, SCENARIOS, cosim
 from foreign.c_fmu import c_fmu, talker
-from master.faulty import faulty_fmu
-from scenario.test_supervised_runs import HANG, LINE, pump
+from hostile.hostile_fmu import hostile_fmu
+from scenario.test_supervised_runs import LINE, pump
 from shared import fmu_store
 
 import cosim.fmu.isolation.process as process_module
@@ -111,7 +110,7 @@ def test_nothing_is_left_when_the_master_is_killed(tmp_path: Path, victim: str) 
     """SIGKILL for the command or for its child, while the isolated slave hangs in a step."""
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    pump(tmp_path, "step", HANG)
+    pump(tmp_path, "step", "hang")
     env = os.environ | {"TMPDIR": str(scratch)}
     streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen([*LINE, *ISOLATE], cwd=tmp_path, env=env, **streams) as command:  # noqa: S603
@@ -146,8 +145,8 @@ def hanging(command: psutil.Process) -> tuple[psutil.Process, psutil.Process]:
 
 def test_cause_is_typed_and_the_others_are_freed(tmp_path: Path) -> None:
     """What the user sees: component, call, time, signal, in JSON and in the trace."""
-    pump(tmp_path, "step", -signal.SIGSEGV)
-    faulty_fmu(tmp_path, "2.0", "sound")
+    pump(tmp_path, "step", "segfault")
+    hostile_fmu(tmp_path, "2.0", "sound")
     text = (tmp_path / "s.toml").read_text()
     (tmp_path / "s.toml").write_text(text + '[components.sound]\nfmu = "sound.fmu"\n')
     for more in ((), ("--no-supervise",)):
@@ -172,7 +171,7 @@ def test_cause_is_typed_and_the_others_are_freed(tmp_path: Path) -> None:
 
 def test_crash_at_the_start_is_typed_too(tmp_path: Path) -> None:
     """Supervised, the run has failed; else the error is raised; the trace says the same."""
-    pump(tmp_path, "exit", -signal.SIGSEGV)
+    pump(tmp_path, "exit", "segfault")
     causes = []
     for more in ((), ("--no-supervise",)):
         run = cosim("run", "s.toml", "--out", "t.mcap", "--json", *ISOLATE, *more, cwd=tmp_path)
