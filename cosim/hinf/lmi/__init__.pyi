@@ -1,3 +1,4 @@
+from .ages_lmi import AgesLmi as AgesLmi
 from .analysis_lmi import AnalysisLmi as AnalysisLmi
 from .assembly import Scalars as Scalars
 from .bessel_legendre_lmi import (
