@@ -130,6 +130,14 @@ class Delay:
         """Whether more is said of an age that varies than its bound d."""
         return self.d > 0 and (self.least_age > 0 or self.rate is not None or self.sampled)
 
+    @property
+    def constant_age(self) -> float:
+        """The constant [s] in its place in the nominal loop: d, or the mean of a sampled age.
+
+        A sampled age cannot stay at d, and a loop may be stable that is not with d for ever.
+        """
+        return (self.least_age + self.d) / 2 if self.sampled else self.d
+
 
 @dataclass(frozen=True, init=False, eq=False)
 class DelaySystem:

@@ -52,7 +52,6 @@ from cosim.hinf.certificate.rational import (
     first_bad_pivot,
     identity,
     lower_triangle,
-    to_text,
 )
 
 if TYPE_CHECKING:
@@ -73,25 +72,28 @@ def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
     own = iter(v.functionals)
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
-            delay_claim["age"] = _age_text(delay, next(own), v.order)
-    return claim | {"order": v.order, "hypotheses": _hypotheses(system, v)}
+            delay_claim |= _age_claim(delay, next(own), v.order)
+    return claim | {"order": v.order, "hypotheses": _hypotheses(v)}
 
 
-def _age_text(delay: Delay, functional: str, order: int) -> str:
-    least = to_text(exact(delay.least_age))
+def _age_claim(delay: Delay, functional: str, order: int) -> dict[str, Any]:
+    """Return the part of the claim that says how an age varies; numbers are doubles, as d is."""
     if functional == "constant":
-        return EXACTLY if order else "constant, up to d"
+        return {"age": EXACTLY if order else "constant, up to d"}
+    least = {"least_age": delay.least_age}
     if functional == "interval":
-        return f"any, however it varies, from {least} to d"
+        if delay.least_age == 0:
+            return {"age": "any, however it varies, up to d"}
+        return least | {"age": "any, however it varies, from least_age to d"}
     if functional == "rate":
-        return f"from {least} to d, |age'| <= {to_text(exact(delay.rate or 0.0))}"
-    return f"sampled: from {least} at rate one to d at most"
+        return least | {"age": "from least_age to d, |age'| <= rate", "rate": delay.rate}
+    return least | {"age": "sampled: from least_age at rate one to d at most"}
 
 
-def _hypotheses(system: DelaySystem, v: AgesVariables) -> list[str]:
+def _hypotheses(v: AgesVariables) -> list[str]:
     """Return what the theorem asks for, sentence by sentence."""
     texts = [
-        "x' = sum_i (A_i + dA_i) x(t - age_i(t)) + B u + C w for almost every t >= 0, "
+        "x' = sum_i (A_i + dA_i) x(t - age_i(t)) + B u + C w for almost every t >= 0",
         "u = K x(t - age_f(t)): the whole state is measured",
         "every age is a measurable function of time",
         "stability: w = 0 and any continuous initial function on [-max d, 0]",
@@ -107,7 +109,7 @@ def _hypotheses(system: DelaySystem, v: AgesVariables) -> list[str]:
         texts.append("an age with a bounded rate is Lipschitz continuous")
     if any(own in {"wirtinger", "looped"} for own in v.functionals):
         texts.append(
-            "a sampled age with least value a: x(t - age) = x(s_k) for s_k + a <= t < s_(k+1) + a, "
+            "a sampled age, a = least_age: x(t - age) = x(s_k) for s_k + a <= t < s_(k+1) + a, "
             "0 < s_(k+1) - s_k <= d - a, s_0 + a <= 0, finitely many s_k in any bounded time"
         )
     return texts
@@ -155,13 +157,13 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
     if name is not None:
         return f"{name} is not positive definite"
     proof = _Forms(system, exact_loop(system, gain, orders_of(system, v.order)), v)
-    for where, form in (*proof.positive(), *((at, proof.minus_phi(at)) for at in corners)):
+    of_phi = ((f"-Phi at {_corner_text(at)}", proof.minus_phi(at)) for at in corners)
+    for name, form in (*proof.positive(), *of_phi):
         lower, names = form.lower()
         bad = first_bad_pivot(lower)
         if bad is not None:
-            what = f"-Phi at {_corner_text(where)}" if isinstance(where, tuple) else where
             return (
-                f"{what} is not positive definite: pivot {bad + 1} of {len(lower)}, "
+                f"{name} is not positive definite: pivot {bad + 1} of {len(lower)}, "
                 f"in the rows of {names[bad]}, is not positive"
             )
     return None
@@ -169,9 +171,9 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
 
 def corners_of(system: DelaySystem, v: AgesVariables) -> list[tuple[Any, ...]]:
     """Return the corners: per positive delay None, (age,), or (age, its rate)."""
-    ends = []
+    ends: list[list[Any]] = []
     for own, delay in zip(v.functionals, late_delays(system), strict=True):
-        ages = [(exact(delay.least_age),), (exact(delay.d),)]
+        ages: list[Any] = [(exact(delay.least_age),), (exact(delay.d),)]
         rate = exact(delay.rate or 0.0)
         if own == "rate":
             reached = ages if v.order else ages[:1]  # at order 0 nothing depends on the age
@@ -248,7 +250,9 @@ class _Forms:
         self._state = state_blocks(system, v.order, v.functionals)
         self._one = identity(self._n)
 
-    def minus_phi(self, corner: tuple[Any, ...]) -> _Form:
+    def minus_phi(  # noqa: C901 - one table, read from top to bottom
+        self, corner: tuple[Any, ...]
+    ) -> _Form:
         """Return -Phi at a corner of `corners_of`."""
         v, loop, one = self._v, self._loop, self._one
         sizes = dict(self._rows)

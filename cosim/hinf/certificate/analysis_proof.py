@@ -192,6 +192,7 @@ def _corners(upper: list[Any], lower: tuple[Any, ...] | None) -> list[list[Any]]
 
 
 def exact_loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> ExactLoop:
+    """Return the loop with u = K x(t-d_f), its doubles exactly, delays of zero in x(t)."""
     K = exact_matrix(gain)
     BK, D2K = exact_matrix(system.B) * K, exact_matrix(system.D2) * K
     n, p = system.A.shape[0], system.D.shape[0]

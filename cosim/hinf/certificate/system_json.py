@@ -74,7 +74,9 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
     A = matrix_from_rows(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
     H = matrix_from_rows(data["H"], f"{where}.H") if "H" in data else None
     d = number(data["d"], f"{where}.d")
-    ages = {k: number(data[k], f"{where}.{k}") for k in ("least_age", "rate") if k in data}
+    ages: dict[str, Any] = {
+        k: number(data[k], f"{where}.{k}") for k in ("least_age", "rate") if k in data
+    }
     try:
         return Delay(d, A, H, **flags, **ages)
     except ValueError as error:

@@ -142,7 +142,9 @@ class PartOfLoop:
         for corner in itertools.product(*ends):
             yield self._phi(corner, gamma)
 
-    def _phi(self, corner: tuple[tuple[float, float], ...], gamma: float) -> Form:
+    def _phi(  # noqa: C901, PLR0912 - one table, read from top to bottom
+        self, corner: tuple[tuple[float, float], ...], gamma: float
+    ) -> Form:
         n, given = self._n, self._matrices
         sizes = dict(self._rows)
         for j, (x, (age, _)) in enumerate(zip(self._late, corner, strict=True)):
@@ -298,8 +300,7 @@ class PartOfLoop:
                 found.append(form)
         looped = [j for j, x in enumerate(self._late) if x.functional == "looped"]
         for count in range(len(looped) + 1):
-            for held in itertools.combinations(looped, count):
-                found.append(self._functional(held))
+            found += [self._functional(held) for held in itertools.combinations(looped, count)]
         return found
 
     def _functional(self, held: tuple[int, ...]) -> Form:

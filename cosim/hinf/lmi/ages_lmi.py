@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from cosim.hinf.certificate import (
@@ -37,6 +38,8 @@ from cosim.hinf.lmi.svec import Array, svec, symmetric
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem
 
+Indices = NDArray[np.intp]
+
 _FLOOR = 1e-3  # the margin of the other matrices beside that of Phi, relative
 _TOLERANCE = 1e-8
 _BOUND = 1e3  # largest of the positive matrices in the search for a margin, in own units
@@ -46,9 +49,9 @@ _BOUND = 1e3  # largest of the positive matrices in the search for a margin, in 
 class _Part:
     """The states, disturbances and columns of E that belong together, by index."""
 
-    states: Array
-    w: Array
-    p: Array
+    states: Indices
+    w: Indices
+    p: Indices
 
 
 class AgesLmi:
@@ -113,6 +116,10 @@ class AgesLmi:
             if part.states.size or part.w.size:  # a column of E that is zero adds nothing
                 parts.append(part)
         return parts
+
+    def largest_part(self, delays: Sequence[float]) -> int:
+        """Return the most rows that -Phi has in one part."""
+        return max(sum(self._sizes(part, delays).values()) for part in self._parts)
 
     def _matrices(self, part: _Part) -> dict[str, list[Array]]:
         """Return the loop's matrices, cut to one part."""
@@ -221,7 +228,8 @@ class AgesLmi:
 
         Unless the gain is `fixed`, (its ratio to `gamma`)^2 is the last unknown.
         """
-        places, width = {}, 0
+        places: dict[str, slice] = {}
+        width = 0
         for name, (rows, columns) in self._unknowns(delays).items():
             square = is_symmetric_unknown(name.split()[-1])
             places[name] = slice(
@@ -233,15 +241,15 @@ class AgesLmi:
         system, functionals = self._at(delays)
         late, blocks = self._late(delays), state_blocks(system, self.order, functionals)
         for c, part in enumerate(self._parts):
-            rows = self._sizes(part, delays)
-            loop = PartOfLoop(c, self.order, late, self._matrices(part), rows, blocks)
+            sizes = self._sizes(part, delays)
+            loop = PartOfLoop(c, self.order, late, self._matrices(part), sizes, blocks)
             for form in loop.forms(gamma):
                 own = form.constraint(places, width)
                 whole = Constraint(own.size, -own.constant, -own.columns)
                 if form.supplied is not None and fixed:
                     whole = replace(whole, constant=whole.constant + svec(gamma * form.supplied))
                 elif form.supplied is not None:
-                    whole.columns[:, -1] += svec(gamma * form.supplied)  # type: ignore[index]
+                    whole.columns[:, -1] += svec(gamma * form.supplied)
                 phi.append(whole)
             positive += [form.constraint(places, width) for form in loop.positive()]
         if self._E.size:
@@ -257,11 +265,11 @@ class AgesLmi:
         system, own = self._at(delays)
         n, T, late = len(self._back), self._T, self._late(delays)
         values, start = {}, 0
-        for name, (rows, columns) in self._unknowns(delays).items():
+        for name, (height, width) in self._unknowns(delays).items():
             square = is_symmetric_unknown(name.split()[-1])
-            count = rows * (rows + 1) // 2 if square else rows * columns
+            count = height * (height + 1) // 2 if square else height * width
             entries = point[start : start + count]
-            values[name] = symmetric(entries, rows) if square else entries.reshape(rows, columns)
+            values[name] = symmetric(entries, height) if square else entries.reshape(height, width)
             start += count
         blocks = state_blocks(system, self.order, own)
         units = np.array([self._unit_of_block(name, late) for name in blocks])
@@ -269,8 +277,8 @@ class AgesLmi:
         rows = rows_of(system, self.order, own, gamma=self._performance)
         shapes = unknowns_of(system, self.order, own, gamma=self._performance)
         terms = [AgeTerms(x, {}) for x in own]
-        for x, names in zip(terms, shapes, strict=True):
-            x.matrices.update({name: np.zeros(shape) for name, shape in names.items()})
+        for own_terms, names in zip(terms, shapes, strict=True):
+            own_terms.matrices.update({name: np.zeros(shape) for name, shape in names.items()})
         for c, part in enumerate(self._parts):
             S = self._back[part.states]
             at = (np.arange(len(blocks))[:, None] * n + part.states).ravel()
@@ -295,7 +303,7 @@ class AgesLmi:
             gamma=gamma,
         )
 
-    def _rows_of_part(self, rows: dict[str, int], part: _Part) -> tuple[Array, Array]:
+    def _rows_of_part(self, rows: dict[str, int], part: _Part) -> tuple[Indices, Array]:
         """Return where the rows of a part stand in the whole, and their units."""
         places, factors, start = [], [], 0
         for name, size in rows.items():
