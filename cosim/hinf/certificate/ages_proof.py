@@ -72,7 +72,7 @@ def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
     own = iter(v.functionals)
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
-            delay_claim |= _age_claim(delay, next(own), v.order)
+            delay_claim.update(_age_claim(delay, next(own), v.order))
     return claim | {"order": v.order, "hypotheses": _hypotheses(v)}
 
 
