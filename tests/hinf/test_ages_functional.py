@@ -76,9 +76,7 @@ def random_variables(
     """
     rng = np.random.default_rng(seed)
     terms = []
-    for functional, names in zip(
-        own, unknowns_of(system, order, own, gamma=True), strict=True
-    ):
+    for functional, names in zip(own, unknowns_of(system, order, own, gamma=True), strict=True):
         matrices = {}
         for name, shape in names.items():
             if name in {"Q", "R", "S", "S_1", "S_2", "Z", "W", "N", "U"}:
@@ -123,9 +121,7 @@ class Functional:
     def part(self, t: float, start: float, end: float, k: int) -> Any:
         """The mean W_k over [t - end, t - start]."""
         own = self.motion.x
-        total = integral(
-            lambda s: legendre(k, t - end, t - start, s) * own(s), t - end, t - start
-        )
+        total = integral(lambda s: legendre(k, t - end, t - start, s) * own(s), t - end, t - start)
         return total / (end - start)
 
     def rows(self, t: float) -> dict[str, Any]:
@@ -161,12 +157,14 @@ class Functional:
                 y.append(rows[f"h{j}"])
                 total += integral(lambda s, M=M: q(M["N"], rate(s)), t - a, t)
             if own in {"interval", "rate"}:
-                double = integral(lambda s, M=M: (s - t + d) * q(M["Z"], rate(s)), t - d, t - a)
+                double = integral(
+                    lambda s, Z=M["Z"], d=d: (s - t + d) * q(Z, rate(s)), t - d, t - a
+                )
                 flat = integral(lambda s, M=M: q(M["Z"], rate(s)), t - a, t)
                 total += (d - a) * (double + (d - a) * flat)
                 first, second = ("S", "S") if own == "interval" else ("S_1", "S_2")
-                total += integral(lambda s: q(M[first], x(s)), t - tau, t - a)
-                total += integral(lambda s: q(M[second], x(s)), t - d, t - tau)
+                total += integral(lambda s, S=M[first]: q(S, x(s)), t - tau, t - a)
+                total += integral(lambda s, S=M[second]: q(S, x(s)), t - d, t - tau)
                 young, old = (tau - a) * rows[f"a{j}"], (d - tau) * rows[f"b{j}"]
                 if self.order:
                     y += [young + old] if own == "interval" else [young, old]
@@ -267,7 +265,9 @@ def test_the_form_bounds_the_derivative_of_v(own: str, order: int, least: float)
     for seed in range(16):
         rng = np.random.default_rng([seed, order])
         slope = {"rate": 0.3, "interval": -0.7, "constant": 0.0}.get(own, 1.0)
-        at = delay.d if own == "constant" else least + float(rng.uniform(0.05, 0.95)) * (1.1 - least)
+        at = (
+            delay.d if own == "constant" else least + float(rng.uniform(0.05, 0.95)) * (1.1 - least)
+        )
         tight = seed % 2 == 0 and own != "constant"
         v = random_variables(system, order, (own,), seed, at - least if tight else None)
         exact = exact_ages(system, v)

@@ -9,6 +9,7 @@ are not.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -44,7 +45,7 @@ def period_radius(A: Array, G: Array, intervals: Sequence[float], latency: float
     size = n * (1 + len(known))
     x = np.eye(n, size)
     held = {i: np.eye(n, size, n * (1 + k)) for i, k in index.items()}
-    for start, end in zip(times[:-1], times[1:], strict=True):
+    for start, end in itertools.pairwise(times):
         for i, s in enumerate(instants):
             if abs(s - start) < 1e-12:
                 held[i] = x
