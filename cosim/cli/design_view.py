@@ -117,13 +117,13 @@ def _age(delay: Delay, found: Design | Analysis) -> str:
     elif found.certificate is None or "hypotheses" not in found.certificate["claim"]:
         kind = "any age up to this"
     else:
-        reach = f"from {delay.least_age:g} s to this" if delay.least_age > 0 else "up to this"
+        span = f"from {delay.least_age:g} s to this" if delay.least_age > 0 else "up to this"
         if delay.sampled:
-            kind = f"sampled: grows at rate one, {reach}"
+            kind = f"sampled: grows at rate one, {span}"
         elif delay.rate is not None:
-            kind = f"any age {reach}, rate at most {delay.rate:g}"
+            kind = f"any age {span}, rate at most {delay.rate:g}"
         else:
-            kind = f"any age {reach}"
+            kind = f"any age {span}"
     return kind + (", the control acts through this delay" if delay.feedback else "")
 
 

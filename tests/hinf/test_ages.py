@@ -86,16 +86,16 @@ def test_wirtinger_beside_looped(eta: float) -> None:
 
     Liu and Fridman 2012 for eta = .2, .6 and 1.
     """
-    reach = {0.2: 1.091, 0.6: 0.609, 1.0: 0.173}[eta]
-    system = networked(eta + reach, sampled=True, least_age=eta)
+    longest = {0.2: 1.091, 0.6: 0.609, 1.0: 0.173}[eta]
+    system = networked(eta + longest, sampled=True, least_age=eta)
     for functional in ("wirtinger", "looped"):
         lmi = AgesLmi(system, NETWORKED, 2, [functional], performance=False)
-        found = lmi.margin([eta + reach], None)
+        found = lmi.margin([eta + longest], None)
         assert found is not None
         assert found[0] > 0, functional
-    longer = networked(eta + 1.2 * reach, sampled=True, least_age=eta)
+    longer = networked(eta + 1.2 * longest, sampled=True, least_age=eta)
     lmi = AgesLmi(longer, NETWORKED, 2, ["wirtinger"], performance=False)
-    margin = lmi.margin([eta + 1.2 * reach], None)
+    margin = lmi.margin([eta + 1.2 * longest], None)
     assert margin is None or margin[0] <= 1e-7
 
 

@@ -2,7 +2,7 @@
 
 x(t) is a random polynomial; w = x' - sum A_i x(t - tau_i) makes it a motion of the loop (C = I).
 V is integrated numerically (Gauss-Legendre, exact for polynomials), its derivative taken by
-central differences, and held against Phi at random matrices, at the age in between as well: the
+central differences, and kept against Phi at random matrices, at the age in between as well: the
 form there is the mean of those at the corners. So the equations are tested, apart from any LMI.
 """
 
@@ -67,11 +67,11 @@ def positive(rng: np.random.Generator, n: int) -> Any:
 
 
 def random_variables(
-    system: DelaySystem, order: int, own: tuple[Any, ...], seed: int, held: float | None = None
+    system: DelaySystem, order: int, own: tuple[Any, ...], seed: int, kept: float | None = None
 ) -> Any:
     """Positive Q, R, S, Z, W, N, U; M small enough for [Zh M; M' Zh] > 0; the others free.
 
-    With `held`, the time since the last instant, M and Y are those for which nothing is lost
+    With `kept`, the time since the last instant, M and Y are those for which nothing is lost
     where x(t) is a line.
     """
     rng = np.random.default_rng(seed)
@@ -87,11 +87,11 @@ def random_variables(
         if "M" in matrices:
             least = np.linalg.eigvalsh(matrices["Z"])[0]
             matrices["M"] *= 0.9 * least / np.linalg.norm(matrices["M"], 2)
-            if held is not None:
+            if kept is not None:
                 matrices["M"] *= 0.0
                 matrices["M"][:N_STATES, :N_STATES] = 0.999 * matrices["Z"]
-        if "Y" in matrices and held is not None:
-            matrices["Y"] = difference_rows(system, order, own).T @ matrices["U"] / held
+        if "Y" in matrices and kept is not None:
+            matrices["Y"] = difference_rows(system, order, own).T @ matrices["U"] / kept
         terms.append(AgeTerms(functional, matrices))
     rows = N_STATES * len(state_blocks(system, order, own))
     P = rng.standard_normal((rows, rows))
@@ -176,11 +176,11 @@ class Functional:
                 )
             if own == "looped":
                 s_k, left = t - tau, d - tau
-                z, held = rows["x"] - rows[f"x{j}"], rows[f"x{j}"]
+                z, kept = rows["x"] - rows[f"x{j}"], rows[f"x{j}"]
                 if a:
-                    z = np.concatenate([rows["x"] - rows[f"t{j}"], rows[f"h{j}"] - held])
-                    held = np.concatenate([rows[f"t{j}"], held])
-                inside = z @ M["X_a"] @ z + 2 * z @ M["X_b"] @ held
+                    z = np.concatenate([rows["x"] - rows[f"t{j}"], rows[f"h{j}"] - kept])
+                    kept = np.concatenate([rows[f"t{j}"], kept])
+                inside = z @ M["X_a"] @ z + 2 * z @ M["X_b"] @ kept
                 both = (lambda s: np.concatenate([rate(s + a), rate(s)])) if a else rate  # noqa: B023
                 inside += integral(lambda s: q(M["U"], both(s)), s_k, t - a)  # noqa: B023
                 total += left * inside

@@ -44,17 +44,17 @@ def period_radius(A: Array, G: Array, intervals: Sequence[float], latency: float
     index = {i: k for k, i in enumerate(known)}
     size = n * (1 + len(known))
     x = np.eye(n, size)
-    held = {i: np.eye(n, size, n * (1 + k)) for i, k in index.items()}
+    kept = {i: np.eye(n, size, n * (1 + k)) for i, k in index.items()}
     for start, end in itertools.pairwise(times):
         for i, s in enumerate(instants):
             if abs(s - start) < 1e-12:
-                held[i] = x
+                kept[i] = x
         middle = (start + end) / 2
         used = max(i for i, s in enumerate(instants) if s + latency < middle)
         Phi, Gamma = over_a_hold(A, G, end - start)
-        x = Phi @ x + Gamma @ held[used]
+        x = Phi @ x + Gamma @ kept[used]
     per = len(starts)
-    rows = [x, *(held[i + per] for i in known)]
+    rows = [x, *(kept[i + per] for i in known)]
     return float(np.max(np.abs(np.linalg.eigvals(np.vstack(rows)))))
 
 
@@ -72,16 +72,16 @@ def gain_over_patterns(
     n, m = len(A), 2
     osc = np.array([[0.0, omega], [-omega, 0.0]])
     entry = np.column_stack([C[:, 0], np.zeros(n)])
-    x, held, w = np.zeros(n), np.zeros(n), np.array([0.0, 1.0])
+    x, kept, w = np.zeros(n), np.zeros(n), np.array([0.0, 1.0])
     top = bottom = 0.0
     for length in list(intervals) * periods:
-        held = x.copy()
+        kept = x.copy()
         h = length / steps
         whole = np.zeros((2 * n + m, 2 * n + m))
         whole[:n, :n], whole[:n, n : 2 * n], whole[:n, 2 * n :] = A, G, entry
         whole[2 * n :, 2 * n :] = osc
         step = expm(h * whole)
-        state = np.concatenate([x, held, w])
+        state = np.concatenate([x, kept, w])
         for _ in range(steps):
             after = step @ state
             # the trapezium rule errs alike above and below; 24 steps a hold make it small

@@ -310,16 +310,20 @@ class _Forms:
             found.append((f"[Z M[{j}]; M' Z]", form))
         looped = [j for j, own in enumerate(self._v.terms) if own.functional == "looped"]
         for count in range(len(looped) + 1):
-            for held in itertools.combinations(looped, count):
-                at = f", with what X_a, X_b add of {', '.join(map(str, held))}," if held else ","
-                found.append((f"P, with what Q and S add to it{at}", self._functional(held)))
+            for sampled in itertools.combinations(looped, count):
+                at = (
+                    f", with what X_a, X_b add of {', '.join(map(str, sampled))},"
+                    if sampled
+                    else ","
+                )
+                found.append((f"P, with what Q and S add to it{at}", self._functional(sampled)))
         return found
 
-    def _functional(self, held: tuple[int, ...]) -> _Form:
-        """P + ... at the start of a hold of the delays `held`."""
+    def _functional(self, sampled: tuple[int, ...]) -> _Form:
+        """P + ... at the start of a hold of the delays `sampled`."""
         n, one = self._n, self._one
         sizes = dict.fromkeys(self._state, n)
-        for j in held:
+        for j in sampled:
             sizes |= ({f"t{j}": n} if self._late[j].least_age > 0 else {}) | {f"x{j}": n}
         form = _Form(sizes)
         form.square_of([{name: one} for name in self._state], self._v.P, n)
@@ -333,7 +337,7 @@ class _Forms:
             for name, Q in ((f"ab{j}", "S"), (f"a{j}", "S_1"), (f"b{j}", "S_2")):
                 if name in self._state:
                     form.square({name: one}, 1 / length * own.matrices[Q])
-            if j not in held:
+            if j not in sampled:
                 continue
             z, start = self._loop_maps(j)
             if delay.least_age > 0:

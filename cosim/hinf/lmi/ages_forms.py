@@ -246,16 +246,16 @@ class PartOfLoop:
 
     def _looped(self, form: Form, at: dict[str, Array], j: int, f: Array, age: float) -> None:
         x = self._late[j]
-        z, held, rate = at["x"] - at[f"x{j}"], at[f"x{j}"], f
+        z, first, rate = at["x"] - at[f"x{j}"], at[f"x{j}"], f
         if x.least > 0:
             z = np.concatenate([at["x"] - at[f"t{j}"], at[f"h{j}"] - at[f"x{j}"]])
-            held = np.concatenate([at[f"t{j}"], at[f"x{j}"]])
+            first = np.concatenate([at[f"t{j}"], at[f"x{j}"]])
             rate = np.concatenate([f, at[f"r{j}"]])
             form.square(self._name(j, "N"), f)
             form.square(self._name(j, "N"), at[f"r{j}"], -1.0)
         rows = np.eye(self._base, form.size)
         form.square(self._name(j, "X_a"), z, -1 / x.u)
-        form.twice(self._name(j, "X_b"), z, held, -1 / x.u)
+        form.twice(self._name(j, "X_b"), z, first, -1 / x.u)
         form.twice(self._name(j, "Y"), rows, z, -1 / x.u)
         share = x.rest / x.u
         if age == x.d:
@@ -264,7 +264,7 @@ class PartOfLoop:
         else:
             form.square(self._name(j, "U"), rate, share)
             form.twice(self._name(j, "X_a"), rate, z, share)
-            form.twice(self._name(j, "X_b"), rate, held, share)
+            form.twice(self._name(j, "X_b"), rate, first, share)
 
     def positive(self) -> list[Form]:
         """Return the other matrices that must be positive."""
@@ -300,14 +300,16 @@ class PartOfLoop:
                 found.append(form)
         looped = [j for j, x in enumerate(self._late) if x.functional == "looped"]
         for count in range(len(looped) + 1):
-            found += [self._functional(held) for held in itertools.combinations(looped, count)]
+            found += [
+                self._functional(sampled) for sampled in itertools.combinations(looped, count)
+            ]
         return found
 
-    def _functional(self, held: tuple[int, ...]) -> Form:
-        """P with what the other terms add, at the start of a hold of the delays `held`."""
+    def _functional(self, sampled: tuple[int, ...]) -> Form:
+        """P with what the other terms add, at the start of a hold of the delays `sampled`."""
         n, blocks = self._n, self._blocks
         sizes = dict.fromkeys(blocks, n)
-        for j in held:
+        for j in sampled:
             sizes |= ({f"t{j}": n} if self._late[j].least > 0 else {}) | {f"x{j}": n}
         at = self._selections(sizes)
         form = Form(sum(sizes.values()))
@@ -320,7 +322,7 @@ class PartOfLoop:
             for name, S in ((f"ab{j}", "S"), (f"a{j}", "S_1"), (f"b{j}", "S_2")):
                 if name in at:
                     form.square(self._name(j, S), at[name], x.u**2 / x.rest)
-            if j not in held:
+            if j not in sampled:
                 continue
             z, start = at["x"] - at[f"x{j}"], at[f"x{j}"]
             if x.least > 0:
