@@ -353,6 +353,32 @@ def test_an_age_claimed_without_its_bound_is_refused() -> None:
     assert not check_certificate(data).valid
 
 
+def test_a_constant_delay_beside_an_age_is_covered_down_to_zero() -> None:
+    """Where it can be proved at the same gamma; a certificate that says so for less is refused."""
+    system = DelaySystem(
+        [[0, 1], [-1, -0.8]],
+        C=[[0], [1]],
+        D=[[1, 0]],
+        delays=[
+            Delay(0.3, [[0, 0], [-0.1, -0.1]]),
+            Delay(0.4, [[0, 0], [-0.4, -0.3]], any_age=True),
+        ],
+    )
+    found = analyse(system, gamma=1.05, order=1)
+    assert found.covers_smaller_delays
+    data = json.loads(json.dumps(found.certificate))
+    assert data["claim"]["delays"][0]["age"] == "constant, up to d"
+    assert check_certificate(data).valid
+    close = analyse(system, order=1)
+    assert not close.covers_smaller_delays
+    data = json.loads(json.dumps(close.certificate))
+    data["variables"]["down_to_zero"] = True
+    data["claim"]["delays"][0]["age"] = "constant, up to d"
+    proof = check_certificate(data)
+    assert not proof.valid
+    assert "-Phi at age 0" in str(proof.reason)
+
+
 FILE = """
 [system]
 A = [[0, 1], [0, -0.1]]
@@ -402,3 +428,10 @@ def test_a_file_with_an_impossible_age_is_refused(age: str, message: str) -> Non
     with pytest.raises(InputError, match=message) as error:
         system_from_toml(FILE.format(age=age), where="file", name="x")
     assert "delays[0]" in str(error.value)
+
+
+def test_many_ages_are_still_analysed() -> None:
+    """With too many corners for a proof the ages count as of any variation, as at order 0."""
+    delays = [Delay(0.1, [[-0.05]], any_age=True) for _ in range(7)]
+    found = certified(DelaySystem([[-1.0]], delays=delays), None, 1)
+    assert found.certificate["kind"] == "analysis"

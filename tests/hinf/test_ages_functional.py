@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -198,6 +199,9 @@ CASES = [
 ]
 
 
+LONGEST = Delay(1.1, [[-0.4, 0.3], [0.2, -0.5]])
+
+
 def delay_of(own: str, least: float) -> Delay:
     G = [[-0.4, 0.3], [0.2, -0.5]]
     if own == "constant":
@@ -288,6 +292,28 @@ def test_the_form_bounds_the_derivative_of_v(own: str, order: int, least: float)
         gaps.append((bound - rate) / size)
     if own != "wirtinger":  # its inequality is exact for a sine only
         assert max(gaps[::2]) < 1e-2, gaps
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.8])
+def test_constant_delays_down_to_zero_lie_between_their_corners(order: int, share: float) -> None:
+    """V of a shorter delay, with the same matrices, against the mean of the forms at d and 0."""
+    whole = DelaySystem([[-0.6, 0.4], [-0.3, -0.8]], C=np.eye(2), D=[[1.0, 0.5]], delays=[LONGEST])
+    shorter = replace(LONGEST, d=max(share, 1e-6) * LONGEST.d)
+    for seed in range(10):
+        rng = np.random.default_rng([seed, order, 2])
+        v = replace(random_variables(whole, order, ("constant",), seed), down_to_zero=True)
+        motion = Motion(rng, 1.0)
+        functional = Functional(replace(whole, delays=(shorter,)), v, motion, lambda _: shorter.d)
+        rows, h = functional.rows(0.0), 1e-4
+        derivative = (functional.value(h) - functional.value(-h)) / (2 * h)
+        w = motion.rate(0.0) - whole.A @ rows["x"] - LONGEST.A @ rows["x0"]
+        z = whole.D @ rows["x"]
+        rate = derivative + float(z @ z) / 2.0 - 2.0 * float(w @ w)
+        Phi, names = phi_at(whole, exact_ages(whole, v), {0: share}, 0.0)
+        xi = np.concatenate([(rows | {"w": w})[name] for name in dict.fromkeys(names)])
+        bound = float(xi @ Phi @ xi)
+        assert rate <= bound + 1e-4 * (abs(rate) + abs(bound) + 1.0), (seed, rate, bound)
 
 
 @pytest.mark.parametrize(("own", "order", "least"), CASES)

@@ -3,6 +3,7 @@ from .ages_certificate import (
     exact_ages as exact_ages,
 )
 from .ages_proof import (
+    MAX_CORNERS as MAX_CORNERS,
     ages_proved as ages_proved,
     corners_of as corners_of,
 )

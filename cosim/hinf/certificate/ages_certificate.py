@@ -2,7 +2,7 @@
 
     {"kind": "ages", "claim": {...}, "system": {...}, "K": [[...]],
      "variables": {"order": 1, "P": [["p/q", ...]], "eps", "gamma",
-                   "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
+                   "down_to_zero": false, "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
 
 `terms` has one entry per positive delay; the matrices are those of `ages_terms.unknowns_of`. The
 claim lists the theorem's hypotheses in full.
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 AGES = "ages"
 _KEYS = ("kind", "claim", "system", "variables", "K")
-_VARIABLES = ("order", "P", "terms", "eps", "gamma")
+_VARIABLES = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
 _TERMS = ("functional", "matrices")
 
 
@@ -73,6 +73,7 @@ def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
         terms=terms,
         eps=None if v.eps is None or not system.E.size else exact(v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
+        down_to_zero=v.down_to_zero,
     )
 
 
@@ -94,6 +95,7 @@ def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[st
             ],
             "eps": None if v.eps is None else to_text(v.eps),
             "gamma": None if v.gamma is None else to_text(v.gamma),
+            "down_to_zero": v.down_to_zero,
         },
         "K": gain.tolist(),
     }
@@ -142,6 +144,13 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
         known_keys(table, f"variables.terms[{j}]", _TERMS, required=_TERMS)
     functionals = tuple(table["functional"] for table in tables)
     check_functionals(system, functionals)
+    if not isinstance(data["down_to_zero"], bool):
+        raise InputError(
+            "not a truth value",
+            where="variables.down_to_zero",
+            expected="true or false",
+            got=format_value(data["down_to_zero"]),
+        )
     check_null("eps", data["eps"], expected=not system.E.size)
     if not system.has_performance:
         check_null("gamma", data["gamma"], expected=True)
@@ -164,4 +173,5 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
         terms=tuple(terms),
         eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
         gamma=gamma,
+        down_to_zero=data["down_to_zero"],
     )

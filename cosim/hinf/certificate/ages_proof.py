@@ -21,8 +21,10 @@ With a = least_age, N the order, c = (333/106)^2/4 < pi^2/4, |v|_R^2 = v'R v, He
         start of a hold (age a), l (|z'|_U^2 + He z''(X_a z + X_b z_0)), at its end (age d)
         l He(xi'Y v) - l |v|_U^2 in further rows v; where a = 0: z = x - x_k, z_0 = x_k, no N
 
-Phi, with eps (q'q - p'p) + z'z/gamma - gamma w'w, is affine in every tau, tau' and time since an
-instant, so that -Phi > 0 is shown at every corner. Beside it, > 0:
+Where constant delays are covered down to zero, l of each is d and 0 at the corners: y is affine
+in l, and Phi but for the convex l^2 |f|_R^2. Phi, with eps (q'q - p'p) + z'z/gamma
+- gamma w'w, is affine in every tau, tau' and time since an instant, so that -Phi > 0 is shown
+at every corner. Beside it, > 0:
 
     Q, R, S, S_1, S_2, Z, W, N and gamma, [Zh M; M' Zh],
     P + diag(0, (2k+1)/l Q, S/l), and this with |x - x_a|_N^2/a + l (z'X_a z + He z'X_b z_0)
@@ -72,14 +74,19 @@ def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
     own = iter(v.functionals)
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
-            delay_claim.update(_age_claim(delay, next(own), v.order))
+            delay_claim.update(_age_claim(delay, next(own), exactly=_exactly(v)))
     return claim | {"order": v.order, "hypotheses": _hypotheses(v)}
 
 
-def _age_claim(delay: Delay, functional: str, order: int) -> dict[str, Any]:
+def _exactly(v: AgesVariables) -> bool:
+    """Whether the claim is about exactly the constant delays."""
+    return v.order > 0 and not v.down_to_zero
+
+
+def _age_claim(delay: Delay, functional: str, *, exactly: bool) -> dict[str, Any]:
     """Return the part of the claim that says how an age varies; numbers are doubles, as d is."""
     if functional == "constant":
-        return {"age": EXACTLY if order else "constant, up to d"}
+        return {"age": EXACTLY if exactly else "constant, up to d"}
     least = {"least_age": delay.least_age}
     if functional == "interval":
         if delay.least_age == 0:
@@ -171,6 +178,7 @@ def _failure(system: DelaySystem, gain: Matrix, v: AgesVariables) -> str | None:
 
 def corners_of(system: DelaySystem, v: AgesVariables) -> list[tuple[Any, ...]]:
     """Return the corners: per positive delay None, (age,), or (age, its rate)."""
+    zero = exact(0.0)
     ends: list[list[Any]] = []
     for own, delay in zip(v.functionals, late_delays(system), strict=True):
         ages: list[Any] = [(exact(delay.least_age),), (exact(delay.d),)]
@@ -180,6 +188,8 @@ def corners_of(system: DelaySystem, v: AgesVariables) -> list[tuple[Any, ...]]:
             ends.append([(*age, slope) for age in reached for slope in {-rate, rate}])
         elif own == "looped" or (own == "interval" and v.order):
             ends.append(ages)
+        elif own == "constant" and v.order and v.down_to_zero:
+            ends.append([(exact(delay.d),), (zero,)])
         else:
             ends.append([None])
     return list(itertools.product(*ends))
@@ -271,7 +281,8 @@ class _Forms:
         for j, (own, at) in enumerate(zip(v.terms, corner, strict=True)):
             delay = self._late[j]
             if own.functional == "constant":
-                state += self._constant_part(form, j, f, f"x{j}", exact(delay.d))
+                length = exact(delay.d) if at is None else at[0]
+                state += self._constant_part(form, j, f, f"x{j}", length)
             elif delay.least_age > 0:
                 state += self._constant_part(form, j, f, f"h{j}", exact(delay.least_age))
             if own.functional in {"interval", "rate"}:

@@ -42,7 +42,8 @@ class AgeTerms:
 class AgesVariables:
     """The variables: P, the terms of every positive delay, eps and gamma.
 
-    `eps` is None without uncertainty, `gamma` None for stability alone.
+    `eps` is None without uncertainty, `gamma` None for stability alone. `down_to_zero` : the claim
+    covers every constant delay up to its bound, not exactly the bound (order 0 always does).
     """
 
     order: int
@@ -50,6 +51,7 @@ class AgesVariables:
     terms: tuple[AgeTerms, ...]
     eps: Any
     gamma: Any
+    down_to_zero: bool = False
 
     @property
     def functionals(self) -> tuple[AgeFunctional, ...]:

@@ -128,7 +128,7 @@ class PartOfLoop:
             start += size
         return at
 
-    def forms(self, gamma: float) -> Iterator[Form]:
+    def forms(self, gamma: float, *, down_to_zero: bool) -> Iterator[Form]:
         """Yield Phi at every corner."""
         ends = []
         for x in self._late:
@@ -137,6 +137,8 @@ class PartOfLoop:
                 ends.append([(age, slope) for age in ages for slope in {-x.rate, x.rate}])
             elif x.functional == "looped" or (x.functional == "interval" and self._order):
                 ends.append([(x.least, 0.0), (x.d, 0.0)])
+            elif x.functional == "constant" and self._order and down_to_zero:
+                ends.append([(x.d, 0.0), (0.0, 0.0)])
             else:
                 ends.append([(x.d, 0.0)])
         for corner in itertools.product(*ends):
@@ -163,10 +165,10 @@ class PartOfLoop:
         for j, (x, (age, slope)) in enumerate(zip(self._late, corner, strict=True)):
             start = at["x"]
             if x.functional == "constant":
-                more = self._constant_part(form, at, j, f, at[f"x{j}"])
+                more = self._constant_part(form, at, j, f, at[f"x{j}"], age)
             elif x.least > 0:
                 start = at[f"h{j}"]
-                more = self._constant_part(form, at, j, f, start)
+                more = self._constant_part(form, at, j, f, start, x.part)
             else:
                 more = ([], [])
             y, rate = y + more[0], rate + more[1]
@@ -191,19 +193,19 @@ class PartOfLoop:
         return form
 
     def _constant_part(
-        self, form: Form, at: dict[str, Array], j: int, f: Array, end: Array
+        self, form: Form, at: dict[str, Array], j: int, f: Array, end: Array, length: float
     ) -> tuple[list[Array], list[Array]]:
         """Add the terms of Q and R; return the blocks of y and their derivatives."""
         x, order = self._late[j], self._order
         form.square(self._name(j, "Q"), at["x"])
         form.square(self._name(j, "Q"), end, -1.0)
-        form.square(self._name(j, "R"), f, (x.part / x.s) ** 2)
+        form.square(self._name(j, "R"), f, (length / x.s) ** 2)
         v = []
         for k in range(order + 1):
             means = (c * at[f"W{j},{i}"] for i, c in enumerate(couplings(k)))
             v.append(at["x"] - (-1) ** k * end - sum(means, np.zeros_like(end)))
             form.square(self._name(j, "R"), v[k], -(2 * k + 1) / x.s**2)
-        blocks = [x.part / x.s * at[f"W{j},{k}"] for k in range(order)]
+        blocks = [length / x.s * at[f"W{j},{k}"] for k in range(order)]
         return blocks, [v[k] / x.s for k in range(order)]
 
     def _between(

@@ -76,7 +76,7 @@ class AgesLmi:
         performance: bool,
     ) -> None:
         self.order, self._system, self._performance = order, system, performance
-        self._functionals = tuple(functionals)
+        self.functionals = tuple(functionals)
         acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
         A = [system.A, *(delay.A for delay in system.delays)]
         loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
@@ -148,19 +148,21 @@ class AgesLmi:
     ) -> AgesVariables | None:
         """Return a point of great margin at `gamma`; None if the solver finds none.
 
-        `down_to_zero` : None, the proof would belong to these delays all the same.
+        `down_to_zero` : for every constant delay up to `delays`, not exactly these.
         """
-        found = None if down_to_zero else self.margin(delays, gamma)
+        found = self.margin(delays, gamma, down_to_zero=down_to_zero)
         return None if found is None else found[1]
 
     def margin(
-        self, delays: Sequence[float], gamma: float | None
+        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
     ) -> tuple[float, AgesVariables] | None:
         """Return the greatest margin at `gamma`, and its point; negative: the LMI is not met.
 
         The margin is counted against the diagonals of -Phi themselves, in a second round.
         """
-        phi, positive, width = self._constraints(delays, gamma or 1.0, fixed=True)
+        phi, positive, width = self._constraints(
+            delays, gamma or 1.0, fixed=True, down_to_zero=down_to_zero
+        )
         free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
         floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
         last = np.zeros((1, width + 1))
@@ -173,7 +175,8 @@ class AgesLmi:
             if not solution.usable:
                 break
             v = solution.y
-            found = float(v[-1]), self._variables(v[:-1], delays, gamma)
+            variables = self._variables(v[:-1], delays, gamma)
+            found = float(v[-1]), replace(variables, down_to_zero=down_to_zero)
             scales = [np.maximum(np.diag(c.at(v[:-1])), 1e-9) for c in phi]
             greatest = max(float(s.max()) for s in scales)
             scales = [s / greatest for s in scales]
@@ -183,7 +186,7 @@ class AgesLmi:
         return [
             LateAge(i, own, d / self._T, x.least_age / self._T, x.rate or 0.0)
             for i, (own, d, x) in enumerate(
-                zip(self._functionals, delays, self._system.delays, strict=True)
+                zip(self.functionals, delays, self._system.delays, strict=True)
             )
             if d > 0
         ]
@@ -194,7 +197,7 @@ class AgesLmi:
             replace(x, d=d, least_age=x.least_age if d else 0.0)
             for x, d in zip(self._system.delays, delays, strict=True)
         ]
-        own = tuple(f for f, d in zip(self._functionals, delays, strict=True) if d > 0)
+        own = tuple(f for f, d in zip(self.functionals, delays, strict=True) if d > 0)
         return replace(self._system, delays=tuple(changed)), own
 
     def _unknowns(self, delays: Sequence[float]) -> dict[str, tuple[int, int]]:
@@ -222,7 +225,12 @@ class AgesLmi:
         return {name: special.get(name, part.states.size) for name in rows}
 
     def _constraints(
-        self, delays: Sequence[float], gamma: float, *, fixed: bool
+        self,
+        delays: Sequence[float],
+        gamma: float,
+        *,
+        fixed: bool,
+        down_to_zero: bool = False,
     ) -> tuple[list[Constraint], list[Constraint], int]:
         """-Phi at every corner of every part; the others; number of unknowns.
 
@@ -243,7 +251,7 @@ class AgesLmi:
         for c, part in enumerate(self._parts):
             sizes = self._sizes(part, delays)
             loop = PartOfLoop(c, self.order, late, self._matrices(part), sizes, blocks)
-            for form in loop.forms(gamma):
+            for form in loop.forms(gamma, down_to_zero=down_to_zero):
                 own = form.constraint(places, width)
                 whole = Constraint(own.size, -own.constant, -own.columns)
                 if form.supplied is not None and fixed:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
 from cosim.hinf.certificate import MAX_BOX, MAX_ORDER, covers_smaller
-from cosim.hinf.lmi import AnalysisLmi, not_found, solver_words
+from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import checked_system, nominal_figures_of
 from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove
 from cosim.models import DelaySystem
@@ -187,11 +187,10 @@ def widened(
 ) -> dict[str, Any] | None:
     """Return a certificate for every constant delay up to the system's; None without one.
 
-    Also None at order 0, where the certificate of these delays covers smaller ones, and where
-    the ages are taken as they are.
+    Also None at order 0, where the certificate of these delays covers smaller ones.
     """
     box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
-    if condition.order == 0 or not 0 < box <= MAX_BOX or not isinstance(condition, AnalysisLmi):
+    if condition.order == 0 or not 0 < box <= MAX_BOX:
         return None
     delays = [delay.d for delay in system.delays]
     return prove(condition, system, K, delays, gamma, down_to_zero=True)[0]

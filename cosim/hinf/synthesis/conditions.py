@@ -10,12 +10,14 @@ Each is an LMI with a greatest margin and an exact proof of the point found:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate import (
+    MAX_CORNERS,
     AgeFunctional,
     AgesVariables,
     ages_proved,
@@ -56,9 +58,19 @@ def conditions_of(
         tried.append(own)
         condition = AgesLmi(system, K, order, own, performance=performance)
         rows = condition.largest_part([x.d for x in system.delays])
-        if "looped" not in own or rows <= MOST_ROWS:
+        large = "looped" in own and rows > MOST_ROWS
+        if not large and _corners(system, order, own, down_to_zero=False) <= MAX_CORNERS:
             found.append(condition)
     return [*found, plain]
+
+
+def _corners(
+    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
+) -> int:
+    """Return how many corners Phi has."""
+    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
+    each["constant"] = 2 if down_to_zero else 1
+    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)
 
 
 def prove(
@@ -71,6 +83,10 @@ def prove(
     down_to_zero: bool = False,
 ) -> tuple[dict[str, Any] | None, str | None]:
     """Return the certificate at `delays`, those of `system`, or None and why there is none."""
+    if isinstance(condition, AgesLmi):
+        count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
+        if count > MAX_CORNERS:
+            return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
     with solver_words() as words:
         point = condition.central(delays, gamma, down_to_zero=down_to_zero)
     if point is None:
