@@ -2,7 +2,8 @@
 
     {"kind": "ages", "claim": {...}, "system": {...}, "K": [[...]],
      "variables": {"order": 1, "P": [["p/q", ...]], "eps", "gamma",
-                   "down_to_zero": false, "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
+                   "down_to_zero": false,
+                   "terms": [{"functional": "looped", "matrices": {"U": ..., "X_a": ...}}]}}
 
 `terms` has one entry per positive delay; the matrices are those of `ages_terms.unknowns_of`. The
 claim lists the theorem's hypotheses in full.
