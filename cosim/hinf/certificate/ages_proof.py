@@ -185,7 +185,7 @@ def corners_of(system: DelaySystem, v: AgesVariables) -> list[tuple[Any, ...]]:
         rate = exact(delay.rate or 0.0)
         if own == "rate":
             reached = ages if v.order else ages[:1]  # at order 0 nothing depends on the age
-            ends.append([(*age, slope) for age in reached for slope in {-rate, rate}])
+            ends.append([(*age, slope) for age in reached for slope in sorted({-rate, rate})])
         elif own == "looped" or (own == "interval" and v.order):
             ends.append(ages)
         elif own == "constant" and v.order and v.down_to_zero:

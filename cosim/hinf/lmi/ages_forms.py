@@ -134,7 +134,7 @@ class PartOfLoop:
         for x in self._late:
             if x.functional == "rate":
                 ages = (x.least, x.d) if self._order else (x.least,)
-                ends.append([(age, slope) for age in ages for slope in {-x.rate, x.rate}])
+                ends.append([(age, slope) for age in ages for slope in sorted({-x.rate, x.rate})])
             elif x.functional == "looped" or (x.functional == "interval" and self._order):
                 ends.append([(x.least, 0.0), (x.d, 0.0)])
             elif x.functional == "constant" and self._order and down_to_zero:
