@@ -15,8 +15,16 @@ from truth_of_ages import gain_over_patterns, period_radius
 from truth_of_loops import loop_of, norm
 
 import cosim
-from cosim.core.errors import InputError
-from cosim.hinf import analyse, auv_system, certified_delay, check_certificate
+from cosim.core.errors import InputError, NotAchievableError
+from cosim.hinf import (
+    analyse,
+    auv_system,
+    certified_delay,
+    check_certificate,
+    design,
+    design_from_json,
+    design_to_json,
+)
 from cosim.hinf.certificate.system_json import system_from_json, system_to_json
 from cosim.hinf.lmi import AgesLmi
 from cosim.hinf.problem.system_toml import system_from_toml
@@ -435,3 +443,43 @@ def test_many_ages_are_still_analysed() -> None:
     delays = [Delay(0.1, [[-0.05]], any_age=True) for _ in range(7)]
     found = certified(DelaySystem([[-1.0]], delays=delays), None, 1)
     assert found.certificate["kind"] == "analysis"
+
+
+PERFORMANCE = {"C": [[0], [1]], "D": [[1, 0], [0, 0]], "D2": [[0], [0.1]]}
+
+
+@pytest.mark.parametrize(
+    ("age", "d", "best"),
+    [
+        ({"sampled": True}, 3.0, 10.6),  # Theorem 2, for any age up to 3 s or shorter: 15.6
+        ({"any_age": True, "least_age": 0.5}, 1.2, 5.8),  # 7.4
+        ({"rate": 0.1}, 1.2, 6.0),  # 6.9
+    ],
+)
+def test_a_gain_is_designed_for_the_ages(age: dict[str, Any], d: float, best: float) -> None:
+    """By the LMI of the ages, better than what Theorem 2 proposes; proved, written and read."""
+    delay = Delay(d, np.zeros((2, 2)), feedback=True, **age)
+    system = DelaySystem([[0, 1], [0, -0.1]], [[0], [0.1]], **PERFORMANCE, delays=[delay])
+    found = design(system, [-0.5], [1.0], search=False)
+    assert found.gamma is not None
+    assert found.gamma < best
+    assert found.certificate["kind"] == "ages"
+    data = json.loads(json.dumps(design_to_json(found)))
+    assert check_certificate(data).valid
+    again = design_from_json(data, where="file")
+    assert (again.gamma, again.K.tolist()) == (found.gamma, found.K.tolist())
+    assert again.system.delays[0].sampled is delay.sampled
+    given = design(system, gain=found.K, gamma=1.01 * found.gamma)
+    assert given.gamma == 1.01 * found.gamma
+
+
+def test_a_gain_is_designed_to_meet_a_gamma_and_for_stability() -> None:
+    """A gamma that only the LMI of the ages reaches, and no w, z at all."""
+    delay = Delay(3.0, np.zeros((2, 2)), feedback=True, sampled=True)
+    loop = {"A": [[0, 1], [0, -0.1]], "B": [[0], [0.1]], "delays": [delay]}
+    assert design(DelaySystem(**loop, **PERFORMANCE), [-0.5], [1.0], gamma=11.5).gamma == 11.5
+    stable = design(DelaySystem(**loop), [-0.5], [1.0])
+    assert check_certificate(stable.certificate).valid
+    with pytest.raises(NotAchievableError, match="these ages") as error:
+        design(DelaySystem(**loop, **PERFORMANCE), [-0.5], [1.0], gamma=5.0)
+    assert error.value.got

@@ -19,6 +19,9 @@ from cosim.hinf.lmi.svec import Array, product, products, svec
 
 _PI_LOWER = 333 / 106
 
+Corner = tuple[tuple[float, float], ...]
+"""An age, in own units, and its slope per positive delay."""
+
 
 @dataclass(frozen=True)
 class LateAge:
@@ -56,6 +59,17 @@ class LateAge:
         return max(1.0, self.rest)
 
 
+def is_symmetric_in_form(name: str) -> bool:
+    """Whether an unknown of a form is a symmetric matrix: "part P", "part delay R", "gain X"."""
+    return not name.startswith("gain") and is_symmetric_unknown(name.rsplit(maxsplit=1)[-1])
+
+
+def count_of(name: str, shape: tuple[int, int]) -> int:
+    """Return how many numbers an unknown of a form consists of."""
+    rows, columns = shape
+    return rows * (rows + 1) // 2 if is_symmetric_in_form(name) else rows * columns
+
+
 class Form:
     """A symmetric matrix that is linear in named unknowns."""
 
@@ -85,7 +99,7 @@ class Form:
         for name, left, right, weight in self._terms:
             if not len(left):
                 continue  # a part of w alone
-            own = product if is_symmetric_unknown(name.split()[-1]) else products
+            own = product if is_symmetric_in_form(name) else products
             columns[:, places[name]] += own(left, right, weight=weight)
         return Constraint(self.size, svec(self.constant), columns)
 
@@ -128,8 +142,8 @@ class PartOfLoop:
             start += size
         return at
 
-    def forms(self, gamma: float, *, down_to_zero: bool) -> Iterator[Form]:
-        """Yield Phi at every corner."""
+    def corners(self, *, down_to_zero: bool = False) -> Iterator[Corner]:
+        """Yield the corners: an age and its slope per delay."""
         ends = []
         for x in self._late:
             if x.functional == "rate":
@@ -141,19 +155,24 @@ class PartOfLoop:
                 ends.append([(x.d, 0.0), (0.0, 0.0)])
             else:
                 ends.append([(x.d, 0.0)])
-        for corner in itertools.product(*ends):
+        yield from itertools.product(*ends)
+
+    def forms(self, gamma: float, *, down_to_zero: bool) -> Iterator[Form]:
+        """Yield Phi at every corner."""
+        for corner in self.corners(down_to_zero=down_to_zero):
             yield self._phi(corner, gamma)
 
-    def _phi(  # noqa: C901, PLR0912 - one table, read from top to bottom
-        self, corner: tuple[tuple[float, float], ...], gamma: float
-    ) -> Form:
-        n, given = self._n, self._matrices
-        sizes = dict(self._rows)
+    def rows_at(self, corner: Corner) -> dict[str, Array]:
+        """Return the selections of all rows of Phi at a corner, with those that it adds."""
+        n, sizes = self._n, dict(self._rows)
         for j, (x, (age, _)) in enumerate(zip(self._late, corner, strict=True)):
             if x.functional == "looped" and age == x.d:
                 sizes[f"v{j}"] = n * (2 if x.least > 0 else 1)
-        at = self._selections(sizes)
-        form = Form(sum(sizes.values()))
+        return self._selections(sizes)
+
+    def _phi(self, corner: Corner, gamma: float) -> Form:
+        given, at = self._matrices, self.rows_at(corner)
+        form = Form(at["x"].shape[1])
         names = {x.index: f"x{j}" for j, x in enumerate(self._late)}
         on = [at["x"], *(at[names.get(i, "x")] for i in range(len(given["A"]) - 1))]
         f = np.asarray(sum(A @ x for A, x in zip(given["A"], on, strict=True)))
@@ -161,6 +180,18 @@ class PartOfLoop:
             f = f + given["C"][0] @ at["w"]
         if "p" in at:
             f = f + given["E"][0] @ at["p"]
+        self.add_functional(form, at, f, corner)
+        if "p" in at:
+            q = np.asarray(sum(H @ x for H, x in zip(given["H"], on, strict=True)))
+            form.multiple("eps", q.T @ q - at["p"].T @ at["p"])
+        if "w" in at:
+            z = np.asarray(sum(D @ x for D, x in zip(given["D"], on, strict=True)))
+            z = z + given["D1"][0] @ at["w"]
+            form.constant, form.supplied = z.T @ z / gamma, at["w"].T @ at["w"]
+        return form
+
+    def add_functional(self, form: Form, at: dict[str, Array], f: Array, corner: Corner) -> None:
+        """Add V' at a corner, x' = f; `at` selects the rows."""
         y, rate = [at["x"]], [f]
         for j, (x, (age, slope)) in enumerate(zip(self._late, corner, strict=True)):
             start = at["x"]
@@ -183,14 +214,6 @@ class PartOfLoop:
                     y, rate = [*y, start], [*rate, at[f"r{j}"]]
                 self._looped(form, at, j, f, age)
         form.twice(f"{self._number} P", np.concatenate(y), np.concatenate(rate))
-        if "p" in at:
-            q = np.asarray(sum(H @ x for H, x in zip(given["H"], on, strict=True)))
-            form.multiple("eps", q.T @ q - at["p"].T @ at["p"])
-        if "w" in at:
-            z = np.asarray(sum(D @ x for D, x in zip(given["D"], on, strict=True)))
-            z = z + given["D1"][0] @ at["w"]
-            form.constant, form.supplied = z.T @ z / gamma, at["w"].T @ at["w"]
-        return form
 
     def _constant_part(
         self, form: Form, at: dict[str, Array], j: int, f: Array, end: Array, length: float
