@@ -81,26 +81,45 @@ def ages_design(
     if gain is not None:
         return given_gain_design(system, gain, gamma, order)
     reasons: list[str] = []
-    best = _of_theorem_2(system, k1, k2, order, gamma, reasons, search=search)
-    if best is None or (best.gamma is not None and gamma is None):
-        for K in _of_the_ages(system, order, gamma, best):
-            found = analyse(system, K, gamma, order=order)
-            if found.certified and (found.gamma is None or gamma is not None):
-                return as_design(found)
+    best = _of_theorem_2(system, k1, k2, order, reasons, search=search)
+    if best is None or best.gamma is not None:
+        for K in _of_the_ages(system, order, best):
+            found = analyse(system, K, order=order)
             if not found.certified:
                 reasons.append(f"a gain of the LMI of these ages: {found.reason}")
             elif best is None or (found.gamma or 0.0) < (best.gamma or 0.0):
                 best = found
-    if best is not None:
-        return as_design(best)
-    raise NotAchievableError(
-        "no gain was found that can be certified with these ages",
-        where=system.name or None,
-        expected="a gain of Theorem 2, for ages up to these or shorter ones, or of the LMI of "
-        f"these ages, whose analysis of order {order} has a proof",
-        got="; ".join(reasons[:2]) or "the LMI of these ages has no solution",
-        hint="a larger gamma, shorter ages, another order, a search for k1 and k2",
-    )
+            if found.certified and found.gamma is None:
+                break
+    if best is None or best.K is None:
+        raise NotAchievableError(
+            "no gain was found that can be certified with these ages",
+            where=system.name or None,
+            expected="a gain of Theorem 2, for ages up to these or shorter ones, or of the LMI of "
+            f"these ages, whose analysis of order {order} has a proof",
+            got="; ".join(reasons[:2]) or "the LMI of these ages has no solution",
+            hint="shorter ages, another order, a search for k1 and k2",
+        )
+    return as_design(best if gamma is None else _met(best, best.K, gamma))
+
+
+def _met(best: Analysis, K: Matrix, gamma: float) -> Analysis:
+    """Return the analysis of K, that of `best`, at `gamma` instead of its least one.
+
+    Raises
+    ------
+    NotAchievableError : the least one is greater.
+    """
+    if best.gamma is not None and best.gamma > gamma:
+        raise NotAchievableError(
+            f"gamma = {gamma:g} was not reached with these ages",
+            where=best.system.name or None,
+            expected=f"a gain whose analysis of order {best.order} proves it",
+            got=f"{best.gamma:.6g}, the least that was found",
+            hint="a larger gamma, shorter ages, another order, a search for k1 and k2",
+        )
+    met = analyse(best.system, K, gamma, order=best.order)
+    return met if met.certified else best
 
 
 def _of_theorem_2(
@@ -108,7 +127,6 @@ def _of_theorem_2(
     k1: Sequence[float],
     k2: Sequence[float],
     order: int,
-    gamma: float | None,
     reasons: list[str],
     *,
     search: bool,
@@ -121,11 +139,11 @@ def _of_theorem_2(
         except NotAchievableError as error:
             reasons.append(f"Theorem 2 at {share:g} of the ages: {error.what}")
             continue
-        found = analyse(system, K, gamma, order=order)
+        found = analyse(system, K, order=order)
         if not found.certified:
             reasons.append(f"the gain for {share:g} of the ages: {found.reason}")
             continue
-        if found.gamma is None or gamma is not None:
+        if found.gamma is None:
             return found
         if best is not None and found.gamma >= (best.gamma or 0.0):
             break
@@ -133,16 +151,14 @@ def _of_theorem_2(
     return best
 
 
-def _of_the_ages(
-    system: DelaySystem, order: int, gamma: float | None, start: Analysis | None
-) -> Iterator[Matrix]:
+def _of_the_ages(system: DelaySystem, order: int, start: Analysis | None) -> Iterator[Matrix]:
     """Yield gains of the LMI of the ages, the best first; none where it is too large."""
     n, m = system.B.shape
     K = np.zeros((m, n)) if start is None or start.K is None else start.K
     reference = None
     if system.has_performance:
         known = None if start is None else start.gamma
-        reference = gamma or known or float(np.linalg.norm(system.D1, 2)) or 1.0
+        reference = known or float(np.linalg.norm(system.D1, 2)) or 1.0
     lmi = AgesSynthesisLmi(system, order, [choices(x)[0] for x in system.delays], K, reference)
     if lmi.rows > MOST_ROWS:
         return
