@@ -55,20 +55,11 @@ def bessel_legendre_design(
         check_achievable(gamma, system)
     check_order(order, system)
     if gain is not None:
-        found = analyse(system, gain, gamma, order=order)
-        if not found.certified:
-            raise NotAchievableError(
-                f"this gain could not be certified at order {order}",
-                where=system.name or None,
-                expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
-                got=found.reason,
-                hint=hint_after(str(found.reason), "a larger gamma, another order"),
-            )
-        return _as_design(found)
+        return given_gain_design(system, gain, gamma, order)
     starts: list[Gain] = []
     with suppress(NotAchievableError):  # the LMI of order N has other starts as well
         starts.append(design(system, k1, k2, search=search).K)
-    return _as_design(bessel_legendre_gain(system, order, starts, gamma))
+    return as_design(bessel_legendre_gain(system, order, starts, gamma))
 
 
 @one_thread
@@ -121,7 +112,7 @@ def bessel_legendre_delay(
             reason = error.what
             continue
         if found.certified:
-            return GreatestDelay(d, _as_design(found), d == limit, None, None)
+            return GreatestDelay(d, as_design(found), d == limit, None, None)
         reason = found.reason
     raise NotAchievableError(
         f"no delay could be certified at order {order}",
@@ -132,7 +123,30 @@ def bessel_legendre_delay(
     )
 
 
-def _as_design(found: Analysis) -> Design:
+def given_gain_design(
+    system: DelaySystem, gain: ArrayLike, gamma: float | None, order: int
+) -> Design:
+    """Return the design of a given gain: its analysis, which must be certified.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : it is not.
+    """
+    found = analyse(system, gain, gamma, order=order)
+    if not found.certified:
+        raise NotAchievableError(
+            f"this gain could not be certified at order {order}",
+            where=system.name or None,
+            expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
+            got=found.reason,
+            hint=hint_after(str(found.reason), "a larger gamma, another order"),
+        )
+    return as_design(found)
+
+
+def as_design(found: Analysis) -> Design:
+    """Return a certified analysis of a gain as a design."""
     if found.K is None or found.certificate is None:
         raise ValueError("expected a proved gain, got an analysis without")
     return Design(

@@ -16,6 +16,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.problem import design_constraints_of
 from cosim.hinf.synthesis import synthesis
+from cosim.hinf.synthesis.ages_design import ages_are_known, ages_design, of_any_age
 from cosim.hinf.synthesis.analysis import analyse
 from cosim.hinf.synthesis.bessel_legendre_designs import (
     bessel_legendre_delay,
@@ -66,7 +67,9 @@ def design(
     search : look for better k1, k2 (`cosim.hinf.synthesis.search`), starting from these among
         others.
     order : None for Theorem 2; N for the Bessel-Legendre condition of order N, which starts
-        from the gain of Theorem 2 and allows no design constraints.
+        from the gain of Theorem 2 and allows no design constraints. Where more is known of an
+        age than its bound, gains of Theorem 2 are analysed with these ages, at order 1 unless
+        one is given; with design constraints they count as of any age.
     decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
     peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
@@ -105,6 +108,8 @@ def design(
         offset=offset,
         energy=energy,
     )
+    if ages_are_known(system) and not design_constraints.any:
+        return ages_design(system, one, two, order=order, gamma=gamma, gain=gain, search=look)
     if order is not None:
         if design_constraints.any:
             raise InputError(
@@ -159,6 +164,7 @@ def greatest_delay(
     system : the delays other than `delay_index` are kept.
     gamma : bound of the gain from w to z; None, for stability, without w and z.
     k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+        What else is known of an age than its bound is not used: the proof is about any age.
     delay_index : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
@@ -170,7 +176,7 @@ def greatest_delay(
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    system = checked_system(system, control=True)
+    system = of_any_age(checked_system(system, control=True))
     one, two, look = initial_scalars(system, k1, k2, search)
     if order is None:
         return delay_of_theorem_2(
