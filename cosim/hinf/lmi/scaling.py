@@ -105,6 +105,13 @@ def scaling_of(system: DelaySystem) -> Scaling:
     return Scaling(units[x], units[u], float(_power(np.array(1.0 / rate))), a, float(units[p]))
 
 
+def own_units_of(units: Scaling) -> Scaling:
+    """Return the system's own units for states, inputs, w and z, with the time of `units`."""
+    return replace(
+        units, state=np.ones_like(units.state), input=np.ones_like(units.input), a=1.0, c=1.0
+    )
+
+
 def _rough_gain(system: DelaySystem, flow: Array, rate: float, back: Array) -> float:
     """Estimate gamma independently of units: all paths from w to z in absolute values."""
     out = np.abs(system.D)

@@ -138,7 +138,7 @@ class ConstrainedSearch:
             return None, not_found(solve_count)
         if self._search and problem.has_gamma:
             better = least_gamma(problem, p)
-            p = p if better is None else better[0]
+            p = better[0][0] if better else p
         try:
             found = synthesis.design(self._system, p.k1, p.k2, gamma=self._gamma, problem=problem)
         except NotAchievableError as error:
