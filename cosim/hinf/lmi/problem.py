@@ -121,9 +121,7 @@ class Problem:
         """Minimise gamma (Remark 2); the solver's result if it finds no point."""
         return self._in_some_units(lambda: self._least_gamma(p, gain, tolerance))
 
-    def _least_gamma(
-        self, p: Scalars, gain: Matrix | None, tolerance: float
-    ) -> Answer | Solution:
+    def _least_gamma(self, p: Scalars, gain: Matrix | None, tolerance: float) -> Answer | Solution:
         gamma = self.structure.gamma
         if gamma is None:
             raise ValueError("expected a system with w and z, got one without")

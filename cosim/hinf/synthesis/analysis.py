@@ -11,7 +11,7 @@ the nominal loop are given beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from cosim.hinf.certificate import (
     exact_analysis,
 )
 from cosim.hinf.lmi import AnalysisLmi, not_found, solver_words
-from cosim.hinf.nominal import checked_system, nominal_figures_of
+from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
 from cosim.models import DelaySystem
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -99,7 +99,18 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    nominal_figures = nominal_figures_of(system, K)
+    found = analysed(system, K, gamma, order, nominal_figures_of(system, K))
+    return found if gain is not None else replace(found, K=None)
+
+
+def analysed(
+    system: DelaySystem,
+    K: NDArray[np.float64],
+    gamma: float | None,
+    order: int,
+    nominal_figures: NominalFigures,
+) -> Analysis:
+    """Analyse a gain whose nominal figures are known, as `analyse`."""
     least, proof, reason = None, None, None
     delays = [delay.d for delay in system.delays]
     levels: list[float | None] = [gamma]
@@ -125,7 +136,7 @@ def analyse(
             break
     return Analysis(
         system=system,
-        K=None if gain is None else K,
+        K=K,
         order=order,
         certified=proof is not None,
         reason=reason,

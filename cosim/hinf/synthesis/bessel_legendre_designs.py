@@ -8,7 +8,7 @@ from contextlib import suppress
 from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
-from cosim.hinf.nominal import NominalFigures, one_thread, worst_case_at
+from cosim.hinf.nominal import NominalFigures, WorstCase, one_thread, worst_case_at
 from cosim.hinf.synthesis.analysis import Analysis, analyse
 from cosim.hinf.synthesis.bessel_legendre_loop import Gain, Loop, continue_gain
 from cosim.hinf.synthesis.bessel_legendre_synthesis import bessel_legendre_gain, check_order
@@ -36,11 +36,13 @@ def bessel_legendre_design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool = False,
+    starts: Sequence[Gain] | None = None,
 ) -> Design:
     """Design a gain as `synthesis.design` does, proved with the inequality of order N.
 
     Parameters
     ----------
+    starts : gains to start from; None: that of Theorem 2.
     k1, k2 : of the gain of Theorem 2 that the design starts from; not used by the proof.
     order : N. Order 0 covers every constant delay up to the system's, as Theorem 2 does. A
         higher order does so where that can be proved at the same gamma, otherwise it covers
@@ -64,11 +66,12 @@ def bessel_legendre_design(
                 got=found.reason,
                 hint=hint_after(str(found.reason), "a larger gamma, another order"),
             )
-        return _as_design(found)
-    starts: list[Gain] = []
-    with suppress(NotAchievableError):  # the LMI of order N has other starts as well
-        starts.append(design(system, k1, k2, search=search).K)
-    return _as_design(bessel_legendre_gain(system, order, starts, gamma))
+        return as_design(found)
+    if starts is None:
+        starts = []
+        with suppress(NotAchievableError):  # the LMI of order N has other starts as well
+            starts = [design(system, k1, k2, search=search).K]
+    return as_design(bessel_legendre_gain(system, order, starts, gamma))
 
 
 @one_thread
@@ -121,7 +124,7 @@ def bessel_legendre_delay(
             reason = error.what
             continue
         if found.certified:
-            return GreatestDelay(d, _as_design(found), d == limit, None, None)
+            return GreatestDelay(d, as_design(found), d == limit, None, None)
         reason = found.reason
     raise NotAchievableError(
         f"no delay could be certified at order {order}",
@@ -132,7 +135,8 @@ def bessel_legendre_delay(
     )
 
 
-def _as_design(found: Analysis) -> Design:
+def as_design(found: Analysis, worst_case: WorstCase | None = None) -> Design:
+    """Return the design of a proved gain; `worst_case` where it is known."""
     if found.K is None or found.certificate is None:
         raise ValueError("expected a proved gain, got an analysis without")
     return Design(
@@ -144,6 +148,6 @@ def _as_design(found: Analysis) -> Design:
         least_gamma=found.least_gamma,
         certificate=found.certificate,
         order=found.order,
-        worst_case=worst_case_at(found.system, found.K, found.norm_frequency),
+        worst_case=worst_case or worst_case_at(found.system, found.K, found.norm_frequency),
         **{name: getattr(found, name) for name in NominalFigures._fields},
     )

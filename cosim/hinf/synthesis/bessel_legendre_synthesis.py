@@ -34,7 +34,8 @@ from cosim.models import DelaySystem
 
 _ROUNDS = 25
 _WELL_ABOVE = 1.1  # starting gains have the greatest margin at this multiple of the least gamma
-_ENOUGH = 1e-3  # relative decrease of gamma in a round below which the rounds end
+_ABOVE = 1e-3  # share above the least gamma at which the multipliers of a gain are taken
+_ENOUGH = 2e-4  # relative decrease of gamma in a round below which the rounds end
 _SHORT = 1 / 64  # start of a continuation, as a share of the delays
 
 
@@ -170,7 +171,7 @@ def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | Non
     """Return a gain of less gamma, by the multipliers of K, away from the edge; None: none."""
     delays = [delay.d for delay in system.delays]
     analysis = AnalysisLmi(system, K, order, performance=True)
-    found = analysis.margin(delays, (1 + _ENOUGH) * gamma)
+    found = analysis.margin(delays, (1 + _ABOVE) * gamma)
     if found is None:
         return None
     multipliers = multipliers_of(found[1], system)
@@ -179,7 +180,7 @@ def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | Non
     if least is None:
         return None
     for share in (0.1, 0.4):
-        level = max(least[0] + share * (gamma - least[0]), (1 + _ENOUGH / 4) * least[0])
+        level = max(least[0] + share * (gamma - least[0]), (1 + _ABOVE / 4) * least[0])
         middle = rounded(lmi.central(multipliers, level))
         if middle is not None and middle[0] > 0:
             return middle[1]

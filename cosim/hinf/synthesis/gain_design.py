@@ -1,7 +1,9 @@
 """Design and greatest delay as users call them, for every condition and with constraints.
 
-1. The gain of least gamma without the design constraints (`cosim.hinf.synthesis.synthesis`) is kept
-   if the constraints can be proved for it.
+Without design constraints, the routes of `cosim.hinf.synthesis.routes` are tried. With them:
+
+1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.synthesis`) is kept if
+   they can be proved for it.
 2. Otherwise the gain of least gamma that meets them (`cosim.hinf.synthesis.constrained_search`).
 """
 
@@ -9,14 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal import checked_system, one_thread
-from cosim.hinf.problem import design_constraints_of
+from cosim.hinf.problem import DesignConstraints, design_constraints_of
 from cosim.hinf.synthesis import synthesis
-from cosim.hinf.synthesis.analysis import analyse
+from cosim.hinf.synthesis.analysis import analyse, gain_of
 from cosim.hinf.synthesis.bessel_legendre_designs import (
     bessel_legendre_delay,
     bessel_legendre_design,
@@ -28,10 +31,17 @@ from cosim.hinf.synthesis.constrained_search import (
     scalars_of,
     with_guarantees,
 )
+from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.greatest_delays import (
     DELAY_LIMIT,
     GreatestDelay,
     greatest_delay as delay_of_theorem_2,
+)
+from cosim.hinf.synthesis.routes import (
+    Request,
+    designed_by_some_route,
+    none_succeeded,
+    proved_gain,
 )
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.synthesis import Design
@@ -47,7 +57,8 @@ def design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool | None = None,
-    order: int | None = None,
+    order: int | Literal["auto"] | None = "auto",
+    solver: Literal["clarabel", "cvxpy"] = "clarabel",
     decay: float | None = None,
     gain_limit: float | None = None,
     peak_control: Sequence[float] | float | None = None,
@@ -64,9 +75,11 @@ def design(
     gamma : a bound to meet instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to analyse instead of designing one.
     search : look for better k1, k2 (`cosim.hinf.synthesis.search`), starting from these among
-        others.
-    order : None for Theorem 2; N for the Bessel-Legendre condition of order N, which starts
+        others. None: where neither is given, or nothing is found at those given; False: never.
+    order : "auto" tries every route (`cosim.hinf.synthesis.routes`) and claims the best proof;
+        None for Theorem 2 alone; N for the Bessel-Legendre condition of order N, which starts
         from the gain of Theorem 2 and allows no design constraints.
+    solver : "cvxpy" solves the plain LMI of Theorem 2 with cvxpy and Clarabel.
     decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
     peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
@@ -96,6 +109,7 @@ def design(
     (True, True, (1, 2))
     """
     system = checked_system(system, control=True)
+    given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
         system,
@@ -105,17 +119,23 @@ def design(
         offset=offset,
         energy=energy,
     )
-    if order is not None:
-        if design_constraints.any:
-            raise InputError(
-                "design constraints are proved with Theorem 2 only",
-                where="order",
-                expected=f"no order, with {describe_constraints(design_constraints)}",
-                got=str(order),
-            )
+    _check_combination(design_constraints, order, solver)
+    if gamma is not None:
+        synthesis.check_achievable(gamma, system)
+    if solver == "cvxpy":
+        return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=look)
+    if isinstance(order, int):
         return bessel_legendre_design(
             system, one, two, order=order, gamma=gamma, gain=gain, search=look
         )
+    synthesis.checked_scalars(system, one, two)
+    if order == "auto" and not design_constraints.any:
+        own_search = look or (None if search is None else search)
+        if gain is None:
+            return designed_by_some_route(Request(system, one, two, given, own_search, gamma))
+        found = proved_gain(system, gain_of(system, gain), gamma)
+        if found is not None:
+            return found
     plain: Design | None = None
     try:
         plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
@@ -123,10 +143,42 @@ def design(
         # without a constraint the best gain may be unbounded
         if not design_constraints.any or gain is not None:
             raise
-    start = synthesis.checked_scalars(system, one, two)
+    if plain is not None and not design_constraints.any:
+        return plain
+    return _constrained(
+        system, one, two, plain, design_constraints, gamma, gain, look, may_search=search is None
+    )
+
+
+def _check_combination(
+    design_constraints: DesignConstraints, order: int | str | None, solver: str
+) -> None:
+    """Refuse design constraints with another condition or solver than their own."""
+    if design_constraints.any and (solver == "cvxpy" or order not in ("auto", None)):
+        raise InputError(
+            "design constraints are proved with Theorem 2 only",
+            where="order" if solver == "clarabel" else "solver",
+            expected=f"no {'order' if solver == 'clarabel' else 'other solver'}, with "
+            f"{describe_constraints(design_constraints)}",
+            got=str(order) if solver == "clarabel" else solver,
+        )
+
+
+def _constrained(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    plain: Design | None,
+    design_constraints: DesignConstraints,
+    gamma: float | None,
+    gain: ArrayLike | None,
+    search: bool,  # noqa: FBT001
+    *,
+    may_search: bool,
+) -> Design:
+    """Return the design that meets the constraints: `plain`, or another from k1, k2."""
+    start = synthesis.checked_scalars(system, k1, k2)
     if plain is not None:
-        if not design_constraints.any:
-            return plain
         guarantees, reason = prove_constraints(plain, design_constraints)
         if guarantees is not None:
             return with_guarantees(plain, guarantees)
@@ -138,7 +190,15 @@ def design(
                 got=reason,
             )
         start = scalars_of(plain)
-    return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(plain)
+    errors: list[tuple[str, NotAchievableError]] = []
+    for look in (search, True) if may_search and not search else (search,):
+        try:
+            return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(
+                plain
+            )
+        except NotAchievableError as error:
+            errors.append(("k1, k2 searched" if look else "these k1, k2", error))
+    raise none_succeeded(errors)
 
 
 def greatest_delay(

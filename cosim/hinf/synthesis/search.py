@@ -19,6 +19,9 @@ from scipy import optimize
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars, Solution
 from cosim.models import DelaySystem, Matrix
 
+_LARGE = 200
+_VERY_LARGE = 600
+"""Unknowns from which a search spends fewer solves: each takes a second, or ten."""
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)
 MULTIPLES = (1e-4, 1e3)
@@ -51,14 +54,17 @@ def least_gamma(
             passed.append((at, answer.value))
         return answer
 
-    found = _feasible_starts(ask, p)
+    size = problem.structure.size
+    found = _feasible_starts(ask, p, valley=size >= _LARGE)
+    if size >= _VERY_LARGE:
+        found = found[:0]
     # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
     # worse local minimum, then across
     ends = [
         _descend(ask, at, sign=1.0, steps=_STEPS_ALONG, ratios=False)
         for at, _ in sorted(found, key=lambda x: x[1])[:2]
     ]
-    if ends:
+    if ends and size < _LARGE:
         _descend(ask, min(ends, key=lambda x: x[1])[0], sign=1.0, steps=_STEPS)
     kept: list[tuple[Scalars, float]] = []
     for at, value in sorted(passed, key=lambda x: x[1]):
@@ -120,9 +126,15 @@ def starts(p: Scalars) -> list[Scalars]:
     return [p, *made]
 
 
-def _feasible_starts(ask: Ask, p: Scalars) -> list[tuple[Scalars, float]]:
-    """Return the starts at which the solver has an answer, with its value."""
-    tried = [(at, ask(at)) for at in starts(p)]
+def _feasible_starts(ask: Ask, p: Scalars, *, valley: bool = False) -> list[tuple[Scalars, float]]:
+    """Return the starts at which the solver has an answer, with its value.
+
+    valley : leave out the fixed starts away from k1 = -k2.
+    """
+    own, *fixed = starts(p)
+    if valley:
+        fixed = [at for at in fixed if all(x == -y for x, y in zip(at.k1, at.k2, strict=True))]
+    tried = [(at, ask(at)) for at in (own, *fixed)]
     return [(at, answer.value) for at, answer in tried if answer is not None]
 
 
@@ -160,9 +172,8 @@ def _descend(
         answer = ask(at)
         if answer is None and not best:
             raise SearchDoneError  # the start itself, rounded: at the edge of what can be solved
-        better = bool(best) and answer is not None
-        if better and sign * answer.value < best[0][1] - _PROGRESS * abs(best[0][1]):
-            stalled = 0
+        if best and answer is not None:
+            stalled *= sign * answer.value >= best[0][1] - _PROGRESS * abs(best[0][1])
         stalled += 1
         if stalled > _STALLED and enough is None:
             raise SearchDoneError

@@ -283,9 +283,7 @@ def design_from_proof(
     )
 
 
-def _searched(
-    problem: Problem, p: Scalars, gain: NDArray[np.float64] | None
-) -> list[Scalars]:
+def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> list[Scalars]:
     """Return better k1, k2, the best first; those of `p` where none are found."""
     if problem.has_gamma:
         return [at for at, _ in least_gamma(problem, p, gain)] or [p]
