@@ -18,12 +18,12 @@ from cosim.hinf.synthesis.greatest_delays import (
     greatest_delay,
     with_delay,
 )
+from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.synthesis import Design, check_achievable, design
 from cosim.models import DelaySystem
 
 _SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
-_BELOW = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 
 
 @one_thread
@@ -115,17 +115,21 @@ def bessel_legendre_delay(
     check_order(order, at(start).system)
     passed = continue_gain(at, K, start, limit)
     end, K = passed[-1]
-    tried = [*((end * (1 - share), K) for share in _BELOW), *reversed(passed[:-1])]
-    reason: str | None = None
-    for d, gain in tried:
+
+    def prove(tried: tuple[float, Gain]) -> tuple[GreatestDelay | None, str]:
+        d, gain = tried
         try:
             found = analyse(at(d).system, gain, gamma, order=order)
         except NotAchievableError as error:  # a loop too fast for its roots to be counted
-            reason = error.what
-            continue
-        if found.certified:
-            return GreatestDelay(d, as_design(found), d == limit, None, None)
-        reason = found.reason
+            return None, error.what
+        if not found.certified:
+            return None, str(found.reason)
+        return GreatestDelay(d, as_design(found), d == limit, None, None), ""
+
+    below = [(d, K) for d in delays_below(end, itself=True)]
+    greatest, reason = first_proved([*below, *reversed(passed[:-1])], prove)
+    if greatest is not None:
+        return greatest
     raise NotAchievableError(
         f"no delay could be certified at order {order}",
         where=system.name or None,

@@ -29,6 +29,11 @@ def levels_above(least: float, shares: Iterable[float] = NEAR) -> list[float]:
     return [rounded_up(least * (1 + share)) for share in shares]
 
 
+def delays_below(longest: float, *, itself: bool) -> list[float]:
+    """Return the delays [s] to prove below a greatest one, first `longest` `itself`."""
+    return [longest * (1 - share) for share in ((0.0, *BELOW) if itself else BELOW)]
+
+
 def first_proved(
     levels: Iterable[Level], prove: Callable[[Level], tuple[Found | None, str]]
 ) -> tuple[Found | None, str]:

@@ -29,11 +29,15 @@ from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_err
 from cosim.hinf.synthesis.synthesis import Design
 from cosim.models import DelaySystem
 
+_NO_ROUTE_LEFT = (
+    "a larger gamma (--gamma), a shorter delay, a smaller envelope, weaker constraints, or other "
+    "units for states, inputs and time"
+)
 _DESIGN_UNKNOWNS = 60
 _ANALYSIS_UNKNOWNS = 300
 """Unknowns of the analysis up to which an order is affordable: a few seconds at most."""
 _ORDERS = (1, 2)
-_MUCH = 0.1  # share of gamma for which a proof of exactly these delays is preferred
+_MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ def none_succeeded(errors: Sequence[tuple[str, NotAchievableError]]) -> NotAchie
         where=first.where,
         expected=first.expected,
         got=f"{got}; tried as well: {'; '.join(others)}" if others else got,
-        hint=first.hint,
+        hint=_NO_ROUTE_LEFT if others else first.hint,
         certificate=next(iter(proofs), None),
     )
 
@@ -126,8 +130,11 @@ def analysed_again(found: Design) -> Design:
 
 def proved_gain(system: DelaySystem, K: Gain, gamma: float | None) -> Design | None:
     """Return the best proof of a given gain by the orders that are affordable; None without."""
-    figures = nominal_figures_of(system, K)
     proofs = []
+    try:
+        figures = nominal_figures_of(system, K)
+    except NotAchievableError:
+        return None  # roots that cannot be counted: Theorem 2 does not need them
     for order in orders_of_analysis(system):
         again = analysed(system, K, gamma, order, figures)
         if again.certified:
@@ -146,10 +153,14 @@ def orders_of_analysis(system: DelaySystem) -> list[int]:
 
 
 def preferred(designs: Sequence[Design]) -> Design:
-    """Return the design of least gamma; where little is lost, one that covers smaller delays."""
+    """Return the design of least gamma; where little is lost, one that covers smaller delays.
+
+    So too one whose nominal figures can be computed: otherwise its gain is out of all proportion.
+    """
 
     def value(one: Design) -> float:
-        return (one.gamma or 0.0) * (1.0 if one.covers_smaller_delays else 1.0 + _MUCH)
+        worse = (not one.covers_smaller_delays) + (one.abscissa is None)
+        return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
 
     return min(designs, key=value)
 
