@@ -134,7 +134,8 @@ def test_the_error_names_every_route(monkeypatch: pytest.MonkeyPatch) -> None:
 
     class Failing:
         def __init__(self, _P: Any, q: Any, _A: Any, b: Any, *_: Any) -> None:
-            self._at = SimpleNamespace(x=0 * q, z=0 * b, s=0 * b, status="NumericalError")
+            at = {"x": 0 * q, "z": 0 * b, "obj_val": 0.0, "solve_time": 0.0, "iterations": 0}
+            self._at = SimpleNamespace(**at, status="NumericalError")
 
         def solve(self) -> Any:
             return self._at

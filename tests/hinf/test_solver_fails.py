@@ -45,7 +45,8 @@ def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
 
     class Failing:
         def __init__(self, _P: Any, q: Any, _A: Any, b: Any, *_: Any) -> None:
-            self._at = SimpleNamespace(x=0 * q, z=0 * b, status=request.param)
+            at = {"x": 0 * q, "z": 0 * b, "obj_val": 0.0, "solve_time": 0.0, "iterations": 0}
+            self._at = SimpleNamespace(**at, status=request.param)
 
         def solve(self) -> Any:
             return self._at
