@@ -191,7 +191,7 @@ def design(
                 delay_index=_varied_delay(system),
                 limit=delay_limit,
                 search=search or None,
-                order=None if condition == AUTO else condition,
+                order=condition,
             )
             found = greatest.design
         else:

@@ -4,8 +4,8 @@ The structure is assembled once (`cosim.hinf.lmi.assembly`), in units in which i
 one (`cosim.hinf.lmi.scaling`); other k1, k2, d or gamma take new weights and a solve
 (`cosim.hinf.lmi.conic`). Arguments and results are in the system's own units.
 
-Where the solver fails in these units, the system's own are tried, and kept if it succeeds there:
-balancing spreads the units of a long chain of states over many decades, and gamma with them.
+Where the solver fails in these units, others are tried, and kept if it succeeds there
+(`units_of`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy import sparse
 from cosim.hinf.certificate import ExactVariables, Variables, exact_variables
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
-from cosim.hinf.lmi.scaling import Scaling, own_units_of, scaling_of
+from cosim.hinf.lmi.scaling import Scaling, units_of
 from cosim.hinf.lmi.svec import Array, places, svec
 from cosim.models import DelaySystem, Matrix
 
@@ -80,8 +80,9 @@ class Problem:
         self.solve_count = 0
         self._n = system.A.shape[0]
         self._spare = spare
-        self._other_units = scaling is None
-        self._set_units(scaling or scaling_of(system))
+        units = [scaling] if scaling is not None else units_of(system)
+        self._other_units = units[1:]
+        self._set_units(units[0])
 
     def _set_units(self, units: Scaling) -> None:
         """Assemble the LMI in these units."""
@@ -175,18 +176,18 @@ class Problem:
         )
 
     def _in_some_units(self, ask: Callable[[], Answer | Solution]) -> Answer | Solution:
-        """Return the answer in the present units, or where that fails in the system's own."""
+        """Return the answer in the present units, or where that fails in the others."""
         found = ask()
         if isinstance(found, Answer) or found.status != "failed" or not self._other_units:
             return found
-        balanced = self.scaling
-        self._other_units = False
-        self._set_units(own_units_of(balanced))
+        usual, others = self.scaling, self._other_units
+        self._set_units(others[0])
+        self._other_units = []
         other = ask()
         if isinstance(other, Answer) or other.status == "infeasible":
             return other
-        self._set_units(balanced)
-        self._other_units = True
+        self._set_units(usual)
+        self._other_units = others
         return found
 
     def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:

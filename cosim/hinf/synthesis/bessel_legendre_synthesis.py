@@ -30,6 +30,7 @@ from cosim.hinf.lmi import (
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import Analysis, analyse
 from cosim.hinf.synthesis.bessel_legendre_loop import SCALES, Gain, Loop, continue_gain, rounded
+from cosim.hinf.synthesis.ladder import first_proved
 from cosim.models import DelaySystem
 
 _ROUNDS = 25
@@ -70,18 +71,23 @@ def bessel_legendre_gain(
     else:
         better = [found[1] for K in gains[:1] if (found := stable.improved_gain(K)) is not None]
         gains = [*better, *gains]
-    for K in gains:
-        # the roots of a loop faster than its delay by orders of magnitude cannot be counted
-        with suppress(NotAchievableError):
-            proved = analyse(system, K, gamma, order=order)
-            if proved.certified:
-                return proved
+
+    def prove(K: Gain) -> tuple[Analysis | None, str]:
+        try:
+            found = analyse(system, K, gamma, order=order)
+        except NotAchievableError as error:  # a loop too fast for its roots to be counted
+            return None, error.what
+        return (found, "") if found.certified else (None, str(found.reason))
+
+    proved, reason = first_proved(gains, prove)
+    if proved is not None:
+        return proved
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
     raise NotAchievableError(
         f"no gain could be certified at order {order}",
         where=system.name or None,
         expected=f"an exact proof of {goal}",
-        got=f"{len(gains)} gains, none of them proved"
+        got=f"{len(gains)} gains, none of them proved; of the last, {reason}"
         if gains
         else f"no gain was found from {len(starts)} gains of Theorem 2, {len(SCALES)} scalar "
         f"multipliers and shorter delays: {not_found(words)}",

@@ -44,6 +44,7 @@ from cosim.hinf.synthesis.routes import (
     proved_gain,
 )
 from cosim.hinf.synthesis.search import initial_scalars
+from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.synthesis import Design
 from cosim.models import DelaySystem
 
@@ -210,7 +211,7 @@ def greatest_delay(
     delay_index: int = 0,
     limit: float = DELAY_LIMIT,
     search: bool | None = None,
-    order: int | None = None,
+    order: int | Literal["auto"] | None = None,
 ) -> GreatestDelay:
     """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
 
@@ -223,7 +224,7 @@ def greatest_delay(
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
     order : None for Theorem 2, with a refutation just beyond; N for the Bessel-Legendre
-        condition of order N.
+        condition of order N; "auto" for order 1 where Theorem 2 certifies no delay.
 
     Raises
     ------
@@ -232,13 +233,27 @@ def greatest_delay(
     """
     system = checked_system(system, control=True)
     one, two, look = initial_scalars(system, k1, k2, search)
-    if order is None:
-        return delay_of_theorem_2(
-            system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
-        )
-    return bessel_legendre_delay(
-        system, gamma, one, two, order=order, delay_index=delay_index, limit=limit, search=look
-    )
+    if gamma is not None:
+        synthesis.check_achievable(gamma, system)
+    errors: list[tuple[str, NotAchievableError]] = []
+    for condition in (None, 1) if order == "auto" else (order,):
+        try:
+            if condition is None:
+                return delay_of_theorem_2(
+                    system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
+                )
+            return bessel_legendre_delay(
+                *(system, gamma, one, two),
+                order=condition,
+                delay_index=delay_index,
+                limit=limit,
+                search=look,
+            )
+        except NoGainError:
+            raise
+        except NotAchievableError as error:
+            errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
+    raise none_succeeded(errors)
 
 
 def without_uncertainty(system: DelaySystem) -> DelaySystem:

@@ -97,6 +97,8 @@ def designed_by_some_route(asked: Request) -> Design:
 def none_succeeded(errors: Sequence[tuple[str, NotAchievableError]]) -> NotAchievableError:
     """Return the error of the first route, with those of the others and the first refutation."""
     first = errors[0][1]
+    if len(errors) == 1:
+        return first
     got = first.got or first.what
     others = [f"{name}: {error.what}" for name, error in errors[1:]]
     proofs = [error.certificate for _, error in errors if error.certificate is not None]
@@ -159,7 +161,7 @@ def preferred(designs: Sequence[Design]) -> Design:
     """
 
     def value(one: Design) -> float:
-        worse = (not one.covers_smaller_delays) + (one.abscissa is None)
+        worse = (not one.covers_smaller_delays) + 2 * (one.abscissa is None)
         return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
 
     return min(designs, key=value)

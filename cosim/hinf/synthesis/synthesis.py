@@ -58,6 +58,8 @@ GAIN_DIGITS = 6
 
 _NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
 _POINTS = 4  # pairs k1, k2 of a search at which a proof is tried
+_LARGE = 200  # unknowns from which a solve takes a second
+_ROOM = 2  # levels left out there: nearer ones take two solves to prove
 _COARSE = 4  # levels near the least gamma that are left out at all pairs but the best
 
 
@@ -139,7 +141,7 @@ def design(
     points = _searched(problem, scalars, fixed) if search else [scalars]
     first, *others = (Theorem2(system, problem, p, fixed) for p in points[:_POINTS])
     for conditions, shares in (
-        ([first], NEAR),
+        ([first], NEAR if problem.structure.size < _LARGE else NEAR[_ROOM:]),
         (others, NEAR[_COARSE:]),
         ([first, *others], FAR),
     ):
