@@ -33,7 +33,16 @@ from cosim.hinf.certificate import (
     covers_smaller,
     gamma_floor,
 )
-from cosim.hinf.lmi import Answer, Problem, Scalars, Scaling, check_size, not_found, solver_words
+from cosim.hinf.lmi import (
+    Answer,
+    Point,
+    Problem,
+    Scalars,
+    Scaling,
+    check_size,
+    not_found,
+    solver_words,
+)
 from cosim.hinf.nominal import (
     NominalFigures,
     WorstCase,
@@ -199,9 +208,17 @@ class Theorem2:
     ) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
         """Return a gain with variables that prove it at `gamma`, or None and why."""
         near = self._least if isinstance(self._least, Answer) else None
-        found, self._reason = find_certified_gain(
-            self._system, self._problem, self._p, gamma, self._gain, near
-        )
+        gains = [self._gain]
+        if self._gain is None and near is not None and self._problem.structure.size >= _LARGE:
+            # the gain of the least gamma saves a solve, where it has a margin
+            gains = [gain_at(near.point, self._problem.scaling), None]
+        found = None
+        for gain in gains if self._tried else gains[:1]:
+            found, self._reason = find_certified_gain(
+                self._system, self._problem, self._p, gamma, gain, near
+            )
+            if found is not None:
+                break
         self._tried.append(gamma)
         return found, self._reason
 
@@ -250,10 +267,7 @@ def find_certified_gain(
             return None, reason or not_found(words)
         point, near = answer.point, answer
         if gain is None:
-            gain = rounded_gain(
-                np.asarray(np.linalg.solve(point.X, point.Y.T).T, dtype=np.float64),
-                problem.scaling,
-            )
+            gain = gain_at(point, problem.scaling)
         variables = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
         proof = certify(system, gain, variables)
         if proof.valid:
@@ -291,6 +305,12 @@ def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) ->
         return [at for at, _ in least_gamma(problem, p, gain)] or [p]
     found = widest_margin(problem, p, None, gain)
     return [p if found is None else found[0]]
+
+
+def gain_at(point: Point, units: Scaling) -> NDArray[np.float64]:
+    """Return the rounded K = Y X^-1 of a solution."""
+    K = np.asarray(np.linalg.solve(point.X, point.Y.T).T, dtype=np.float64)
+    return rounded_gain(K, units)
 
 
 def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
