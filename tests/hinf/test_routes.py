@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -171,6 +172,7 @@ def test_the_ladder() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(4 * 3600)
 def test_no_system_is_refused_that_some_route_certifies() -> None:
     """200 systems of varied shape: those refused have no solution over a grid of k1, k2."""
     refused = []
@@ -196,7 +198,9 @@ def certified_over_grid(system: Any) -> bool:
             k2 = tuple(scale / d for d in lengths)
             lmi = as_cvxpy(system, tuple(-ratio * x for x in k2), k2)
             try:
-                lmi.problem.solve(solver=cp.CLARABEL)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # the proof judges an inaccurate point
+                    lmi.problem.solve(solver=cp.CLARABEL)
                 if lmi.X.value is not None and lmi.design().certified:
                     return True
             except (cp.SolverError, NotAchievableError, InputError):

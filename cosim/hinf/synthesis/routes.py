@@ -34,7 +34,7 @@ _NO_ROUTE_LEFT = (
     "units for states, inputs and time"
 )
 _DESIGN_UNKNOWNS = 60
-_ANALYSIS_UNKNOWNS = 300
+_ANALYSIS_UNKNOWNS = 240
 """Unknowns of the analysis up to which an order is affordable: a few seconds at most."""
 _ORDERS = (1, 2)
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
@@ -150,7 +150,8 @@ def orders_of_analysis(system: DelaySystem) -> list[int]:
     """Return the affordable orders; 0 always."""
     constant = any(x.d > 0 and not x.any_age for x in system.delays)
     orders = _ORDERS if constant else ()
-    affordable = (n for n in orders if unknowns_of_analysis(system, n) <= _ANALYSIS_UNKNOWNS)
+    # each order gains less than the one before
+    affordable = (n for n in orders if n * unknowns_of_analysis(system, n) <= _ANALYSIS_UNKNOWNS)
     return [0, *affordable]
 
 
