@@ -15,6 +15,8 @@ import fmpy
 import pytest
 
 _HEADERS = Path(__file__).parents[1] / "cosim" / "fmu" / "export" / "native" / "c" / "headers"
+_SHARED = Path(__file__).parent
+"""The folder of slave.h, which has what the slaves share."""
 
 
 def compile_fmu(
@@ -34,11 +36,16 @@ def compile_fmu(
     identifier = re.findall('modelIdentifier="(.*?)"', description)[0]
     platform = fmpy.platform if 'fmiVersion="2.0"' in description else fmpy.platform_tuple
     library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
+    files: dict[str, str | bytes] = {
+        "modelDescription.xml": description,
+        library: _library(source.read_text("utf-8"), source.parent, flags),
+        **{f"resources/{name}": text for name, text in (resources or {}).items()},
+    }
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description)
-        archive.writestr(library, _library(source.read_text("utf-8"), source.parent, flags))
-        for name, text in (resources or {}).items():
-            archive.writestr(f"resources/{name}", text)
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name)  # without the time of day: made again, it is the same FMU
+            entry.external_attr = 0o600 << 16
+            archive.writestr(entry, content)
     return path
 
 
@@ -48,7 +55,7 @@ def _library(text: str, home: Path, flags: tuple[str, ...]) -> bytes:
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("needs a C compiler (cc)")
-    strict = ("-O1", "-Wall", "-Wextra", "-Werror", f"-I{_HEADERS}", f"-I{home}")
+    strict = ("-O1", "-Wall", "-Wextra", "-Werror", *(f"-I{p}" for p in (_HEADERS, _SHARED, home)))
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder) / "source.c", Path(folder) / "library"
         source.write_text(text, "utf-8")

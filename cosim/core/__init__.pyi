@@ -10,6 +10,13 @@ from .errors import (
 )
 from .extras import optional as optional
 from .files import write_whole as write_whole
+from .processes import (
+    DEATH_HINTS as DEATH_HINTS,
+    death_of as death_of,
+    flush_output as flush_output,
+    prepare_for_foreign_code as prepare_for_foreign_code,
+    private_memory as private_memory,
+)
 from .progress import (
     Progress as Progress,
     silent as silent,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from functools import partial
 from typing import Any, ClassVar
 
 
@@ -35,6 +36,10 @@ class CosimError(Exception):
     ) -> None:
         self.what, self.where, self.expected, self.got, self.hint = what, where, expected, got, hint
         super().__init__(self.text())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        given = {key: value for key, value in vars(self).items() if not key.startswith("_")}
+        return partial(type(self), **given), ()
 
     def text(self) -> str:
         """Return the message as printed: place and fact on one line, then labelled lines."""
@@ -78,9 +83,26 @@ class LossError(CosimError):
 
 
 class ComponentError(CosimError):
-    """A component (an FMU) failed to load, initialise or step."""
+    """A component (an FMU) failed to load, initialise or step.
+
+    `kind`, `component`, `call`, `detail` : how the process of an isolated component ended, and in
+    which FMI call, as in the cause of a run; None for a component that answered.
+    """
 
     exit_code = 4
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        kind: str | None = None,
+        component: str | None = None,
+        call: str | None = None,
+        detail: str | None = None,
+        **more: str | None,
+    ) -> None:
+        self.kind, self.component, self.call, self.detail = kind, component, call, detail
+        super().__init__(what, **more)
 
 
 class NotAchievableError(CosimError):

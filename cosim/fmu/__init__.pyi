@@ -66,6 +66,7 @@ from .inspect.findings import (
 from .inspect.inspection_facts import fmu_facts as fmu_facts
 from .inspect.markup import MAX_XML as MAX_XML
 from .inspect.run import run_findings as run_findings
+from .isolation import SlaveProcess as SlaveProcess
 from .messages import LogSink as LogSink
 from .port import (
     Port as Port,

@@ -10,7 +10,7 @@ from functools import cache
 from inspect import signature
 from pathlib import Path
 from types import MappingProxyType, UnionType
-from typing import Any, Final, get_args
+from typing import Any, Final, NamedTuple, Self, get_args
 
 from fmpy import freeLibrary
 from fmpy.fmi1 import FMICallException
@@ -22,12 +22,54 @@ from cosim.fmu.call_watch import calling
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.float_mode import call_with_own_float_mode
 from cosim.fmu.inspect.platforms import FMI2, this_machine
+from cosim.fmu.messages import fmi2_callbacks, fmi3_logger
 from cosim.fmu.port import FmiVersion
 
 ACCEPTED_STATUSES: Final = frozenset({0, 1})
 """OK and Warning, with which a call has done its work. Every other status, also one below zero or
 one that FMI does not know, is a failure."""
 _load_guard: Final = threading.Lock()
+_abandoned: list[Any] = []
+"""Slaves that are not freed, after Fatal: their libraries stay, and may call back."""
+
+
+_loaded: list[str] = []
+
+
+def has_loaded() -> bool:
+    """Whether this process, or the one that it was forked from, has loaded an FMU.
+
+    Whatever that left is in every fork: its static variables, a Python module of its name.
+    """
+    return bool(_loaded)
+
+
+class Binary(NamedTuple):
+    """What it takes to load an FMU.
+
+    Attributes
+    ----------
+    identifier, token : the model identifier, and the GUID or instantiation token.
+    path, folder : the FMU, and where it is unpacked.
+    """
+
+    version: FmiVersion
+    identifier: str
+    token: str
+    path: Path
+    folder: Path
+
+    @classmethod
+    def of(cls, description: FmuDescription, folder: Path) -> Self:
+        """Return what a description says."""
+        model = description.model
+        return cls(
+            description.version,
+            model.coSimulation.modelIdentifier,
+            model.guid if description.version == "2.0" else model.instantiationToken,
+            description.path,
+            folder,
+        )
 
 
 class CheckedCalls:
@@ -49,8 +91,10 @@ class CheckedCalls:
     ----------
     where : the component, in messages.
     component : address of the instance, None before it is made.
+    death : None: the slave is in this process (`cosim.fmu.isolation`).
     """
 
+    death = None
     where: str
     component: int | None
     instanceName: str
@@ -100,6 +144,10 @@ class CheckedCalls:
             raise FMICallException(function=fname, status=result)
         return result
 
+    def abandon(self) -> None:
+        """Keep the library, which may call back, and call nothing of it any more."""
+        _abandoned.append(self)
+
     def freeLibrary(self) -> None:
         """Unload the library; nothing of it may be called afterwards."""
         with calling(self.instanceName, "unloading the library"):
@@ -109,9 +157,19 @@ class CheckedCalls:
 class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
     """FMPy's slave of FMI 2.0, with checked calls."""
 
+    def make_instance(self, environment: int, *, formats: bool, logging_on: bool) -> None:
+        """Instantiate; see `fmi2_callbacks`. A bare Exception is FMPy's word for NULL."""
+        callbacks = fmi2_callbacks(environment, formats=formats)
+        self.instantiate(callbacks=callbacks, loggingOn=logging_on)
+
 
 class Fmi3Slave(CheckedCalls, FMU3Slave):  # type: ignore[misc]
     """FMPy's slave of FMI 3.0, with checked calls."""
+
+    def make_instance(self, environment: int, *, formats: bool, logging_on: bool) -> None:
+        """Instantiate. A bare Exception is FMPy's word for NULL."""
+        del formats  # messages of FMI 3 are texts
+        self.instantiate(logMessage=fmi3_logger(environment), loggingOn=logging_on)
 
     def getString(self, vr: list[int], nValues: int) -> list[bytes | None]:
         """Return texts as they come, like FMPy's slave of FMI 2.0."""
@@ -136,25 +194,25 @@ def _prototype(method: Any) -> tuple[list[Any], Any]:
     return types, c_int if result is int else result
 
 
-def load_slave(description: FmuDescription, folder: Path, component: str, where: str) -> Any:
-    """Return FMPy's slave of an FMU that is unpacked in `folder`; it is not instantiated yet.
+def load_slave(binary: Binary, component: str, where: str) -> Any:
+    """Return FMPy's slave of an FMU; it is not instantiated yet.
 
     Raises
     ------
     ComponentError : no library for this machine, one of another name, or it does not load.
     """
-    model = description.model
+    _loaded[:] = [component]
     try:
         with _load_guard, calling(component, "loading the library"):
             before = Path.cwd()
             try:
                 slave = call_with_own_float_mode(
-                    _CLASSES[description.version],
+                    _CLASSES[binary.version],
                     instanceName=component,
-                    guid=model.guid if description.version == "2.0" else model.instantiationToken,
-                    modelIdentifier=model.coSimulation.modelIdentifier,
-                    unzipDirectory=str(folder),
-                    libraryPath=str(_library_of(description, folder)),
+                    guid=binary.token,
+                    modelIdentifier=binary.identifier,
+                    unzipDirectory=str(binary.folder),
+                    libraryPath=str(_library_of(binary)),
                 )
             finally:
                 os.chdir(before)
@@ -162,10 +220,10 @@ def load_slave(description: FmuDescription, folder: Path, component: str, where:
         if not isinstance(error, OSError) and type(error) is not Exception:
             raise
         here = this_machine()
-        sources = (folder / "sources").is_dir()
+        sources = (binary.folder / "sources").is_dir()
         raise ComponentError(
             "the FMU cannot be loaded",
-            where=f"component {component!r} ({description.path})",
+            where=f"component {component!r} ({binary.path})",
             expected=f"a library for {here.architecture} {here.system} that loads",
             got=str(error.__context__ or error),  # FMPy raises a bare Exception for an OSError
             hint="it brings its C sources: fmpy compile" if sources else None,
@@ -174,14 +232,13 @@ def load_slave(description: FmuDescription, folder: Path, component: str, where:
     return slave
 
 
-def _library_of(description: FmuDescription, folder: Path) -> Path:
+def _library_of(binary: Binary) -> Path:
     """Return the library for this machine, or raise an `OSError` that lists what there is."""
-    identifier = description.model.coSimulation.modelIdentifier
-    here = this_machine()
+    identifier, here = binary.identifier, this_machine()
     tuple_name = f"{here.architecture}-{here.system}"
     short = [name for name, platform in FMI2.items() if platform == here]
-    folders = [*short, tuple_name] if description.version == "2.0" else [tuple_name]
-    binaries = folder / "binaries"
+    folders = [*short, tuple_name] if binary.version == "2.0" else [tuple_name]
+    binaries = binary.folder / "binaries"
     for name in folders:
         library = binaries / name / f"{identifier}{here.suffix}"
         if library.is_file():

@@ -13,13 +13,13 @@ from weakref import WeakSet
 from fmpy.fmi1 import FMICallException
 
 from cosim.core import ComponentError, InputError
-from cosim.fmu.binary import ACCEPTED_STATUSES, load_slave
+from cosim.fmu.binary import ACCEPTED_STATUSES, Binary, load_slave
 from cosim.fmu.description import FmuDescription
+from cosim.fmu.isolation import SlaveProcess
+from cosim.fmu.isolation.proxy import IsolatedSlave
 from cosim.fmu.messages import (
     LEVELS,
     LogSink,
-    fmi2_callbacks,
-    fmi3_logger,
     register_sink,
     unregister_sink,
     with_names,
@@ -45,8 +45,6 @@ _PYTHONFMU: Final = "slavemodule.txt"
 arguments: formatting a per cent sign would read memory at random, or crash. And it reports every
 failed step as a slave that asks for the end."""
 _open_instances: WeakSet[Instance] = WeakSet()
-_abandoned: list[Any] = []
-"""Slaves of FMPy that are not freed, after Fatal: their libraries stay, and may call back."""
 
 
 class Instance:
@@ -59,6 +57,7 @@ class Instance:
     version : of FMI.
     phase : of its life cycle.
     last_error : the last message with a status beyond Warning since the last call from here.
+    end_failure : what ended the process of an isolated slave while it was terminated or freed.
     _logged_error : the last message that counts as an error of the present call.
     """
 
@@ -69,6 +68,7 @@ class Instance:
         log: LogSink,
         *,
         categories: Sequence[str] | None = None,
+        process: SlaveProcess | None = None,
     ) -> None:
         self.name = name
         self.description = description
@@ -81,10 +81,17 @@ class Instance:
         self._fatal = False
         self._where = f"component {name!r} ({description.path.name})"
         self._check_categories()
+        self._process = process
+        self.end_failure: ComponentError | None = None
         self._check_alone()
         folder = unpack_fmu(description)
         self._of_pythonfmu = (folder / "resources" / _PYTHONFMU).is_file()
-        self._fmu = load_slave(description, folder, name, self._where)
+        binary = Binary.of(description, folder)
+        self._fmu: Any = (
+            load_slave(binary, name, self._where)
+            if process is None
+            else IsolatedSlave(process, binary, name, self._where)
+        )
         self._environment = register_sink(name, self._on_message)
         try:
             self._instantiate()
@@ -104,26 +111,33 @@ class Instance:
     def _check_alone(self) -> None:
         if not self.description.can_be_instantiated_only_once:
             return
-        for other in _open_instances:
-            if other.description.sha256 == self.description.sha256 and other.phase != "closed":
+        for other in self._of_this_fmu_here():
+            if other.phase != "closed":
                 raise InputError(
                     "this FMU can be instantiated only once in a process",
                     where=self._where,
                     got=f"component {other.name!r} is an instance of it",
-                    hint="one component of it per run; runs in processes of their own",
+                    hint="isolate = true for all of its components but one, or for all",
                 )
 
+    def _of_this_fmu_here(self) -> list[Instance]:
+        """Return all open instances of its FMU in the same process."""
+        if self._process is not None:  # isolated: it is there alone
+            return []
+        digest = self.description.sha256
+        return [
+            other
+            for other in _open_instances
+            if other._process is None and other.description.sha256 == digest  # noqa: SLF001
+        ]
+
     def _instantiate(self) -> None:
-        options: dict[str, Any] = {
-            "loggingOn": self._categories is None or bool(self._categories),
-        }
-        if self.version == "2.0":
-            formats = not self._of_pythonfmu
-            options["callbacks"] = fmi2_callbacks(self._environment, formats=formats)
-        else:
-            options["logMessage"] = fmi3_logger(self._environment)
         try:
-            self._fmu.instantiate(**options)
+            self._fmu.make_instance(
+                self._environment,
+                formats=not self._of_pythonfmu,
+                logging_on=self._categories is None or bool(self._categories),
+            )
         except Exception as error:
             if type(error) is not Exception:  # a bare one is FMPy's word for NULL
                 raise
@@ -196,7 +210,12 @@ class Instance:
                 got=self.last_error,
             )
         self.last_error = None
-        return getattr(self._fmu, method)(*arguments)
+        try:
+            return getattr(self._fmu, method)(*arguments)
+        except ComponentError as error:
+            if error.kind is not None:
+                self.phase = "failed"
+            raise
 
     def refused(self, what: str, status: int, detail: str = "") -> ComponentError:
         """Return the error of a refused call; only `close` is allowed after it.
@@ -205,6 +224,9 @@ class Instance:
         for an error that it has logged. `detail` is added to the sentence.
         """
         self.phase = "failed"
+        if self._fmu.death is not None:
+            death: ComponentError = self._fmu.death.error(what)
+            return death
         self._abandon_all(status)
         word = _STATUS[self.version].get(status)
         returned = f"returned status {status}, which FMI does not know"
@@ -222,12 +244,11 @@ class Instance:
         )
 
     def _abandon_all(self, status: int) -> None:
-        """After Fatal, stop calling all instances of this FMU."""
+        """After Fatal, stop calling all instances of this FMU in the same process."""
         if status == FATAL:
             self._fatal = True
-            for other in _open_instances:
-                if other.description.sha256 == self.description.sha256:
-                    other._fatal = True  # noqa: SLF001 - of the same class
+            for other in self._of_this_fmu_here():
+                other._fatal = True  # noqa: SLF001 - of the same class
 
     def end(self, *, terminate: bool) -> None:
         """Free the instance and unload its library."""
@@ -239,13 +260,13 @@ class Instance:
         else:
             self._finish("unloading", self._fmu.freeLibrary)
         if self._fatal:
-            _abandoned.append(self._fmu)
+            self._fmu.abandon()
         unregister_sink(self._environment)
         _open_instances.discard(self)
 
     def _finish(self, what: str, call: Callable[[], Any]) -> None:
         """Make a call at the end, unless the FMU may not be called; a failure is logged."""
-        if self._fatal:  # terminating it may have shown that
+        if self._fatal or self._fmu.death is not None:  # terminating it may have shown that
             return
         try:
             call()
@@ -253,6 +274,9 @@ class Instance:
             self._log("warning", f"{what} the slave: status {error.status}", "")
             self._abandon_all(error.status)
         except ComponentError as error:
-            self._log("warning", f"{what} the slave: {error.got}", "")
+            if error.kind is not None:
+                self.end_failure = error
+            found = error.got if error.kind is None else error.text()
+            self._log("warning", f"{what} the slave: {found}", "")
         except OSError as error:
             self._log("warning", f"{what} the slave: {error}", "")

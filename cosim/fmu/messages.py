@@ -47,6 +47,12 @@ def unregister_sink(number: int) -> None:
     _sinks.pop(number, None)
 
 
+def sink_of(number: int) -> MessageSink | None:
+    """Return the sink of this number; None if its messages are passed on no longer."""
+    found = _sinks.get(number)
+    return None if found is None else found[1]
+
+
 @fmi2.fmi2CallbackLoggerTYPE  # type: ignore[untyped-decorator]
 def _fmi2_logger(
     environment: int | None, name: bytes, status: int, category: bytes, text: bytes

@@ -25,6 +25,7 @@ from cosim.core import ComponentError
 from cosim.fmu.binary import ACCEPTED_STATUSES
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.instance import DISCARD
+from cosim.fmu.isolation import SlaveProcess
 from cosim.fmu.messages import LogSink
 from cosim.fmu.state import StateAccess
 
@@ -52,6 +53,7 @@ class FmuSlave(StateAccess):
     log : receives the FMU's messages.
     categories : of the log messages wanted, as the FMU declares them; None: all. Messages with a
         status beyond Warning are always passed on.
+    process : the slave's own, in which it is isolated; None: this one.
 
     Raises
     ------
@@ -67,8 +69,9 @@ class FmuSlave(StateAccess):
         log: LogSink,
         *,
         categories: Sequence[str] | None = None,
+        process: SlaveProcess | None = None,
     ) -> None:
-        super().__init__(description, name, log, categories=categories)
+        super().__init__(description, name, log, categories=categories, process=process)
         self._results = StepResults()
         self._stop: float | None = None
         self._asked = False

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self, cast
+
+from cosim.core import ComponentError
 
 CauseKind = Literal[
     "refused",
@@ -48,6 +50,12 @@ class Cause:
     call: str | None = None
     time_s: float | None = None
     detail: str | None = None
+
+    @classmethod
+    def of_error(cls, error: ComponentError, time_s: float | None) -> Self:
+        """Return the cause that an error of a component is, at a time [s]."""
+        kind = cast("CauseKind", error.kind or "refused")
+        return cls(kind, error.component, error.call, time_s, error.detail or error.text())
 
     @property
     def failure(self) -> bool:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import Port, SignalKind
+from cosim.master.communication_points import blocks
 from cosim.master.communication_schedule import Link
+from cosim.master.component_points import own_instants
 from cosim.master.parts import Connection, Endpoint, Parts, Policy, UnknownFeedthrough
 from cosim.network import PacketLink, TransportLink
 
@@ -29,13 +31,12 @@ def check_links(system: Parts) -> None:
     """Check that links have their own names, a schedule, and the signals of their delays."""
     for name, link in system.links.items():
         packet = isinstance(link, PacketLink)
-        known = name in system.comm_schedule.schedules or name in system.comm_schedule.live
-        if link.name != name or (packet and not known):
+        if link.name != name or (packet and name not in system.comm_schedule.links):
             raise InputError(
                 "the link does not match its entry in the system",
                 where=f"link {name!r}",
                 expected="the link's own name, and a communication schedule made for it",
-                got=f"link {link.name!r}, schedules of {list(system.comm_schedule.schedules)}",
+                got=f"link {link.name!r}, schedules of {list(system.comm_schedule.links)}",
                 hint="pass the same links to make_schedule and to System",
             )
     for name in system.comm_schedule.live:
@@ -97,15 +98,53 @@ def check_parts(system: Parts) -> None:
                 got=f"link {next(iter(system.comm_schedule.live))!r}, whose delay follows a signal",
                 hint='events = "grid"',
             )
-        own = system.comm_schedule.points_ns[system.own_points[name].own]
-        irregular = system.grows or np.unique(np.diff(own)).size > 1
-        if irregular and not component.description.variable_step:
+        _check_own_step(system, component.every_ns)
+        if not component.description.variable_step and not _has_equal_steps(system, name):
             raise InputError(
                 "this FMU takes steps of one size only",
                 where=f"component {name!r} ({component.description.path.name})",
                 hint='set events = "grid" and an end that is a multiple of the step, or give '
                 "the component its own step of which the end is a multiple",
             )
+
+
+def _check_own_step(system: Parts, every_ns: int | None) -> None:
+    """Check that every multiple of a component's step is a communication point."""
+    schedule = system.comm_schedule
+    if every_ns is None:
+        return
+    by_rule = every_ns in schedule.every_ns or every_ns % schedule.step_ns == 0
+    if by_rule and schedule.given_ns is None:
+        return
+    for points, first, last in blocks(system):
+        times = points.points_ns[first:last]
+        after = int(points.points_ns[first - 1]) if first else -1
+        wanted = own_instants(every_ns, after, int(times[-1]), schedule.end_ns)
+        missing = np.setdiff1d(wanted, times, assume_unique=True)
+        if missing.size:
+            raise InputError(
+                "a component's step does not fall on communication points",
+                where="run",
+                expected="a communication point at every multiple of the component's step",
+                got=f"none at {int(missing[0]) / 1e9:g} s",
+                hint="a multiple of the communication step, or events = align",
+            )
+
+
+def _has_equal_steps(system: Parts, name: str) -> bool:
+    """Whether all steps of a component are of one size."""
+    if system.grows:
+        return False
+    size = latest = None
+    for points, first, last in blocks(system):
+        times = points.points_ns[points.own_points[name].own_between(first, last)]
+        times = times if latest is None else np.append(latest, times)
+        steps = np.diff(times)
+        size = steps[0] if size is None and steps.size else size
+        if (steps != size).any():
+            return False
+        latest = times[-1:]
+    return True
 
 
 def _check_order(system: Parts) -> None:

@@ -1,102 +1,135 @@
-"""The communication points of a run, as far as they are known.
+"""The communication points of a run, which become known block by block.
 
-They are known from the start, except where the delay of a link follows a signal of the run: then
-the arrival of a message, which is a point, is known only when it is sent. (On a grid, the row
-that is read is.) The points are then added from one such sending to the next.
+How far they are known depends on the links: the arrival of a message, which is a point, is known
+when the message is sent; where its delay follows a signal of the run, when the loop has reached
+that point. A point keeps its index for the whole run, in arrays that are reserved for all of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master.parts import DelaySource
-from cosim.master.system import System
-from cosim.network import NONE_YET, Arrivals, LinkState, LiveSchedule, PacketSchedule
+from cosim.master.component_points import ComponentPoints
+from cosim.master.parts import DelaySource, Parts
+from cosim.master.reserved import Reserved
+from cosim.network import Arrivals, GrowingSchedule, LinkState
 
 Integers = NDArray[np.int64]
 Rows = NDArray[np.float64]
 
+BLOCK: Final = 1 << 15
+"""Most steps of a run in a block: most runs are one block."""
+
 
 class CommunicationPoints:
-    """The communication points of a run, and the schedules of its packet links.
+    """The communication points of a run, and its packet links, as far as they are known.
+
+    Parameters
+    ----------
+    live : whether the run has its links whose delays follow a signal; without them the points on a
+        grid are known before it.
+    block : steps of the run in a block; nothing but time and memory depends on it.
 
     Attributes
     ----------
-    points_ns : room for all points [ns], int64 (most,); `count` of them are known.
+    most : room for points; the index of the spare row.
+    points_ns : the points [ns], int64 (most,); `count` of them are known.
     seconds, sizes : the points [s], and the step from each to the next [s], (most,).
     final : index of the last point of the run; `most` as long as it is not known.
+    ready : number of points at which it is known what is read and where each step ends.
+    crossing : whether a message of unknown delay is sent at point `ready`.
+    oldest : the first point that may still be asked for.
+    end_ns : the end of the run [ns].
+    own_points : by component.
+    links : the packet links, by name.
     values : by live link, the values of its delay signal so far.
     live : the links whose delays follow a signal of the run.
-    grows : whether points are added during the run.
+    grows : whether points depend on signals of the run.
     """
 
-    def __init__(self, system: System) -> None:
-        comm_schedule = system.comm_schedule
-        self._known = comm_schedule.points_ns
-        self.grows = bool(comm_schedule.live) and comm_schedule.events == "align"
-        self._end_ns = int(self._known[-1])
-        self._system = system
-        self.live = self._unresolved()
-        self._schedules = comm_schedule.schedules
-        self._changes = {name: s.changes() for name, s in comm_schedule.schedules.items()}
-        self._arrivals: dict[str, Arrivals] = {}
-        self.values: dict[str, list[float]] = {name: [] for name in self.live}
-        if self.grows:
-            # each message, and each copy of one, arrives once at most
-            more = sum(2 * live.sent_ns.size for live in self.live.values())
-            self.points_ns = np.full(self._known.size + more, self._end_ns, np.int64)
-            self.points_ns[0] = 0
-            self.seconds = np.zeros(self.points_ns.size)
-            self.sizes = np.zeros(self.points_ns.size)
-            self._begin()
-        else:
-            self.points_ns = self._known
-            self.seconds = self.points_ns / 1e9
-            self.sizes = np.append(np.diff(self.points_ns) / 1e9, 0.0)
-            self.count = self.points_ns.size
-            self.final = self.count - 1
-
-    def _unresolved(self) -> Mapping[str, LiveSchedule]:
-        points = None if self.grows else self._known
-        links = self._system.comm_schedule.live
-        return {name: LiveSchedule(link, self._end_ns, points) for name, link in links.items()}
+    def __init__(self, system: Parts, *, live: bool = True, block: int = BLOCK) -> None:
+        self._schedule, self._delays = system.comm_schedule, system.delays
+        self._with_live, self._block_ns = live, block * self._schedule.step_ns
+        self.most, self.end_ns = self._schedule.most, self._schedule.end_ns
+        self.grows = self._schedule.grows
+        self._reserved = [Reserved((self.most,), kind) for kind in (np.int64, float, float)]
+        self.points_ns, self.seconds, self.sizes = (one.array for one in self._reserved)
+        steps = dict.fromkeys(component.every_ns for component in system.components.values())
+        self._steps = {every: ComponentPoints(every, self.most) for every in (*steps, None)}
+        self.own_points = {n: self._steps[c.every_ns] for n, c in system.components.items()}
+        self._begin()
 
     def _begin(self) -> None:
-        self.count, self.final, self._place = 1, self.points_ns.size, 1
+        self.count = self.oldest = self.ready = 0
+        self.final = self.most
+        self.links: Mapping[str, GrowingSchedule] = {
+            name: link
+            for name, link in self._schedule.begin().items()
+            if self._with_live or not link.is_live
+        }
+        self.live = {name: link for name, link in self.links.items() if link.is_live}
+        self.values: dict[str, list[float]] = {name: [] for name in self.live}
+        for points in self._steps.values():
+            points.latest = -1
         self.extend()
 
     @property
-    def horizon(self) -> int:
-        """The first point at which a message of unknown delay is sent; `count` without one."""
-        instant = min((live.horizon_ns for live in self.live.values()), default=None)
-        if instant is None or instant > self._end_ns:
-            return self.count
-        return int(np.searchsorted(self.points_ns[: self.count], instant))
+    def every_point(self) -> ComponentPoints:
+        """The points of a component that communicates at all of them."""
+        return self._steps[None]
 
     def extend(self) -> None:
-        """Add the points up to the next horizon, it included, or to the end."""
-        if not self.grows or self.final < self.points_ns.size:
-            return
-        instant = min(live.horizon_ns for live in self.live.values())
-        until = min(instant, self._end_ns)
-        place = int(np.searchsorted(self._known, until, side="right"))
-        known = self._known[self._place : place]
-        self._place = place
-        after = int(self.points_ns[self.count - 1])
-        arrivals = [t for live in self.live.values() for t in _changes(live, after, until)]
-        new = np.unique(np.concatenate([known, np.array(arrivals, np.int64)]))
-        new = new[new > after]
+        """Add points until another one is ready, or the run must come to a crossing or its end."""
+        before = self.ready
+        while self._add_block() and self.ready == before and not self.crossing:
+            pass
+
+    def _add_block(self) -> bool:
+        """Add the points of another block; return whether there are any."""
+        after = int(self.points_ns[self.count - 1]) if self.count else -1
+        until = min(max(after, 0) + self._block_ns, self.end_ns)
+        if self.grows:
+            until = min(until, *(link.horizon_ns for link in self.live.values()))
+        if until <= after:
+            self._set_ready()
+            return False
+        found = [self._schedule.known(after, until)]
+        for link in self.links.values():
+            if not link.is_live:
+                link.advance(until)
+            if self._schedule.events == "align":
+                found.append(link.sendings(after, until))
+                # what a live link brings at its horizon is known when the loop is there
+                found.append(link.changes(after, min(until, link.horizon_ns - 1))[0])
+        new = found[0] if len(found) == 1 else np.unique(np.concatenate(found))
         first, self.count = self.count, self.count + new.size
         self.points_ns[first : self.count] = new
         self.seconds[first : self.count] = new / 1e9
-        begin = first - 1
+        begin = max(first - 1, 0)
         self.sizes[begin : self.count - 1] = np.diff(self.points_ns[begin : self.count]) / 1e9
-        if self.points_ns[self.count - 1] == self._end_ns:
+        for points in self._steps.values():
+            points.extend(self.points_ns, first, self.count, self.end_ns)
+        if until == self.end_ns:
             self.final = self.count - 1
+        self._set_ready()
+        return True
+
+    def _set_ready(self) -> None:
+        if self.final < self.most:
+            self.ready = self.count
+        else:
+            self.ready = max(0, min(points.latest for points in self._steps.values()))
+        self.crossing = False
+        horizon_ns = min((link.horizon_ns for link in self.live.values()), default=None)
+        if horizon_ns is not None and horizon_ns <= self.points_ns[self.count - 1]:
+            horizon = self.index(horizon_ns)
+            self.crossing = horizon <= self.ready
+            self.ready = min(self.ready, horizon)
 
     def resolve(self, k: int, row: Rows, columns: Mapping[str, tuple[int, ...]]) -> None:
         """Resolve the delays of what is sent at point k, and add the points known by then.
@@ -108,82 +141,96 @@ class CommunicationPoints:
         InputError : a value that gives no valid delay; the link and the message are named.
         """
         now = int(self.points_ns[k])
-        for name, live in self.live.items():
-            source = self._system.delays[name]
-            while live.message < live.sent_ns.size and live.sent_ns[live.message] == now:
-                value = _value(source, row, columns[name])
-                live.resolve(live.message, value)
+        for name, link in self.live.items():
+            while link.horizon_ns == now:
+                value = _value(self._delays[name], row, columns[name])
+                link.resolve(link.message, value)
                 self.values[name].append(value)
-        self.extend()
-
-    def go_back(self, values: Mapping[str, Sequence[float]]) -> None:
-        """Return to the state in which `values` were the values so far."""
-        if not self.live:
-            return
-        self.live = self._unresolved()
-        self.values = {name: list(values[name]) for name in self.live}
-        if self.grows:
-            self._begin()
-        while (k := self.horizon) < self.count and self._again(int(self.points_ns[k])):
+        self._set_ready()
+        if self.ready <= k and not self.crossing:
             self.extend()
 
-    def _again(self, now: int) -> bool:
-        """Resolve what was sent at an instant; return whether all of it has values."""
-        for name, live in self.live.items():
-            while live.message < live.sent_ns.size and live.sent_ns[live.message] == now:
-                if live.message >= len(self.values[name]):
+    def go_back(self, values: Mapping[str, Sequence[float]], complete: int) -> None:
+        """Return to the state in which `values` were the values so far, and `complete` rows were.
+
+        Nothing may have been given back.
+        """
+        if not self.live:
+            return
+        self._begin()
+        self.values = {name: list(values[name]) for name in self.live}
+        numbers = dict.fromkeys(self.live, 0)
+        while self.ready <= complete and self.ready <= self.final:
+            if self.crossing and not self._resolve_again(numbers):
+                return
+            if not self.crossing:
+                self.extend()
+
+    def _resolve_again(self, numbers: dict[str, int]) -> bool:
+        """Resolve what is sent at the crossing; return whether all of it has values."""
+        now = int(self.points_ns[self.ready])
+        for name, link in self.live.items():
+            while link.horizon_ns == now:
+                if numbers[name] >= len(self.values[name]):
                     return False
-                live.resolve(live.message, self.values[name][live.message])
+                link.resolve(link.message, self.values[name][numbers[name]])
+                numbers[name] += 1
+        self._set_ready()
         return True
 
-    def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
-        """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
-        points = self.points_ns[first:last]
-        if name in self.live:
-            used, sent = self.live[name].state(points).sequence, self.live[name].sent_ns
-        else:
-            times, messages = self._changes[name]
-            place = np.searchsorted(times, points, side="right")
-            used, sent = np.append(NONE_YET, messages)[place], self._schedules[name].sent_ns
-        used = used.copy()
-        real = used >= 0
-        used[real] = self.rows_at(sent[used[real]])
-        return used
+    def index(self, instants_ns: int) -> int:
+        """Return the index of the point at this instant [ns], or of the one after it."""
+        return int(self.rows_at(np.array([instants_ns]))[0])
 
     def rows_at(self, instants_ns: Integers) -> Integers:
         """Return the indices of the points at these instants [ns]."""
-        return np.searchsorted(self.points_ns[: self.count], instants_ns)
+        known = self.points_ns[self.oldest : self.count]
+        return self.oldest + np.searchsorted(known, instants_ns)
+
+    def last_at(self, instant_ns: int) -> int:
+        """Return the index of the last point at or before an instant [ns]; 0 before the first."""
+        known = self.points_ns[self.oldest : self.count]
+        return max(self.oldest + int(np.searchsorted(known, instant_ns, side="right")) - 1, 0)
+
+    def rows_of_messages(self, name: str, first: int, last: int) -> Integers:
+        """Return the row in use over a packet link at points first to last - 1, as `RowsInUse`."""
+        used = self.links[name].sent_in_use(self.points_ns[first:last]).copy()
+        real = used >= 0
+        used[real] = self.rows_at(used[real])
+        return used
 
     def arrivals(self, name: str, first: int) -> Arrivals:
         """Return the known arrivals and drops of a link, from the `first`-th on."""
-        if name in self.live:
-            return self.live[name].arrivals(first)
-        if name not in self._arrivals:
-            self._arrivals[name] = self._schedules[name].arrivals()
-        return self._arrivals[name].select(slice(first, None))
+        return self.links[name].arrivals(first)
 
     def state(self, name: str, first: int, last: int) -> LinkState:
         """Return the state of a packet link at the points first to last - 1."""
-        points = self.points_ns[first:last]
-        return (self.live.get(name) or self._schedules[name]).state(points)
+        return self.links[name].state(self.points_ns[first:last])
 
-    def schedules(self, until_ns: int) -> dict[str, PacketSchedule]:
-        """Return the schedules of a run that ended at this instant."""
-        whole = until_ns == self._end_ns
-        done = self._schedules if whole else self._system.comm_schedule.shortened(until_ns)
-        # a run that diverges or fails at an instant of sending ends before that message
-        live = {n: one.finish(until_ns, broken_off=True) for n, one in self.live.items()}
-        return dict(done) | live
+    def give_back(self, before: int) -> None:
+        """Give back the memory of the points before this one: nobody asks for them any more."""
+        if before <= self.oldest:
+            return
+        self.oldest = before
+        for reserved in self._reserved:
+            reserved.give_back(before)
+        for points in self._steps.values():
+            points.give_back(before)
+        for link in self.links.values():
+            link.forget(int(self.points_ns[before]))
 
 
-def _changes(live: LiveSchedule, after_ns: int, until_ns: int) -> list[int]:
-    """Return the instants in (after, until] at which the message in use changes."""
-    found = []
-    change = live.next_change_ns(after_ns)
-    while change is not None and change <= until_ns:
-        found.append(change)
-        change = live.next_change_ns(change)
-    return found
+def blocks(system: Parts) -> Iterator[tuple[CommunicationPoints, int, int]]:
+    """Yield the points of a run block by block, before it: points, first, last.
+
+    On a grid links whose delays follow a signal are left out: they have no effect on the points.
+    """
+    points, first = CommunicationPoints(system, live=False), 0
+    while first < points.ready:
+        yield points, first, points.ready
+        first = points.ready
+        points.give_back(first - 1)
+        points.extend()
 
 
 def _value(source: DelaySource, row: Rows, columns: tuple[int, ...]) -> float:

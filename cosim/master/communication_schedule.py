@@ -1,9 +1,10 @@
-"""The communication points of a run that are known before it, and the schedules of its links."""
+"""What is known of the communication points of a run before it, and the links it has."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,54 +12,121 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master.component_points import own_instants
-from cosim.network import (
-    DelaySignal,
-    PacketLink,
-    PacketSchedule,
-    TransportLink,
-    align,
-    schedule,
-    sending_instants,
-)
+from cosim.network import DelaySignal, GrowingSchedule, PacketLink, PacketSchedule, TransportLink
 
 Link = PacketLink | TransportLink
 Events = Literal["align", "grid"]
+Integers = NDArray[np.int64]
 
-_MOST_POINTS = 20_000_000
+_MOST_POINTS = 1_000_000_000
+"""More points than this in a run are taken for a mistake in the units."""
 
 
 @dataclass(frozen=True)
 class CommunicationSchedule:
-    """The communication points known before a run, and the schedule of every packet link.
+    """The rule of the communication points of a run, and its links.
+
+    Points are the multiples of the step and the end; with events = "align" also the multiples of
+    the components' own steps, given instants, and whenever a message is sent or brings a new
+    value. `make_schedule` checks the parts.
 
     Attributes
     ----------
-    points_ns : strictly increasing from 0 to the end [ns], int64 (n,); with live links and
-        events = "align", those that are known before the run.
-    schedules : by name of the link; all their instants are points, or were moved to one.
-    step_ns, events, links, every_ns : as given to `make_schedule`.
-    live : the links whose delays follow a signal of the run.
+    step_ns, end_ns, events, links, every_ns : as given to `make_schedule`.
+    instants_ns : more points, strictly increasing, int64 (m,).
+    given_ns : all points, in place of the rule, strictly increasing from 0 to the end [ns], int64
+        (n,); None: by the rule.
     """
 
-    points_ns: NDArray[np.int64]
-    schedules: Mapping[str, PacketSchedule]
     step_ns: int
-    live: Mapping[str, PacketLink] = field(default_factory=dict)
+    end_ns: int
     events: Events = "align"
     links: Mapping[str, Link] = field(default_factory=dict)
     every_ns: tuple[int, ...] = ()
+    instants_ns: Integers = field(default_factory=lambda: np.zeros(0, np.int64))
+    given_ns: Integers | None = None
 
-    def shortened(self, end_ns: int) -> Mapping[str, PacketSchedule]:
-        """Return the schedules of a run that ends earlier: it has the same messages."""
-        if end_ns <= 0:
-            return {}
-        step = min(self.step_ns, end_ns)
-        links = {name: link for name, link in self.links.items() if name not in self.live}
+    @classmethod
+    def of_points(cls, points_ns: Integers) -> CommunicationSchedule:
+        """Return the schedule of given points, strictly increasing from 0 [ns], int64 (n,)."""
+        step = int(np.diff(points_ns).min(initial=max(int(points_ns[-1]), 1)))
+        return cls(step, int(points_ns[-1]), given_ns=points_ns)
+
+    @cached_property
+    def live(self) -> Mapping[str, PacketLink]:
+        """The links whose delays follow a signal of the run."""
+        return {n: link for n, link in self._packets.items() if isinstance(link.delay, DelaySignal)}
+
+    @property
+    def grows(self) -> bool:
+        """Whether points become known only during the run: they follow a signal of it."""
+        return bool(self.live) and self.events == "align"
+
+    @property
+    def _packets(self) -> Mapping[str, PacketLink]:
+        return {n: link for n, link in self.links.items() if isinstance(link, PacketLink)}
+
+    def begin(self) -> dict[str, GrowingSchedule]:
+        """Return the packet links at the beginning of a run.
+
+        Raises
+        ------
+        InputError : far too many messages, a recorded delay that does not last as long as the run.
+        """
+        step = self.step_ns if self.events == "grid" else None
+        return {
+            name: GrowingSchedule(link, self.end_ns, step) for name, link in self._packets.items()
+        }
+
+    def known(self, after_ns: int, until_ns: int) -> Integers:
+        """Return the points in (after, until] [ns] that depend on no link, int64 (n,)."""
+        if self.given_ns is not None:
+            return between(self.given_ns, after_ns, until_ns)
+        found = own_instants(self.step_ns, after_ns, until_ns, self.end_ns)
         if self.events == "grid":
-            known = [schedule(link, end_ns) for link in _packets(links)]
-            points = self.points_ns[: int(np.searchsorted(self.points_ns, end_ns)) + 1]
-            return {s.link.name: s for s in align(known, points, "grid").schedules}
-        return make_schedule(links, step, end_ns, "align").schedules
+            return found
+        more = [own_instants(e, after_ns, until_ns, self.end_ns) for e in self.every_ns]
+        more.append(between(self.instants_ns, after_ns, until_ns))
+        return np.unique(np.concatenate([found, *more])) if any(m.size for m in more) else found
+
+    @property
+    def most(self) -> int:
+        """A number that the points do not exceed."""
+        if self.given_ns is not None:
+            return int(self.given_ns.size)
+        count = -(-self.end_ns // self.step_ns) + 1
+        if self.events == "grid":
+            return count
+        count += sum(self.end_ns // every + 2 for every in self.every_ns) + self.instants_ns.size
+        # each message is sent, and each message and each copy of one arrives once at most
+        return count + sum(
+            3 * (self.end_ns // link.sample_time_ns + 1) for link in self._packets.values()
+        )
+
+    @cached_property
+    def points_ns(self) -> Integers:
+        """All points that are known before the run [ns], int64 (n,), for a run that is not long."""
+        found = [self.known(-1, self.end_ns)]
+        for link in self.begin().values() if self.events == "align" else ():
+            if not link.is_live:
+                link.advance(self.end_ns)
+            found.append(link.sendings(-1, self.end_ns))
+            found += [] if link.is_live else [link.changes(-1, self.end_ns)[0]]
+        return np.unique(np.concatenate(found))
+
+    @cached_property
+    def schedules(self) -> Mapping[str, PacketSchedule]:
+        """The schedule of each packet link of known delay, for a run that is not long."""
+        found = {n: link for n, link in self.begin().items() if n not in self.live}
+        for link in found.values():
+            link.advance(self.end_ns)
+        return {name: link.finish(self.end_ns) for name, link in found.items()}
+
+
+def between(instants_ns: Integers, after_ns: int, until_ns: int) -> Integers:
+    """Return those of increasing instants that lie in (after, until] [ns]."""
+    first, last = np.searchsorted(instants_ns, [after_ns, until_ns], side="right")
+    return instants_ns[first:last]
 
 
 def make_schedule(
@@ -69,7 +137,7 @@ def make_schedule(
     every_ns: Iterable[int] = (),
     instants_ns: Iterable[int] = (),
 ) -> CommunicationSchedule:
-    """Compute the communication points and the schedules of all links before a run.
+    """Make the schedule of a run from 0 to `end_ns`.
 
     `every_ns` : own steps of components [ns]; under "align" their multiples become points, on
     the grid they must be multiples of the step. `instants_ns` : more instants in [0, end] that
@@ -93,7 +161,6 @@ def make_schedule(
             expected=f"at most {_MOST_POINTS}",
             got=f"{end_ns // step_ns}: one each {step_ns / 1e9:g} s up to {end_ns / 1e9:g} s",
         )
-    grid = np.append(np.arange(0, end_ns, step_ns, dtype=np.int64), np.int64(end_ns))
     for every in every_ns:
         if not 1 <= every <= end_ns or (events == "grid" and every % step_ns):
             raise InputError(
@@ -103,23 +170,7 @@ def make_schedule(
                 + (", a multiple of the communication step" if events == "grid" else ""),
                 got=f"{every / 1e9:g} s, step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
             )
-        if events == "align":
-            grid = np.union1d(grid, own_instants(every, end_ns))
-    if events == "align":
-        grid = np.union1d(grid, np.array([*instants_ns], np.int64))
-    live = {link.name: link for link in _packets(links) if isinstance(link.delay, DelaySignal)}
-    known = [schedule(link, end_ns) for link in _packets(links) if link.name not in live]
-    if events == "align":
-        sendings = [sending_instants(link, end_ns) for link in live.values()]
-        grid = np.unique(np.concatenate([grid, *sendings]))
-    if known:
-        aligned = align(known, grid, events)
-        grid, known = aligned.points_ns, list(aligned.schedules)
-    schedules = {s.link.name: s for s in known}
-    return CommunicationSchedule(
-        grid, schedules, step_ns, live, events, dict(links), tuple(every_ns)
-    )
-
-
-def _packets(links: Mapping[str, Link]) -> list[PacketLink]:
-    return [link for link in links.values() if isinstance(link, PacketLink)]
+    instants = np.unique(np.array([*instants_ns], np.int64))
+    made = CommunicationSchedule(step_ns, end_ns, events, dict(links), tuple(every_ns), instants)
+    made.begin()
+    return made

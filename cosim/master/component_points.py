@@ -2,68 +2,77 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.master.reserved import Reserved
 
 Integers = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
 class ComponentPoints:
     """The own points of one component, as indices of the points of the run.
 
+    The first and the last point of a run are points of every component.
+
+    Parameters
+    ----------
+    every_ns : its step [ns]; None: it communicates at every point.
+    most : room for so many points of the run.
+
     Attributes
     ----------
-    own : its points, int64 (m,); the first and the last of the run are among them.
-    last : its latest point at or before each point of the run, int64 (n,).
+    always : whether it communicates at every point.
+    last : its latest point at or before each point of the run, int64 (most,).
     following : its next point, at its own points (at the end of the run that point itself); -1
-        elsewhere, int64 (n,).
+        elsewhere, int64 (most,). It is not known yet at the latest of its points.
+    latest : the latest of its points so far; -1 before the first.
     """
 
-    own: Integers
-    last: Integers
-    following: Integers
+    def __init__(self, every_ns: int | None, most: int) -> None:
+        self.always = every_ns is None
+        self._every_ns = every_ns
+        self._reserved = Reserved((most,), np.int64), Reserved((most,), np.int64)
+        self.last: Integers = self._reserved[0].array
+        self.following: Integers = self._reserved[1].array
+        self.latest = -1
+
+    def extend(self, points_ns: Integers, first: int, last: int, end_ns: int) -> None:
+        """Take over the points first to last - 1 of the run, which ends at `end_ns` [ns]."""
+        here, times = np.arange(first, last), points_ns[first:last]
+        if self._every_ns is None:
+            own = here
+            self.last[first:last] = here
+        else:
+            mine = (times % self._every_ns == 0) | (times == end_ns)
+            own = here[mine]
+            self.last[first:last] = np.maximum.accumulate(np.where(mine, here, self.latest))
+            self.following[first:last] = -1
+        if not own.size:
+            return
+        if self.latest >= 0:
+            self.following[self.latest] = own[0]
+        self.following[own[:-1]] = own[1:]
+        self.latest = int(own[-1])
+        self.following[self.latest] = self.latest
 
     @property
-    def always(self) -> bool:
-        """Whether it communicates at every point."""
-        return self.own.size == self.last.size
+    def own(self) -> Integers:
+        """Its points so far, int64 (m,), where nothing was given back."""
+        return self.own_between(0, self.latest + 1)
+
+    def own_between(self, first: int, last: int) -> Integers:
+        """Return its points among first to last - 1."""
+        return first + np.flatnonzero(self.last[first:last] == np.arange(first, last))
+
+    def give_back(self, before: int) -> None:
+        """Give back the memory of the points before this one."""
+        for reserved in self._reserved:
+            reserved.give_back(before)
 
 
-def component_points(every_ns: int | None, points_ns: Integers) -> ComponentPoints:
-    """Return the own points of a component with this step [ns]; None: every point.
-
-    Raises
-    ------
-    InputError : a multiple of the step is not a communication point.
-    """
-    n = points_ns.size
-    if every_ns is None:
-        own = np.arange(n)
-    else:
-        instants = own_instants(every_ns, int(points_ns[-1]))
-        own = np.searchsorted(points_ns, instants)
-        if (points_ns[own] != instants).any():
-            missing = int(instants[np.argmax(points_ns[own] != instants)])
-            raise InputError(
-                "a component's step does not fall on communication points",
-                where="run",
-                expected="a communication point at every multiple of the component's step",
-                got=f"none at {missing / 1e9:g} s",
-                hint="a multiple of the communication step, or events = align",
-            )
-    last = np.zeros(n, np.int64)
-    last[own] = own
-    last = np.maximum.accumulate(last)
-    following = np.full(n, -1, np.int64)
-    following[own] = np.append(own[1:], n - 1)
-    return ComponentPoints(own, last, following)
-
-
-def own_instants(every_ns: int, end_ns: int) -> Integers:
-    """Return the multiples of a component's step before the end, and the end [ns]."""
-    return np.append(np.arange(0, end_ns, every_ns, dtype=np.int64), np.int64(end_ns))
+def own_instants(every_ns: int, after_ns: int, until_ns: int, end_ns: int) -> Integers:
+    """Return the multiples of a step, and the end, in (after, until] [ns]."""
+    first = (after_ns // every_ns + 1) * every_ns
+    found = np.arange(first, min(until_ns, end_ns - 1) + 1, every_ns, dtype=np.int64)
+    return np.append(found, np.int64(end_ns)) if after_ns < end_ns <= until_ns else found

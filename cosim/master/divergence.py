@@ -8,10 +8,11 @@ that gave it.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import ComponentError
 from cosim.master.component_instance import ComponentInstance
-from cosim.master.wiring import Wiring
+from cosim.master.wiring import HISTORY, Wiring
 
 _WITHOUT_MEASURE = 1e100
 _ROWS, _GROWTH = 3, 100.0
@@ -20,7 +21,7 @@ _ROWS, _GROWTH = 3, 100.0
 
 def has_grown(instance: ComponentInstance, count: int) -> bool:
     """Whether the values of a component grew step by step over its last rows before row `count`."""
-    own = instance.own_points.own[instance.own_points.own < count]
+    own = _own_rows(instance, count)
     values = [
         np.abs(rows[own]) / [abs(column.port.nominal or 1.0) for column in columns]
         for rows, columns in (
@@ -79,8 +80,13 @@ def origin_of(wiring: Wiring, k: int, first: int) -> int:
     return first
 
 
+def _own_rows(instance: ComponentInstance, count: int) -> NDArray[np.int64]:
+    """Return the last rows of a component before row `count`, of those that are always there."""
+    return instance.own_points.own_between(max(count - HISTORY, 0), count)
+
+
 def _largest(instance: ComponentInstance, k: int) -> str:
-    own = instance.own_points.own[instance.own_points.own < k]
+    own = _own_rows(instance, k)
     if not own.size:
         return "it gave no value"
     values = instance.outputs[own[-1]]

@@ -31,7 +31,7 @@ def initialise(system: System, wiring: Wiring) -> int:
     InputError : a parameter that does not exist or cannot be set.
     ComponentError : a slave that fails, or values that do not settle, named.
     """
-    end = int(system.comm_schedule.points_ns[-1]) / 1e9
+    end = system.comm_schedule.end_ns / 1e9
     for name in system.components:
         instance = wiring.instance(name)
         instance.slave.set_start(instance.component.parameters)

@@ -317,8 +317,8 @@ static int64_t carry_out(Run *r, const Operation *table, int64_t begin, int64_t 
 typedef struct {
     const int64_t *groups;
 } Team;
-EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
-    return (void)size, (void)groups, (void)count, NULL;
+EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count, int64_t *progress) {
+    return (void)size, (void)groups, (void)count, (void)progress, NULL;
 }
 EXPORT void end_team(Team *t) { (void)t; }
 static int64_t by_team(Team *t, Run *r, const Operation *table, int64_t k) {
@@ -326,6 +326,7 @@ static int64_t by_team(Team *t, Run *r, const Operation *table, int64_t k) {
 }
 #else
 #include <pthread.h>
+#include <signal.h>
 #define EXPORT __attribute__((visibility("default")))
 
 typedef struct {
@@ -339,15 +340,41 @@ typedef struct {
     int64_t count, next, left, k;
     int64_t word; /* of the first operation of the table that ended the run */
     int64_t status;
+    volatile int64_t *progress; /* the word of the thread that crashed; of each thread, or NONE */
+    int64_t started;
 } Team;
 
+#define NONE INT64_C(-1)
+static __thread volatile int64_t *mine, *crashed;
+
+/* Note which word was in progress in the thread that crashes, and crash. */
+static void note_crash(int number) {
+    if (mine && *mine != NONE && *crashed == NONE)
+        *crashed = *mine;
+    signal(number, SIG_DFL);
+    raise(number);
+}
+
+/* Replace this handler of deadly signals by that one, where nobody else has set his own. */
+static void exchange_handlers(void (*from)(int), void (*to)(int)) {
+    static const int deadly[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+    for (size_t i = 0; i < sizeof deadly / sizeof *deadly; i++) {
+        void (*before)(int) = signal(deadly[i], to);
+        if (before != from && before != SIG_ERR)
+            signal(deadly[i], before);
+    }
+}
+
 /* Take groups while there are any; the lock is held before and after. */
-static void take_groups(Team *t) {
+static void take_groups(Team *t, int64_t thread) {
+    crashed = t->progress;
+    mine = t->progress + 1 + thread;
     while (t->next < t->count) {
         const int64_t *group = t->groups + 2 * t->next++;
-        volatile int64_t word = 0;
         pthread_mutex_unlock(&t->lock);
-        int64_t status = carry_out(t->run, t->table, group[0], group[1], t->k, modes(), &word);
+        int64_t status = carry_out(t->run, t->table, group[0], group[1], t->k, modes(), mine);
+        int64_t word = *mine;
+        *mine = NONE;
         pthread_mutex_lock(&t->lock);
         if (status && (!t->status || word < t->word)) {
             t->status = status;
@@ -362,12 +389,13 @@ static void *member(void *given) {
     Team *t = given;
     int64_t seen = 0;
     pthread_mutex_lock(&t->lock);
+    int64_t thread = ++t->started;
     while (!t->closing)
         if (t->turn == seen)
             pthread_cond_wait(&t->go, &t->lock);
         else {
             seen = t->turn;
-            take_groups(t);
+            take_groups(t, thread);
         }
     pthread_mutex_unlock(&t->lock);
     return NULL;
@@ -380,12 +408,13 @@ EXPORT void end_team(Team *t) {
     pthread_mutex_unlock(&t->lock);
     for (int64_t i = 0; i < t->size; i++)
         pthread_join(t->threads[i], NULL);
+    exchange_handlers(note_crash, SIG_DFL);
     free(t->threads);
     free(t);
 }
 
 /* A team of the caller and of more threads; NULL if there cannot be any. */
-EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
+EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count, int64_t *progress) {
     Team *t = calloc(1, sizeof(Team));
     if (!t || !(t->threads = calloc((size_t)size, sizeof(pthread_t))))
         return free(t), NULL;
@@ -393,7 +422,9 @@ EXPORT Team *make_team(int64_t size, const int64_t *groups, int64_t count) {
     pthread_cond_init(&t->go, NULL);
     pthread_cond_init(&t->done, NULL);
     t->groups = groups;
+    t->progress = progress;
     t->count = t->next = count;
+    exchange_handlers(SIG_DFL, note_crash);
     for (; t->size < size - 1; t->size++)
         if (pthread_create(t->threads + t->size, NULL, member, t))
             return end_team(t), NULL;
@@ -406,7 +437,7 @@ static int64_t by_team(Team *t, Run *r, const Operation *table, int64_t k) {
     t->status = 0, t->next = 0, t->left = t->count;
     t->turn++;
     pthread_cond_broadcast(&t->go);
-    take_groups(t);
+    take_groups(t, 0);
     while (t->left)
         pthread_cond_wait(&t->done, &t->lock);
     if (t->status)

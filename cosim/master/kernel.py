@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import FmuSlave, compiled_library
 from cosim.master.component_instance import Group
-from cosim.master.routes import Route, RowsInUse
+from cosim.master.routes import Route
+from cosim.master.rows_in_use import RowsInUse
 from cosim.master.table import (
     Complete,
     EarlyStop,
@@ -30,6 +31,8 @@ from cosim.master.table import (
     Table,
 )
 
+_OF_TEAM = 2
+"""Where the words of a team begin, see `Table.word`."""
 _KINDS = (Get, Set, Move, Step, Complete, Guess, Settle)
 _USUAL = (None, Get, Set, Step, Complete)
 """Kinds that have a shorter way in the kernel, by the number there."""
@@ -71,7 +74,8 @@ def load_kernel() -> Any:
     library = compiled_library("kernel", source)
     address, number = ctypes.c_void_p, ctypes.c_int64
     library.run.argtypes = [address, address, *[number] * 4, address, number]
-    library.make_team.argtypes, library.make_team.restype = [number, address, number], address
+    library.make_team.argtypes = [number, address, number, address]
+    library.make_team.restype = address
     library.end_team.argtypes, library.end_team.restype = [address], None
     return library
 
@@ -124,9 +128,10 @@ class KernelLoop:
         ends = [i + 1 for i, o in enumerate(table.operations) if isinstance(o, Step)]
         begins = [table.complete + 1, *ends[:-1]]
         groups = np.column_stack([self._places[begins], self._places[ends]])
-        threads = min(table.threads, len(ends))
+        threads = min(table.threads, len(ends), table.word.size - _OF_TEAM - 1)
         team: int | None = self._library.make_team(
-            threads, self._address(groups.astype(np.int64)), len(groups)
+            *(threads, self._address(groups.astype(np.int64)), len(groups)),
+            self._address(table.word[_OF_TEAM:]),
         )
         if team is None:
             raise InputError(

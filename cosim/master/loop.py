@@ -31,7 +31,7 @@ from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
 from cosim.master.run import Run, RunStatus, run_status_of
 from cosim.master.system import System
-from cosim.master.table import EarlyStop, make_table
+from cosim.master.table import WORDS, EarlyStop, make_table
 from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
 
@@ -54,8 +54,7 @@ class _SegmentLength:
 class Loop:
     """The execution of a run whose slaves are initialised.
 
-    `word` : int64 (2,): the word in progress (`cosim.master.table.WORD_BITS`), and whether an
-    engine is at work on it.
+    `word` : as in `Table`. `keep` : all rows stay in memory; else those that may still be read.
 
     Attributes
     ----------
@@ -72,15 +71,17 @@ class Loop:
         dispatch: ObserverDispatch,
         choice: EngineChoice,
         word: NDArray[np.int64] | None = None,
+        *,
+        keep: bool = True,
     ) -> None:
         self._system, self._wiring, self._dispatch = system, wiring, dispatch
-        self._choice = choice
+        self._choice, self._keep = choice, keep
         self._comm_points = wiring.comm_points
         self._segment = _SegmentLength()
         self._early_stop: EarlyStop | None = None
         self._exchanged: int | None = None
         self.adjustments = Adjustments(wiring.rows.shape[1])
-        self._word = np.zeros(2, np.int64) if word is None else word
+        self._word = np.zeros(WORDS, np.int64) if word is None else word
         self.table = make_table(system, wiring, self.adjustments, self._word)
         self._engine = build_engine(choice.name, self.table)
         self.complete = 0
@@ -111,9 +112,11 @@ class Loop:
         """
         points, begun = self._comm_points.points_ns, self.complete
         while self.status is None:
-            first, last = self.complete, self._comm_points.count
-            if until_ns is not None:
-                last = int(np.searchsorted(points[:last], until_ns))
+            first = self.complete
+            self._make_ready()
+            last = self._comm_points.ready + self._comm_points.crossing
+            if until_ns is not None and until_ns <= points[last - 1]:
+                last = self._comm_points.index(until_ns)
             if most is not None:
                 last = min(last, begun + most)
             if first >= last:
@@ -128,6 +131,16 @@ class Loop:
             if stop is not None and self.complete > first and stop():
                 return True
         return False
+
+    def _make_ready(self) -> None:
+        """Prepare the rows of the next points, where the slaves have come to the last ones."""
+        comm_points = self._comm_points
+        if self.complete < comm_points.ready:
+            return
+        if not self._keep:
+            self._wiring.give_back(min(self.complete, self._dispatch.unread))
+        if not comm_points.crossing:
+            self._wiring.extend()
 
     def go_back(self, complete: int, adjustments: Mapping[int, Adjustment]) -> None:
         """Continue from `complete` rows, to which slaves and wiring have been restored."""
@@ -147,7 +160,8 @@ class Loop:
         k, table = self.complete, self.table
         if self.status is not None:
             return False
-        crossing = k >= self._comm_points.horizon
+        self._make_ready()
+        crossing = k >= self._comm_points.ready
         if self._exchanged != k:
             self._execute(0, table.sent if crossing else table.complete, k, k + 1)
             self._exchanged = k
@@ -181,27 +195,26 @@ class Loop:
 
     def result(self, count: int) -> Run:
         """Return the first `count` rows; "stopped" if the run has not ended by itself."""
-        points = self._comm_points.points_ns[:count]
-        self._wiring.make_whole(count)
-        return Run(
+        reason = self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s"
+        return Run.of(
+            self._wiring,
+            count,
             self.status or "stopped",
-            self.reason if self.status else f"stopped at t = {self.time_ns / 1e9:g} s",
-            points,
-            self._wiring.instances,
+            reason,
             self._choice,
-            self._comm_points.schedules(int(points[-1]) if points.size else 0),
             self.cause,
+            kept=self._keep,
         )
 
     def _advance(self, first: int, last: int) -> None:
         began = time.perf_counter()
-        horizon = self._comm_points.horizon
+        ready = self._comm_points.ready
         self.forget_exchange()
-        if first == horizon:
+        if first == ready:
             last = first + 1
-            early_stop = self._cross(horizon)
+            early_stop = self._cross(ready)
         else:
-            last = min(last, horizon)
+            last = min(last, ready)
             early_stop = self._execute(0, len(self.table.operations), first, last)
         if self.status is None:
             self.complete = last if early_stop is None else early_stop.complete
@@ -236,7 +249,8 @@ class Loop:
             self.status, self.reason = "failed", error.text()
             self.cause = Cause("delay", time_s=self.time_ns / 1e9, detail=error.what)
             return None
-        self._wiring.fill_rows(k, self._comm_points.horizon)
+        self._wiring.fill_routes(k, self._comm_points.ready)
+        self._wiring.begin_rows(k, self._comm_points.ready)
         return self._execute(sent, len(self.table.operations), k, k + 1)
 
     def _conclude(self) -> None:

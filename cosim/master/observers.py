@@ -98,6 +98,14 @@ class ObserverDispatch:
         self._lines = []
         self.delivered = complete
 
+    @property
+    def unread(self) -> int:
+        """The first row that an observer has not read yet: it may read rows late."""
+        return min(
+            (getattr(one, "unread", self.delivered) for one in self._observers),
+            default=self.delivered,
+        )
+
     def close(self) -> None:
         """Deliver the last log lines and release the observers."""
         self.deliver(self.delivered)

@@ -30,10 +30,10 @@ from cosim.master.algebraic_loops import (
     shortest_loop,
     strongly_connected,
 )
-from cosim.master.parts import Connection
-from cosim.master.routes import RouteKey, rows_in_use
+from cosim.master.parts import Connection, RouteKey
+from cosim.master.rows_in_use import delivers_at_once, walk
 from cosim.master.system import System
-from cosim.network import TransportLink
+from cosim.network import PacketLink, TransportLink
 
 Edges = dict[tuple[str, str], list[Connection]]
 """Connections with direct feedthrough that are read at the same point, by sender and receiver."""
@@ -132,12 +132,10 @@ def _edges(system: System) -> tuple[Edges, list[Connection]]:
     return edges, at_start
 
 
-def _at_once(system: System, link: str) -> bool:
+def _at_once(system: System, name: str) -> bool:
     """Whether a message of a packet link may be read at the point at which it is sent."""
-    if link in system.comm_schedule.live:
-        return True
-    schedule = system.comm_schedule.schedules[link]
-    return bool((schedule.delivered_ns == schedule.sent_ns).any())
+    link = system.links[name]
+    return not isinstance(link, PacketLink) or delivers_at_once(system, link)
 
 
 def _delayed(system: System, c: Connection, link: TransportLink) -> bool:
@@ -146,17 +144,22 @@ def _delayed(system: System, c: Connection, link: TransportLink) -> bool:
     A policy that looks ahead counts as hold: at the point itself a receiver with direct
     feedthrough has the value of hold, and one without it is in no loop.
     """
-    if system.grows:  # points that are not known yet are a step apart at most
-        least = link.delay_ns if link.delay is None else int(link.delay.delays_ns.min())
-        return least >= system.comm_schedule.step_ns
-    sender, receiver = (system.own_points[end.component] for end in (c.source, c.target))
+    least = link.delay_ns if link.delay is None else int(link.delay.delays_ns.min())
+    ends = (system.components[end.component] for end in (c.source, c.target))
+    # points are a step apart at most
+    far = least >= system.comm_schedule.step_ns
+    if system.grows or (far and all(component.every_ns is None for component in ends)):
+        return far
     route_key = RouteKey(c.source.component, c.link, "hold")
-    used = rows_in_use(system, route_key, sender, receiver, stepped_before=False)
-    latest = used.row
-    if used.after is not None and used.weight is not None:
-        latest = np.where(used.weight > 0.0, np.maximum(used.row, used.after), used.row)
-    own = receiver.own[1:]
-    return bool((latest[own] < own).all())
+    for points, used, first, last in walk(system, route_key, c.target.component):
+        latest = used.row[first:last]
+        if used.after is not None and used.weight is not None:
+            after = np.where(used.weight[first:last] > 0.0, used.after[first:last], 0)
+            latest = np.maximum(latest, after)
+        own = points.own_points[c.target.component].own_between(max(first, 1), last)
+        if (latest[own - first] >= own).any():
+            return False
+    return True
 
 
 def _pair(c: Connection) -> tuple[str, str]:

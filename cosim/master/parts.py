@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import Feedthrough, FmuDescription, Port
 from cosim.master.communication_schedule import CommunicationSchedule, Link
-from cosim.master.component_points import ComponentPoints, component_points
 
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 Algorithm = Literal["jacobi", "gauss-seidel"]
@@ -51,6 +49,7 @@ class Component:
     `log_categories` : those of the FMU's categories that are logged; None: all.
     `feedthrough` : the outputs with direct feedthrough, in place of what the FMU declares:
     "none", or their names (`cosim.fmu.feedthrough`); None: as the FMU declares.
+    `isolate` : its slave is in a process of its own (`cosim.fmu.isolation`).
     Arrays have the lengths that structural parameters among `parameters` give them.
 
     Raises
@@ -64,10 +63,22 @@ class Component:
     log_level: LogLevel = "debug"
     log_categories: Sequence[str] | None = None
     feedthrough: Feedthrough | None = None
+    isolate: bool = False
 
     def __post_init__(self) -> None:
         resized = self.description.resized(self.parameters)
         object.__setattr__(self, "description", resized.with_feedthrough(self.feedthrough))
+
+
+class RouteKey(NamedTuple):
+    """What connections of one route have in common."""
+
+    source: str
+    link: str | None
+    policy: Policy
+
+    def __str__(self) -> str:
+        return f"from {self.source}" + (f" over {self.link}" if self.link else "")
 
 
 class DelaySource(NamedTuple):
@@ -108,19 +119,11 @@ class Parts:
     @property
     def grows(self) -> bool:
         """Whether points are added during the run."""
-        return bool(self.comm_schedule.live) and self.comm_schedule.events == "align"
+        return self.comm_schedule.grows
 
     def is_state(self, end: Endpoint) -> bool:
         """Whether an endpoint is the state of a link."""
         return end.component in self.links and end.component not in self.components
-
-    @cached_property
-    def own_points(self) -> Mapping[str, ComponentPoints]:
-        """The own points of each component."""
-        points = self.comm_schedule.points_ns
-        steps = {component.every_ns for component in self.components.values()}
-        made = {every: component_points(every, points) for every in steps}
-        return {name: made[component.every_ns] for name, component in self.components.items()}
 
     def port(self, end: Endpoint) -> Port:
         """Return the variable of an endpoint; `InputError` if there is none."""

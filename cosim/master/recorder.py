@@ -70,13 +70,14 @@ class TraceRecorder(Observer):
             places = [c.name for c in instance.output_columns]
             if all(name in places for name in _POSE):
                 self._poses.append((instance, [places.index(name) for name in _POSE]))
-        points = "as they come about" if comm_points.grows else str(len(self._points))
+        known = comm_points.final < comm_points.most and not comm_points.grows
+        points = str(comm_points.count) if known else "as they come about"
         self._writer.log(
             int(self._points[0]),
             "info",
             "master",
             f"{len(instances)} components, {points} communication points to "
-            f"t = {int(self._points[-1]) / 1e9:g} s",
+            f"t = {comm_points.end_ns / 1e9:g} s",
         )
 
     def rows_complete(self, first: int, last: int) -> None:
@@ -106,8 +107,7 @@ class TraceRecorder(Observer):
         """Return which rows from first to last - 1 are an instance's own, and their times."""
         if instance.own_points.always:
             return slice(first, last), self._points[first:last]
-        begin, end = np.searchsorted(instance.own_points.own, [first, last])
-        own = instance.own_points.own[begin:end]
+        own = instance.own_points.own_between(first, last)
         return own, self._points[own]
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:

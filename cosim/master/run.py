@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from cosim.master.engine import EngineChoice
 from cosim.master.exchange import TOO_LARGE
 from cosim.master.table import EarlyStop
 from cosim.master.wiring import Wiring
-from cosim.network import PacketSchedule
+from cosim.network import GrowingSchedule, PacketSchedule
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
 
@@ -34,33 +35,99 @@ class Run:
         output left its bound, or grew step by step until it was not finite; "failed" when a call
         of a component failed, or it gave infinity or NaN out of moderate values.
     reason : in words, None when finished.
-    points_ns : the points reached [ns], int64 (k,).
-    instances : the component instances; the first k rows are valid.
+    count : number of points reached.
+    end_ns : the last of them [ns]; 0 without one.
+    instances : the component instances; their rows up to `count` are valid if they were kept, else
+        those from `oldest` on.
     engine : the engine that executed the run, and why it was chosen.
-    schedules : of the packet links, up to the last point.
+    statistics : of each packet link, up to the last point (`PacketSchedule.statistics`).
     cause : why it did not reach its end; None when it did, or was stopped from outside.
+    kept : whether all rows were kept.
     """
 
     status: RunStatus
     reason: str | None
-    points_ns: NDArray[np.int64]
+    count: int
+    end_ns: int
     instances: tuple[ComponentInstance, ...]
     engine: EngineChoice
-    schedules: Mapping[str, PacketSchedule]
-    cause: Cause | None = None
+    statistics: Mapping[str, Mapping[str, float | None]]
+    cause: Cause | None
+    kept: bool
+    _points_ns: NDArray[np.int64]
+    _links: Mapping[str, GrowingSchedule]
+
+    @classmethod
+    def of(
+        cls,
+        wiring: Wiring,
+        count: int,
+        status: RunStatus,
+        reason: str | None,
+        engine: EngineChoice,
+        cause: Cause | None,
+        *,
+        kept: bool,
+    ) -> Run:
+        """Return the run of which the first `count` rows are complete."""
+        points = wiring.comm_points
+        wiring.make_whole(count)
+        end_ns = int(points.points_ns[count - 1]) if count else 0
+        # nothing is sent on a link of known delay in a run of a single point
+        links = {name: one for name, one in points.links.items() if end_ns > 0 or one.is_live}
+        # a run that diverges or fails at an instant of sending ends before that message
+        statistics = {n: one.statistics(end_ns, broken_off=one.is_live) for n, one in links.items()}
+        return cls(
+            *(status, reason, count, end_ns, wiring.instances, engine, statistics, cause, kept),
+            points.points_ns[:count],
+            links,
+        )
+
+    @property
+    def points_ns(self) -> NDArray[np.int64]:
+        """The points reached [ns], int64 (count,).
+
+        Raises
+        ------
+        InputError : they were not kept.
+        """
+        self._check_kept()
+        return self._points_ns
+
+    @cached_property
+    def schedules(self) -> Mapping[str, PacketSchedule]:
+        """The schedules of the packet links, up to the last point.
+
+        Raises
+        ------
+        InputError : they were not kept.
+        """
+        self._check_kept()
+        found = self._links.items()
+        return {name: one.finish(self.end_ns, broken_off=one.is_live) for name, one in found}
+
+    def _check_kept(self) -> None:
+        if not self.kept:
+            raise InputError(
+                "the rows of this run were not kept",
+                where="Run",
+                hint="Session(..., keep=True), or an observer, which receives all rows",
+            )
 
     def signal(self, component: str, variable: str) -> NDArray[np.float64]:
         """Return the values of an output or connected input at the points reached, shape (k,).
 
         Raises
         ------
-        InputError : no such component, or a variable that the run did not exchange.
+        InputError : no such component, a variable that the run did not exchange, or rows that were
+            not kept.
         """
         names = {s.name: s for s in self.instances}
         instance = names.get(component)
         if instance is None:
             raise InputError.unknown("component", component, names)
-        count = self.points_ns.size
+        self._check_kept()
+        count = self.count
         number, _ = instance.place(variable)
         values = instance.rows[:count, number]
         return values if instance.own_points.always else values[instance.own_points.last[:count]]
@@ -102,6 +169,8 @@ def run_status_of(wiring: Wiring, early_stop: EarlyStop) -> tuple[RunStatus, str
         )
     else:
         error = slave.refused(f"{what} at t = {seconds:g} s", early_stop.status)
+    if error.kind is not None:  # the process of an isolated slave has ended
+        return "failed", error.text(), Cause.of_error(error, seconds)
     overflow = "no longer finite" in (error.got or "")
     diverged = overflow and has_grown(instance, early_stop.complete)
     detail = error.what if error.got is None else f"{error.what}: {error.got}"

@@ -22,8 +22,8 @@ from typing import Any, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import CosimError, InputError
-from cosim.fmu import FmuSlave
+from cosim.core import ComponentError, CosimError, InputError
+from cosim.fmu import FmuSlave, SlaveProcess
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.engine import EngineChoice, EngineName, choose_engine
@@ -35,10 +35,12 @@ from cosim.master.parts import LogLevel
 from cosim.master.run import Run
 from cosim.master.snapshot import Snapshot, fingerprint
 from cosim.master.system import System
-from cosim.master.wiring import Wiring, wire
+from cosim.master.wire import wire
+from cosim.master.wiring import Wiring
 from cosim.network import LinkState
 
 _LEVELS = get_args(LogLevel)
+_MOST_KEPT = 20_000_000
 
 Condition = Callable[["Session"], bool]
 
@@ -51,13 +53,19 @@ class Session:
     system : the system to run.
     observers : receive rows and log lines, such as a `TraceRecorder`.
     engine : "kernel", "python", or "auto": the kernel where it can be (`choose_engine`).
+    keep : whether all rows stay in memory, for `result` and `snapshot`; else only those that may
+        still be read, and the run can be of any length.
     wiring, dispatch, word : those of a process that watches this one
         (`cosim.master.supervision`); by default the session's own.
+    call_limit : of one call of an isolated slave during the run [s of wall-clock time]; None: no
+        limit.
+    process_started : called with each process of an isolated slave, before it loads anything.
 
     Raises
     ------
     InputError : a system with an algebraic loop, a parameter that does not exist, an engine that
-        is not installed. (From `__enter__`: the FMUs are loaded there.)
+        is not installed, isolated components on a system that has no way to isolate them. (From
+        `__enter__`: the FMUs are loaded there.)
     ComponentError : an FMU that cannot be loaded or initialised.
     """
 
@@ -67,14 +75,26 @@ class Session:
         observers: Sequence[Observer] = (),
         *,
         engine: EngineName = "auto",
+        keep: bool = True,
         wiring: Wiring | None = None,
         dispatch: ObserverDispatch | None = None,
         word: NDArray[np.int64] | None = None,
+        call_limit: float | None = None,
+        process_started: Callable[[SlaveProcess], None] | None = None,
     ) -> None:
         self.system = system
+        self._call_limit, self._process_started = call_limit, process_started
         self._observers = observers
         self._wiring = wiring or wire(system)
-        self._word = word
+        self._word, self._keep = word, keep
+        if keep and self._wiring.comm_points.most > _MOST_KEPT:
+            raise InputError(
+                "the run has too many points to keep all of its rows",
+                where="Session",
+                expected=f"at most {_MOST_KEPT}",
+                got=str(self._wiring.comm_points.most),
+                hint="a longer step, a shorter run, or keep=False: observers receive the rows",
+            )
         texts = any(
             column.port.kind == "string"
             for instance in self._wiring.instances
@@ -89,23 +109,45 @@ class Session:
 
     def __enter__(self) -> Self:
         try:
+            processes = self._start_processes()
             for name, component in self.system.components.items():
                 note = functools.partial(_note, self._dispatch, name, component.log_level)
                 slave = FmuSlave(
-                    component.description, name, note, categories=component.log_categories
+                    component.description,
+                    name,
+                    note,
+                    categories=component.log_categories,
+                    process=processes.get(name),
                 )
                 self._stack.enter_context(slave)
                 self._wiring.instance(name).slave = slave
             self.initial_passes = initialise(self.system, self._wiring)
             for observer in self._observers:
                 observer.begin(self._wiring.instances)
-            self._loop = Loop(self.system, self._wiring, self._dispatch, self._choice, self._word)
+            self._loop = Loop(
+                *(self.system, self._wiring, self._dispatch, self._choice, self._word),
+                keep=self._keep,
+            )
         except BaseException as error:
             if isinstance(error, CosimError):
                 self._dispatch.note("master", "error", error.text())
             self.close()
             raise
         return self
+
+    def _start_processes(self) -> dict[str, SlaveProcess]:
+        """Start the processes of isolated slaves, before an FMU is loaded in this one."""
+        processes = {}
+        for name, component in self.system.components.items():
+            if component.isolate:
+                process = SlaveProcess(name, component.description, call_limit=self._call_limit)
+                self._stack.callback(process.close)
+                processes[name] = process
+        for process in processes.values():
+            process.wait_until_ready()
+            if self._process_started is not None:
+                self._process_started(process)
+        return processes
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -126,6 +168,12 @@ class Session:
     def opened(self) -> bool:
         """Whether its slaves are initialised."""
         return self._loop is not None
+
+    @property
+    def end_failure(self) -> ComponentError | None:
+        """What ended the process of an isolated slave as it was terminated or freed."""
+        slaves = (vars(instance).get("slave") for instance in self._wiring.instances)
+        return next((s.end_failure for s in slaves if s is not None and s.end_failure), None)
 
     @property
     def engine(self) -> EngineChoice:
@@ -239,7 +287,7 @@ class Session:
         ComponentError : its FMU cannot be reset.
         """
         instance = self._instance(component)
-        end = float(self.system.comm_schedule.points_ns[-1]) / 1e9
+        end = self.system.comm_schedule.end_ns / 1e9
         instance.slave.reset()
         instance.slave.initialise(instance.component.parameters, self.time_s, end)
         self._opened().forget_exchange()
@@ -278,6 +326,7 @@ class Session:
         InputError : a component whose FMU cannot save its state, or serialise it, named.
         """
         loop = self._opened()
+        self._check_kept("there is no snapshot of a run whose rows are not kept")
         if loop.status in ("failed", "diverged"):
             raise InputError(
                 "the run cannot go on: there is no state to save", where="Session", got=loop.reason
@@ -325,6 +374,10 @@ class Session:
         if column.port.kind == "string":
             raise InputError("a text cannot be overridden", where=f"{component}.{variable}")
         return number
+
+    def _check_kept(self, what: str) -> None:
+        if not self._keep:
+            raise InputError(what, where="Session", hint="Session(..., keep=True)")
 
     def _instance(self, component: str) -> ComponentInstance:
         if component not in self.system.components:

@@ -23,7 +23,10 @@ from cosim.network import DelayProfile
 
 def fingerprint(system: System, wiring: Wiring) -> str:
     """Hash what two sessions must have in common to share a snapshot."""
-    digest = hashlib.sha256(system.comm_schedule.points_ns.tobytes())
+    schedule = system.comm_schedule
+    digest = hashlib.sha256(f"{schedule.step_ns}\0{schedule.end_ns}\0{schedule.events}\0".encode())
+    for instants in (schedule.instants_ns, schedule.given_ns, np.array(schedule.every_ns)):
+        digest.update(b"\0" if instants is None else instants.tobytes() + b"\0")
     digest.update(system.algorithm.encode())
     for name, component in system.components.items():
         digest.update(f"{name}\0{component.description.sha256}\0{component.every_ns}\0".encode())
@@ -36,8 +39,8 @@ def fingerprint(system: System, wiring: Wiring) -> str:
         digest.update(f"{name}\0{link!r}\0".encode())
         if isinstance(link.delay, DelayProfile):  # its repr is abridged
             digest.update(link.delay.times_ns.tobytes() + link.delay.delays_ns.tobytes())
-        if name in system.comm_schedule.live:  # its points and delays depend on the run
-            digest.update(f"{system.comm_schedule.events}\0{system.delays[name]!r}\0".encode())
+        if name in system.delays:  # its points and delays depend on the run
+            digest.update(f"{system.delays[name]!r}\0".encode())
     return digest.hexdigest()
 
 
@@ -109,8 +112,8 @@ class Snapshot:
                 instance.slave.free(state)
             else:
                 instance.slave.restore(saved)
-        wiring.comm_points.go_back(self.values)
-        wiring.reset_rows(0)
+        wiring.comm_points.go_back(self.values, self.complete)
+        wiring.begin()
         wiring.rows[: self.rows.shape[0], : wiring.outputs] = self.rows[:, : wiring.outputs]
         wiring.rows[: self.complete] = self.rows[: self.complete]
         wiring.whole_rows = self.complete

@@ -30,7 +30,8 @@ from cosim.master.adjustments import Adjustments
 from cosim.master.communication_points import CommunicationPoints
 from cosim.master.component_instance import ComponentInstance, Group, Rows
 from cosim.master.exchange import TOO_LARGE
-from cosim.master.routes import Route, RowsInUse
+from cosim.master.routes import Route
+from cosim.master.rows_in_use import RowsInUse
 from cosim.master.system import System
 from cosim.master.wiring import Wiring
 
@@ -41,6 +42,10 @@ ENDED, UNSETTLED, OUT_OF_RANGE = range(TOO_LARGE + 1, TOO_LARGE + 4)
 values of an algebraic loop do not settle; an output is out of range."""
 WORD_BITS = 20
 """The word in progress is point << WORD_BITS | number of the operation."""
+WORDS = 260
+"""Length of `Table.word`."""
+_CRASHED, _THREADS = 2, 3
+_NONE = -1
 
 
 class When(IntEnum):
@@ -177,7 +182,8 @@ class Table:
     adjustments : overrides and biases.
     direct_routes : those whose values may be set from the sender's row, without a move.
     copying : whether all moves must be made: something is adjusted; int64 (1,).
-    word : the word in progress, int64 (1,): see `WORD_BITS`.
+    word : int64 (WORDS,): the word in progress (see `WORD_BITS`), whether an engine is at work on
+        it, and with `threads` the word that crashed, and those of the threads, -1 for none.
     threads : on so many the steps of a point are carried out side by side.
     no_way_back : whether no saved state of a slave may be restored; int64 (1,).
     """
@@ -199,6 +205,7 @@ class Table:
     def __post_init__(self) -> None:
         self.spare = self.rows.shape[0] - 1
         self.copying = np.zeros(1, np.int64)
+        self.word[_CRASHED:] = _NONE
 
     @cached_property
     def columns_sent(self) -> frozenset[int]:
@@ -210,6 +217,12 @@ class Table:
         """Return the point and the number of the operation in progress."""
         word = int(self.word[0])
         return word >> WORD_BITS, word & ((1 << WORD_BITS) - 1)
+
+    def place_in_team(self) -> int | None:
+        """Return the number of the step in progress on the only thread that steps, or crashed."""
+        crashed, words = int(self.word[_CRASHED]), self.word[_THREADS:]
+        found = [crashed] if crashed != _NONE else words[words != _NONE].tolist()
+        return found[0] & ((1 << WORD_BITS) - 1) if len(found) == 1 else None
 
     def call(self, number: int) -> tuple[str, str]:
         """Return component and FMI function of an operation; "" for one without a call."""

@@ -3,8 +3,19 @@ from .alignment import (
     Alignment as Alignment,
     align as align,
 )
+from .arrivals import (
+    DELIVERED as DELIVERED,
+    DUPLICATE as DUPLICATE,
+    IN_FLIGHT as IN_FLIGHT,
+    LOST as LOST,
+    OVERTAKEN as OVERTAKEN,
+    QUEUE_FULL as QUEUE_FULL,
+    REASONS as REASONS,
+    Arrivals as Arrivals,
+)
 from .checks import MAX_NS as MAX_NS
 from .delay_signal import DelaySignal as DelaySignal
+from .growing_schedule import GrowingSchedule as GrowingSchedule
 from .impairment import (
     GilbertElliott as GilbertElliott,
     Jitter as Jitter,
@@ -21,23 +32,12 @@ from .keys import (
     WordOrNumberKey as WordOrNumberKey,
     keys_of as keys_of,
 )
-from .live import LiveSchedule as LiveSchedule
 from .messages import sending_instants as sending_instants
 from .packet import (
     Order as Order,
     PacketLink as PacketLink,
 )
-from .packet_schedule import (
-    DELIVERED as DELIVERED,
-    DUPLICATE as DUPLICATE,
-    IN_FLIGHT as IN_FLIGHT,
-    LOST as LOST,
-    OVERTAKEN as OVERTAKEN,
-    QUEUE_FULL as QUEUE_FULL,
-    REASONS as REASONS,
-    Arrivals as Arrivals,
-    PacketSchedule as PacketSchedule,
-)
+from .packet_schedule import PacketSchedule as PacketSchedule
 from .profile import (
     DelayProfile as DelayProfile,
     Interpolation as Interpolation,

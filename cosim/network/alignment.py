@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.network.checks import check_choice, check_duration
+from cosim.network.checks import check_choice
+from cosim.network.grid import PointGrid, communication_points
 from cosim.network.messages import resend_at
 from cosim.network.packet_schedule import PacketSchedule
-from cosim.network.scheduling import resolve_messages, rounded_up
+from cosim.network.scheduling import resolve_messages
 
 AlignmentPolicy = Literal["align", "grid"]
 
@@ -67,37 +68,7 @@ def align(
     return Alignment(np.unique(np.concatenate(instants)), tuple(schedules))
 
 
-def communication_points(points_ns: int | ArrayLike, end_ns: int | None) -> NDArray[np.int64]:
-    """Check the points of `align`, or lay out a grid for a step; int64 (n,)."""
-    if isinstance(points_ns, (int, np.integer)):
-        check_duration("align: step", points_ns, minimum=1)
-        if end_ns is None:
-            raise InputError(
-                "with a step alone the end of the run is unknown",
-                where="align",
-                expected="at least one schedule, or the points themselves",
-                got="no schedule",
-            )
-        return np.append(np.arange(0, end_ns, points_ns, dtype=np.int64), end_ns)
-    points = np.asarray(points_ns)
-    right = points.ndim == 1 and points.size > 0 and np.issubdtype(points.dtype, np.integer)
-    if not right or points[0] != 0 or (np.diff(points) <= 0).any():
-        raise InputError(
-            "communication points out of order",
-            where="align",
-            expected="integers [ns], strictly increasing from 0",
-            got=f"array of {points.dtype}, shape {points.shape}",
-        )
-    if end_ns is not None and points[-1] != end_ns:
-        raise InputError(
-            "the communication points do not end where the schedules do",
-            where="align",
-            expected=f"last point {end_ns} ns",
-            got=f"{points[-1]} ns",
-        )
-    return points.astype(np.int64)
-
-
 def _on_grid(s: PacketSchedule, points: NDArray[np.int64]) -> PacketSchedule:
-    sent = rounded_up(s.messages.sent_ns, points)
-    return resolve_messages(s.link, s.end_ns, resend_at(s.link, s.messages, sent), points)
+    grid = PointGrid(points)
+    sent = grid.up(s.messages.sent_ns)
+    return resolve_messages(s.link, s.end_ns, resend_at(s.link, s.messages, sent), grid)

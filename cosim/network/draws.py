@@ -6,12 +6,12 @@ generator are used, which its publication fixes. All arithmetic on them is IEEE 
 multiplication, division and square root, which round alike everywhere; `log` is written out
 here since that of the C library, or of NumPy, differs between machines.
 
-Value k of a stream belongs to message k, so that a longer run begins like a shorter one.
+Value k of a stream belongs to message k, so that a longer run begins like a shorter one, and the
+messages of a run can be drawn in blocks (from message `first` on).
 """
 
 from __future__ import annotations
 
-import functools
 import hashlib
 from collections.abc import Callable
 
@@ -21,17 +21,21 @@ from numpy.typing import NDArray
 from cosim.network.impairment import GilbertElliott, Jitter
 
 _Stream = Callable[[int], NDArray[np.float64]]
-"""Returns the first so many doubles of a stream."""
+"""Returns so many doubles for each message of a block."""
 
 _LN2_HIGH = 6.93147180369123816490e-01  # ln 2 split so that e * _LN2_HIGH is exact
 _LN2_LOW = 1.90821492927058770002e-10
 
 
-def uniform(seed: int, name: str, purpose: str, count: int, turn: int = 0) -> NDArray[np.float64]:
-    """Return the first `count` doubles of a stream: on [0, 1), multiples of 2**-53."""
+def uniform(
+    seed: int, name: str, purpose: str, count: int, turn: int = 0, first: int = 0
+) -> NDArray[np.float64]:
+    """Return doubles `first` to first + count - 1 of a stream: on [0, 1), multiples of 2**-53."""
     label = f"auv-cosim\0{seed}\0{name}\0{purpose}\0{turn}"
     digest = hashlib.sha256(label.encode()).digest()
-    raw = np.random.Philox(key=int.from_bytes(digest[:16], "little")).random_raw(count)
+    generator = np.random.Philox(key=int.from_bytes(digest[:16], "little"))
+    generator.advance(first // 4)  # its counter counts blocks of four outputs
+    raw = generator.random_raw(first % 4 + count)[first % 4 :]
     scaled: NDArray[np.float64] = (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53
     return scaled
 
@@ -56,13 +60,13 @@ def log(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def jitter_ns(
-    jitter: Jitter, seed: int, name: str, count: int, purpose: str = "jitter"
+    jitter: Jitter, seed: int, name: str, count: int, purpose: str = "jitter", first: int = 0
 ) -> NDArray[np.int64]:
-    """Draw the extra delay [ns] of messages 0 to count - 1; of copies with "copy jitter"."""
+    """Draw the extra delay [ns] of `count` messages; of copies with "copy jitter"."""
     if jitter.kind == "none":
         return np.zeros(count, np.int64)
     if jitter.kind == "uniform":
-        u = uniform(seed, name, purpose, count)
+        u = uniform(seed, name, purpose, count, first=first)
         return np.floor(u * jitter.width_ns).astype(np.int64)
     draw = _exponential if jitter.kind == "exponential" else _normal
     largest = np.inf if jitter.max_ns is None else float(jitter.max_ns)
@@ -71,8 +75,11 @@ def jitter_ns(
     # Truncation by rejection: each round has its own stream, and message k its place in it, so
     # that the draws of one message do not depend on how many the others needed.
     while (open_ := extra < 0.0).any():
-        stream = functools.partial(uniform, seed, name, purpose, turn=turn)
-        value = np.rint(draw(jitter, stream, count))
+
+        def stream(each: int, turn: int = turn) -> NDArray[np.float64]:
+            return uniform(seed, name, purpose, each * count, turn, each * first)
+
+        value = np.rint(draw(jitter, stream))
         with np.errstate(invalid="ignore"):
             accepted = open_ & (value >= 0.0) & (value <= largest)
         extra[accepted] = value[accepted]
@@ -80,14 +87,14 @@ def jitter_ns(
     return extra.astype(np.int64)
 
 
-def _exponential(jitter: Jitter, stream: _Stream, count: int) -> NDArray[np.float64]:
+def _exponential(jitter: Jitter, stream: _Stream) -> NDArray[np.float64]:
     """Inverse transform; 1 - u is never 0."""
-    return -jitter.mean_ns * log(1.0 - stream(count))
+    return -jitter.mean_ns * log(1.0 - stream(1))
 
 
-def _normal(jitter: Jitter, stream: _Stream, count: int) -> NDArray[np.float64]:
+def _normal(jitter: Jitter, stream: _Stream) -> NDArray[np.float64]:
     """Marsaglia's polar method (1964); -1 where the pair falls outside the disc."""
-    pairs = stream(2 * count).reshape(count, 2) * 2.0 - 1.0
+    pairs = stream(2).reshape(-1, 2) * 2.0 - 1.0
     square = pairs[:, 0] * pairs[:, 0] + pairs[:, 1] * pairs[:, 1]
     inside = (square > 0.0) & (square < 1.0)
     safe = np.where(inside, square, 0.5)
@@ -95,31 +102,53 @@ def _normal(jitter: Jitter, stream: _Stream, count: int) -> NDArray[np.float64]:
     return np.where(inside, jitter.mean_ns + jitter.sigma_ns * standard, -1.0)
 
 
-def lost(loss: float | GilbertElliott, seed: int, name: str, count: int) -> NDArray[np.bool_]:
-    """Draw which of messages 0 to count - 1 are lost."""
-    u = uniform(seed, name, "loss", count)
-    if not isinstance(loss, GilbertElliott):
-        return u < loss
-    bad = _bad_states(loss, uniform(seed, name, "loss state", count))
-    return u < np.where(bad, loss.loss_bad, loss.loss_good)
+def lost(
+    loss: float | GilbertElliott | NDArray[np.float64],
+    seed: int,
+    name: str,
+    count: int,
+    first: int = 0,
+) -> NDArray[np.bool_]:
+    """Draw which of `count` messages are lost, with a loss, or with one for each message.
+
+    Bursts depend on all messages before: in blocks pass what follows from `bad_states`.
+    """
+    if isinstance(loss, float) and loss == 0.0:
+        return np.zeros(count, np.bool_)
+    if isinstance(loss, GilbertElliott):
+        bad = bad_states(loss, seed, name, count)
+        loss = np.where(bad, loss.loss_bad, loss.loss_good)
+    return uniform(seed, name, "loss", count, first=first) < loss
 
 
-def _bad_states(chain: GilbertElliott, change: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which messages are sent in the bad state; `change` is the draw before each of them.
+def bad_states(
+    chain: GilbertElliott,
+    seed: int,
+    name: str,
+    count: int,
+    first: int = 0,
+    before: bool = False,  # noqa: FBT001, FBT002 - a state, not a switch
+) -> NDArray[np.bool_]:
+    """Draw which of `count` messages are sent in the bad state; `before` is that of the last one.
 
     A draw maps both states to one (which forgets the past), each to itself, or each to the
     other. The state is thus that of the last forgetting, inverted once per swap since then.
     """
+    change = uniform(seed, name, "loss state", count, first=first)
     enters, leaves = change < chain.p_enter, change < chain.p_exit
     swaps, forgets = enters & leaves, enters != leaves
-    if change.size:  # the first message is sent in the good state, whatever was drawn
-        swaps[0], forgets[0], enters[0] = False, True, False
+    if count:
+        after = not leaves[0] if before else enters[0]
+        # the first message of all is sent in the good state, whatever was drawn
+        swaps[0], forgets[0], enters[0] = False, True, first > 0 and after
     turns = np.cumsum(swaps)
-    last = np.maximum.accumulate(np.where(forgets, np.arange(change.size), 0))
+    last = np.maximum.accumulate(np.where(forgets, np.arange(count), 0))
     result: NDArray[np.bool_] = enters[last] ^ ((turns - turns[last]) % 2 == 1)
     return result
 
 
-def duplicated(probability: float, seed: int, name: str, count: int) -> NDArray[np.bool_]:
-    """Draw which of messages 0 to count - 1 the network copies, if they are not lost."""
-    return uniform(seed, name, "duplicate", count) < probability
+def duplicated(
+    probability: float, seed: int, name: str, count: int, first: int = 0
+) -> NDArray[np.bool_]:
+    """Draw which of `count` messages the network copies, if they are not lost."""
+    return uniform(seed, name, "duplicate", count, first=first) < probability

@@ -44,7 +44,7 @@ class PacketLink:
     offset_ns : instant of the first message [ns].
     delay_ns : least time from sending to arrival [ns].
     delay : in place of `delay_ns`, a delay that varies: a `DelayProfile` (recorded) or a
-        `DelaySignal` (known only during the run: `LiveSchedule`); the value at the instant of
+        `DelaySignal` (known only during the run: `GrowingSchedule`); the value at the instant of
         sending counts.
     jitter : extra delay of each message.
     loss : probability that a message is lost (independent), or bursts.

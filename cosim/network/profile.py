@@ -125,8 +125,8 @@ class DelayProfile:
         if self.interpolation == "previous" or self.times_ns.size == 1:
             return self.delays_ns[place].reshape(wanted.shape)
         place = np.minimum(place, self.times_ns.size - 2)
-        rise = np.diff(self.delays_ns)[place]
-        whole = np.diff(self.times_ns)[place]
+        rise = self.delays_ns[place + 1] - self.delays_ns[place]
+        whole = self.times_ns[place + 1] - self.times_ns[place]
         line = _between(self.delays_ns[place], rise, at - self.times_ns[place], whole)
         return line.reshape(wanted.shape)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 NONE_YET = -1
 """Nothing has been delivered yet: the receiver has its initial value."""
@@ -37,49 +37,3 @@ class LinkState(NamedTuple):
     sequence: NDArray[np.int64]
     dropped: NDArray[np.int64]
     delivered: NDArray[np.int64]
-
-
-class Timeline(NamedTuple):
-    """What the receiver has after each arrival, in order of time; arrays of shape (m,).
-
-    Of several at one instant the last one counts.
-
-    Attributes
-    ----------
-    time_ns : instant of the arrival, or at which a loss was due [ns], int64.
-    used : index of the entry in use from then on, or `NONE_YET`, `SUBSTITUTE`, int64.
-    sequence : its sequence number, or the same two, int64.
-    origin_ns : instant of sending of the newest in use so far; 0 before the first [ns], int64.
-    dropped, delivered : how many so far, int64.
-    """
-
-    time_ns: NDArray[np.int64]
-    used: NDArray[np.int64]
-    sequence: NDArray[np.int64]
-    origin_ns: NDArray[np.int64]
-    dropped: NDArray[np.int64]
-    delivered: NDArray[np.int64]
-
-    def in_use(self, points_ns: ArrayLike) -> NDArray[np.int64]:
-        """Return the index of the entry in use at each point, or `NONE_YET`, `SUBSTITUTE`."""
-        return _at(self.used, self._after(points_ns), NONE_YET)
-
-    def state(self, points_ns: ArrayLike) -> LinkState:
-        """Return the state at each point."""
-        points = np.asarray(points_ns, np.int64)
-        after = self._after(points)
-        return LinkState(
-            age_s=(points - _at(self.origin_ns, after, 0)) / 1e9,
-            sequence=_at(self.sequence, after, NONE_YET),
-            dropped=_at(self.dropped, after, 0),
-            delivered=_at(self.delivered, after, 0),
-        )
-
-    def _after(self, points_ns: ArrayLike) -> NDArray[np.intp]:
-        """Return how many arrivals there are up to each point, it included."""
-        return np.searchsorted(self.time_ns, np.asarray(points_ns, np.int64), side="right")
-
-
-def _at(values: NDArray[np.int64], after: NDArray[np.intp], before: int) -> NDArray[np.int64]:
-    """Return the value after so many arrivals; `before` where there was none."""
-    return np.concatenate((np.array([before], np.int64), values))[after]

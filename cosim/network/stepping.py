@@ -1,17 +1,17 @@
 """What becomes of a message: the sender's queue, the channel, and the receiver, one step each.
 
-Written once. This Python steps a `LiveSchedule`; translated, line by line, it is the C that link
-FMUs step (`cosim.fmu`, link_step.h), so `send` and `receive` use nothing but integers, comparisons,
-`max` and `if`, and `and` only in conditions. The schedule of all messages at once
-(`cosim.network.scheduling`) computes the same on arrays.
+Written once. This Python steps live links; translated, line by line, it is the C that link FMUs
+step (`cosim.fmu`, link_step.h), so `send` and `receive` use nothing but integers, comparisons,
+`max` and `if`, and `and` only in conditions. `cosim.network.block_stepping` computes the same for
+many messages at once, on arrays.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from cosim.network.arrivals import DELIVERED, DUPLICATE, LOST, OVERTAKEN, QUEUE_FULL
 from cosim.network.packet import PacketLink
-from cosim.network.packet_schedule import DELIVERED, DUPLICATE, LOST, OVERTAKEN, QUEUE_FULL
 from cosim.network.state import NONE_YET, SUBSTITUTE
 
 NO_LIMIT = 2**62
@@ -77,7 +77,7 @@ class Arrival(NamedTuple):
 
 
 class Receiver(NamedTuple):
-    """What the receiver has: as `LinkState` and `Timeline`; `newest` message accepted so far.
+    """What the receiver has: as `LinkState` and `Received`; `newest` message accepted so far.
 
     After an arrival its `Reception` is the receiver.
     """

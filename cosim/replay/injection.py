@@ -219,6 +219,6 @@ def _system(
         connections=[],
         links={},
         driven={Endpoint(name, signal): values for signal, values in input_values.values.items()},
-        comm_schedule=CommunicationSchedule(input_values.points_ns, {}, int(steps[0])),
+        comm_schedule=CommunicationSchedule.of_points(input_values.points_ns),
         divergence=_DIVERGENCE,
     )

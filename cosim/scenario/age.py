@@ -7,41 +7,58 @@ link back, and the hold until the next command arrives.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import Algorithm, ComponentInstance, Route, Run
+from cosim.scenario.measure import Measure, Recent, after, own_points_in
 
-NONE_IN_USE = -1
 Integers = NDArray[np.int64]
+NONE_IN_USE = -1
 
 
-def measurement_age_ns(
-    run: Run, plant: str, controller: str, algorithm: Algorithm = "jacobi"
-) -> Integers:
-    """Return the largest age in each interval [t_k, t_{k+1}) [ns], int64 (points - 1,).
+class AgeMeasure(Measure[int | None]):
+    """The largest measurement age over the run [ns]; None if no measurement came into use.
 
-    `NONE_IN_USE` (-1) where no measurement is in use yet, or a link's substitute replaces it.
-    Of several parallel links, the oldest measurement counts.
+    Intervals in which no measurement is in use yet, or a link's substitute replaces it, do not
+    count. Of several parallel links, the oldest measurement counts.
     """
-    by_name = {s.name: s for s in run.instances}
-    points = run.points_ns
-    ages = np.full(max(points.size - 1, 0), NONE_IN_USE, np.int64)
-    if plant not in by_name or controller not in by_name or ages.size == 0:
-        return ages
-    instance = by_name[controller]
-    down = [r for r in by_name[plant].routes if r.source == controller]
-    up = [r for r in instance.routes if r.source == plant]
-    missing = np.zeros(ages.size, bool)
-    for back in down:
-        at_once = algorithm == "jacobi" and _feedthrough(instance, back)
-        read = np.arange(points.size) if at_once else _read_row(instance, points)
-        for forth in up:
-            origin = _origin_ns(back, forth, read, points)
-            missing |= origin < 0
-            ages = np.maximum(ages, points[1:] - origin)
-    ages[missing | (not (down and up))] = NONE_IN_USE
-    return ages
+
+    def __init__(self, plant: str, controller: str, algorithm: Algorithm = "jacobi") -> None:
+        self._plant, self._controller, self._algorithm = plant, controller, algorithm
+        self._paths: list[_Path] = []
+        self._points: Integers | None = None
+        self._largest = NONE_IN_USE
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the ways from the plant to the controller and back."""
+        by_name = {s.name: s for s in instances}
+        if self._plant not in by_name or self._controller not in by_name:
+            return
+        plant, controller = by_name[self._plant], by_name[self._controller]
+        down = [r for r in plant.routes if r.source == self._controller]
+        up = [r for r in controller.routes if r.source == self._plant]
+        for back in down:
+            at_once = self._algorithm == "jacobi" and _feedthrough(controller, back)
+            self._paths += [_Path(controller, forth, back, at_once=at_once) for forth in up]
+        self._instance = controller
+
+    def add(self, first: int, last: int) -> None:
+        """Take the intervals that end at the points."""
+        if not self._paths:
+            return
+        points = after(self._points, self._instance.comm_points.points_ns[first:last])
+        self._points = points[-1:].copy()
+        taken = np.stack([path.add(first, last) for path in self._paths])[:, :-1]
+        ages = (points[1:] - taken.min(axis=0))[(taken >= 0).all(axis=0)]
+        self._largest = max(self._largest, int(ages.max(initial=NONE_IN_USE)))
+
+    def result(self, run: Run) -> int | None:
+        """Return the largest age."""
+        del run
+        return None if self._largest == NONE_IN_USE else self._largest
 
 
 def _feedthrough(controller: ComponentInstance, back: Route) -> bool:
@@ -54,31 +71,93 @@ def _feedthrough(controller: ComponentInstance, back: Route) -> bool:
     return all(port.feedthrough and port.feedthrough_declared for port in ports)
 
 
-def _read_row(controller: ComponentInstance, points: Integers) -> Integers:
-    """For each row, the point whose inputs the controller's outputs depend on; -1: none.
+class _Path:
+    """The way of a measurement over one route to the controller and one back to the plant."""
+
+    def __init__(
+        self, controller: ComponentInstance, forth: Route, back: Route, *, at_once: bool
+    ) -> None:
+        self._controller = controller
+        self._computed = None if at_once else _Computed(controller)
+        self._received, self._commanded = _Lookup(forth), _Lookup(back)
+        self._recent = Recent()
+
+    def add(self, first: int, last: int) -> Integers:
+        """Return when the measurement behind the plant's input was taken, as `_Lookup.add`."""
+        points = self._controller.comm_points.points_ns
+        received = self._received.add(first, last, points)
+        if self._computed is None:
+            behind = received[-(last - first) :]
+        else:
+            behind = self._computed.add(first, last, received)
+        self._recent.add(behind, self._controller)
+        return self._commanded.add(first, last, self._recent)
+
+
+class _Lookup:
+    """What the rows that a route reads have in a table of instants [ns]."""
+
+    def __init__(self, route: Route) -> None:
+        self._route = route
+        self._before: Integers | None = None
+        self._awaited = False
+
+    def add(self, first: int, last: int, table: Integers | Recent) -> Integers:
+        """Return the instants of the rows read from the point before the first to the last.
+
+        -1 where none is read. The first block has no point before it. A receiver that steps after
+        its sender reads the row of the next point: that of the last point is -1, and is the right
+        one in the next block.
+        """
+        row = self._route.in_step.row[first:last]
+        there = (row >= 0) & (row < last)
+        found = np.full(last - first, NONE_IN_USE, np.int64)
+        found[there] = table[row[there]]
+        if self._awaited:
+            self._before = table[np.array([first])]
+        found = after(self._before, found)
+        self._before, self._awaited = found[-1:].copy(), bool(row[-1] >= last)
+        return found
+
+
+class _Computed:
+    """When the measurement behind the outputs of a sampled controller was taken.
 
     Results of a step appear at its end; only steps that contain a sample instant use inputs.
     """
-    own = controller.own_points.own[controller.own_points.own < points.size]
-    times = points[own]
-    parameters = controller.component.parameters
-    port = controller.component.description.ports.get("sample_time")
-    default = port.start if port is not None else 0.0
-    period = round(float(parameters.get("sample_time", default or 0.0)) * 1e9)
-    steps = np.arange(max(own.size - 1, 0))
-    if period > 0:
-        # step j, from own point j to j+1, samples when it contains a multiple of the period
-        first = -(-times[:-1] // period) * period
-        steps = np.maximum.accumulate(np.where(first < times[1:], steps, -1))
-    read = np.full(points.size, -1, np.int64)
-    read[own[1:]] = np.where(steps >= 0, own[np.maximum(steps, 0)], -1)
-    return read
 
+    def __init__(self, controller: ComponentInstance) -> None:
+        self._controller = controller
+        parameters = controller.component.parameters
+        port = controller.component.description.ports.get("sample_time")
+        default = port.start if port is not None else 0.0
+        self._period = round(float(parameters.get("sample_time", default or 0.0)) * 1e9)
+        self._own = -1
+        self._begun: Integers | None = None
+        self._received: Integers | None = None
+        self._behind = np.array([NONE_IN_USE])
 
-def _origin_ns(back: Route, forth: Route, read: Integers, points: Integers) -> Integers:
-    """Return when the measurement behind the plant's input was taken, per interval; -1: none."""
-    command = np.minimum(back.in_step.row[: points.size - 1], points.size - 1)
-    inputs = np.where(command >= 0, read[np.maximum(command, 0)], -1)
-    row = np.where(inputs >= 0, forth.in_step.row[np.maximum(inputs, 0)], -1)
-    origin: Integers = np.where(row >= 0, points[np.clip(row, 0, points.size - 1)], -1)
-    return origin
+    def add(self, first: int, last: int, received: Integers) -> Integers:
+        """Return it for each row of the block [ns]; -1: none, or not the controller's own point.
+
+        `received` : when what the controller received was taken, as of `_Lookup.add`.
+        """
+        own = own_points_in(self._controller, first, last)
+        if 0 <= self._own == first - 1:
+            self._received = received[:1].copy()
+        behind = np.full(last - first, NONE_IN_USE, np.int64)
+        if not own.size:
+            return behind
+        inputs = after(self._received, received[-(last - first) :][own - first])
+        times = after(self._begun, self._controller.comm_points.points_ns[own])
+        begins, ends = times[:-1], times[1:]
+        place = np.arange(1, times.size)
+        if self._period > 0:
+            # a step samples when it contains a multiple of the period
+            multiple = -(-begins // self._period) * self._period
+            place = np.maximum.accumulate(np.where(multiple < ends, place, 0))
+        results = np.concatenate((self._behind, inputs))[place]
+        behind[own[own.size - results.size :] - first] = results
+        self._own, self._begun, self._received = int(own[-1]), times[-1:].copy(), inputs[-1:].copy()
+        self._behind = np.concatenate((self._behind, results))[-1:]
+        return behind

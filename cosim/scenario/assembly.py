@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import Feedthrough, FmuDescription, Port
@@ -36,6 +35,7 @@ from cosim.scenario.units import numbers_of
 
 Wires = list[tuple[Connection, Path]]
 """Connections, each with its path in the scenario."""
+_AT_ONCE = 1 << 16
 
 
 def find_fmus(
@@ -137,6 +137,7 @@ def parts_of(
             None if step is None else nanoseconds(step),
             *_wanted_log(scenario, name),
             feedthrough=declared.get(name),
+            isolate=scenario.components[name].isolate,
         )
     return SystemParts(components, wires, links, driven, comm_schedule)
 
@@ -167,7 +168,7 @@ def _comm_schedule(
     with findings.at("run"):
         return make_schedule(links, step, end, run.events, every, instants_ns(scenario))
     # a check goes on after this error: two points are enough for the other parts
-    return CommunicationSchedule(np.array([0, 1_000_000_000], np.int64), {}, 1_000_000_000)
+    return CommunicationSchedule(1_000_000_000, 1_000_000_000, "grid")
 
 
 def _wires(scenario: Scenario, fmus: Mapping[str, FmuDescription], findings: Findings) -> Wires:
@@ -196,7 +197,6 @@ def _driven(
     *,
     at_rest: bool,
 ) -> Signals:
-    seconds = comm_schedule.points_ns / 1e9
     driven: Signals = {}
     if scenario.reference is not None:
         with findings.at("reference"):
@@ -204,7 +204,7 @@ def _driven(
             driven |= along_path(path, at_rest=at_rest)
     if scenario.disturbance is not None and worst_case is not None:
         with findings.at("disturbance"):
-            signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, seconds)
+            signals = worst_case_inputs(scenario.disturbance, worst_case, fmus, comm_schedule)
             for end in signals:
                 if end in driven:
                     raise InputError(
@@ -274,13 +274,20 @@ def same_start(one: System, other: System) -> bool:
         _start(one.components[name], port) == _start(other.components[name], port)
         for name, component in one.components.items()
         for port in component.description.ports.values()
-    ) and all(np.array_equal(_values(one, end), _values(other, end)) for end in one.driven)
+    ) and all(_same_signal(one, other, end) for end in one.driven)
 
 
-def _values(system: System, end: Endpoint) -> NDArray[np.float64]:
-    """Values of a driven input at the points known before the run."""
-    signal = system.driven[end]
-    return signal(system.comm_schedule.points_ns / 1e9) if callable(signal) else signal
+def _same_signal(one: System, other: System, end: Endpoint) -> bool:
+    """Whether a driven input has equal values in two systems, at the points without links."""
+    a, b = one.driven[end], other.driven[end]
+    if not callable(a) or not callable(b):
+        return a is b or (not callable(a) and not callable(b) and np.array_equal(a, b))
+    schedule = one.comm_schedule
+    for after in range(-1, schedule.end_ns, _AT_ONCE * schedule.step_ns):
+        seconds = schedule.known(after, after + _AT_ONCE * schedule.step_ns) / 1e9
+        if not np.array_equal(a(seconds), b(seconds)):
+            return False
+    return True
 
 
 def _start(component: Component, port: Port) -> Any:

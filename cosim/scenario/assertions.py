@@ -1,29 +1,45 @@
-"""Evaluate the assertions of a scenario on the rows of its run."""
+"""Evaluate the assertions of a scenario on the rows of its run, as they come about."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Run, System
+from cosim.master import ComponentInstance, Run, System
 from cosim.scenario.binding import BoundCondition
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.matching import endpoint
+from cosim.scenario.measure import Measure
 from cosim.scenario.origin import Findings
 from cosim.scenario.schema import Scenario
-from cosim.scenario.scope import RunScope, values_over
+from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import bind_condition
 from cosim.trace import AssertionResult, Result
 
 _Truths = NDArray[np.bool_]
+_Seconds = NDArray[np.float64]
 
 
-def verdicts_of(
-    scenario: Scenario, system: System, run: Run | None, findings: Findings
-) -> tuple[AssertionResult, ...]:
-    """Evaluate every assertion; without a run, only check them against the system.
+class BoundAssertion(NamedTuple):
+    """An assertion whose names are known in a system.
+
+    condition : what is asserted; with `within`, what must hold.
+    since : `when` of `within`, if there is one.
+    """
+
+    part: AssertionPart
+    condition: BoundCondition
+    since: BoundCondition | None
+
+
+def bind_assertions(
+    scenario: Scenario, system: System, findings: Findings
+) -> tuple[RunScope, list[BoundAssertion]]:
+    """Check every assertion against the system; return those that are valid, and their scope.
 
     Raises
     ------
@@ -31,7 +47,6 @@ def verdicts_of(
     """
     changed = [endpoint(target) for event in scenario.events for target in event.set]
     scope = RunScope(system, changed)
-    end = scenario.run.end
     found = []
     for i, part in enumerate(scenario.assertions):
         bound = partial(bind_condition, scope, findings)
@@ -44,70 +59,161 @@ def verdicts_of(
             condition = bound(part.always, "assertions", i, "always")
         else:
             condition = bound(part.eventually or "", "assertions", i, "eventually")
-        if run is not None and condition is not None:
-            found.append(_verdict(part, condition, since, scope, run, end))
-    return tuple(found)
+        if condition is not None:
+            found.append(BoundAssertion(part, condition, since))
+    return scope, found
 
 
-def _verdict(
-    part: AssertionPart,
-    condition: BoundCondition,
-    since: BoundCondition | None,
-    scope: RunScope,
-    run: Run,
-    end: float,
-) -> AssertionResult:
-    seconds = run.points_ns / 1e9
-    after, before = part.after or 0.0, end if part.before is None else part.before
-    inside = (seconds >= after) & (seconds <= before)
-    last_s = float(seconds[-1]) if seconds.size else -1.0
-    whole = run.status == "finished" or last_s >= before
-    # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
-    rest: Result = "undecided" if run.status == "stopped" else "fails"
-    holds = _judged(condition, scope, run)
-    if part.within is not None:
-        starts = _starts(_judged(since, scope, run) if since else None, inside)
-        late = _late(starts, holds, seconds, part.within.of)
-        open_ones = late[seconds[late] + part.within.of > last_s] if not whole else late[:0]
-        decided = np.setdiff1d(late, open_ones)
-        result, at = _first(decided, seconds, "fails", "holds")
-        if result == "holds" and open_ones.size:
-            result, at = rest, None
-    elif part.always is not None:
-        result, at = _first(np.flatnonzero(inside & ~holds), seconds, "fails", "holds")
-        if result == "holds" and not whole:
-            result = rest
-    else:
-        result, at = _first(np.flatnonzero(inside & holds), seconds, "holds", "fails")
-        if result == "fails" and not whole:
-            result = rest
-    return AssertionResult(part.words, part.name, result, part.expected, at)
+class AssertionsMeasure(Measure[tuple[AssertionResult, ...]]):
+    """The verdict on every assertion of a scenario, in its order; errors as `bind_assertions`."""
+
+    def __init__(self, scenario: Scenario, system: System, findings: Findings) -> None:
+        self._end = scenario.run.end
+        self._scope, bound = bind_assertions(scenario, system, findings)
+        self._watched = [_Watched(each, self._end) for each in bound]
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the signals."""
+        for each in self._watched:
+            each.begin(instances, self._scope)
+        self.reads_inputs = any(each.reads_inputs for each in self._watched)
+
+    def add(self, first: int, last: int) -> None:
+        """Evaluate the conditions at the points."""
+        for each in self._watched:
+            each.add(first, last)
+
+    def result(self, run: Run) -> tuple[AssertionResult, ...]:
+        """Return the verdicts."""
+        return tuple(each.result(run) for each in self._watched)
 
 
-def _first(
-    places: NDArray[np.intp], seconds: NDArray[np.float64], there: Result, none: Result
-) -> tuple[Result, float | None]:
-    return (there, float(seconds[places[0]])) if places.size else (none, None)
+class _Watched:
+    """One assertion during a run."""
+
+    def __init__(self, bound: BoundAssertion, end: float) -> None:
+        self._part, self._condition, self._since = bound
+        self._after = self._part.after or 0.0
+        self._before = end if self._part.before is None else self._part.before
+        self._verdict: _Verdict
+        if self._part.within is not None:
+            self._verdict = _Within(self._part.within.of)
+        else:
+            self._verdict = _First(always=self._part.always is not None)
+        self.reads_inputs = False
+
+    def begin(self, instances: Sequence[ComponentInstance], scope: RunScope) -> None:
+        conditions = [self._condition, *([self._since] if self._since else [])]
+        self._instance = instances[0]
+        self._readers = [ValueReader(instances, scope, c.names) for c in conditions]
+        self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+
+    def add(self, first: int, last: int) -> None:
+        if self._verdict.at is not None:
+            return
+        seconds = self._instance.comm_points.points_ns[first:last] / 1e9
+        inside = (seconds >= self._after) & (seconds <= self._before)
+        holds = _judged(self._condition, self._readers[0], first, last)
+        since = None
+        if self._since is not None:
+            since = _judged(self._since, self._readers[1], first, last)
+        self._verdict.add(seconds, inside, holds, since)
+
+    def result(self, run: Run) -> AssertionResult:
+        last_s = run.end_ns / 1e9 if run.count else -1.0
+        whole = run.status == "finished" or last_s >= self._before
+        # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
+        rest: Result = "undecided" if run.status == "stopped" else "fails"
+        result = self._verdict.result(last_s, rest, whole=whole)
+        part = self._part
+        return AssertionResult(part.words, part.name, result, part.expected, self._verdict.at)
 
 
-def _judged(condition: BoundCondition, scope: RunScope, run: Run) -> _Truths:
-    truths = np.asarray(condition(values_over(run, scope, condition.names)), dtype=bool)
-    return np.broadcast_to(truths, run.points_ns.shape)
+def _judged(condition: BoundCondition, reader: ValueReader, first: int, last: int) -> _Truths:
+    truths = np.asarray(condition(reader.read(first, last)), dtype=bool)
+    return np.broadcast_to(truths, (last - first,))
 
 
-def _starts(since: _Truths | None, inside: _Truths) -> NDArray[np.intp]:
-    """Return the points at which `within` starts to count: `when` becomes true, or the first."""
-    if since is None:
-        return np.flatnonzero(inside)[:1]
-    rising = since & ~np.concatenate(([False], since[:-1]))
-    return np.flatnonzero(rising & inside)
+class _Verdict(Protocol):
+    """What is known of an assertion.
+
+    at : the point that decided it [s]; None as long as none has.
+    """
+
+    at: float | None
+
+    def add(
+        self, seconds: _Seconds, inside: _Truths, holds: _Truths, since: _Truths | None
+    ) -> None:
+        """Take points: their times [s], whether they are in the window, and the conditions."""
+
+    def result(self, last_s: float, rest: Result, *, whole: bool) -> Result:
+        """Return the result of a run to `last_s`; `rest` of what it did not reach.
+
+        `whole` : nothing of the window was left out.
+        """
 
 
-def _late(
-    starts: NDArray[np.intp], holds: _Truths, seconds: NDArray[np.float64], of: float
-) -> NDArray[np.intp]:
-    """Return the starts after which the condition does not become true in time."""
-    true_at = np.append(seconds[holds], np.inf)
-    following = true_at[np.searchsorted(true_at, seconds[starts])]
-    late: NDArray[np.intp] = starts[following > seconds[starts] + of * (1 + 1e-12)]
-    return late
+class _First(_Verdict):
+    """`always` and `eventually`: the first point in the window that decides."""
+
+    def __init__(self, *, always: bool) -> None:
+        self._always = always
+        self.at: float | None = None
+
+    def add(
+        self, seconds: _Seconds, inside: _Truths, holds: _Truths, since: _Truths | None
+    ) -> None:
+        del since
+        places = np.flatnonzero(inside & (~holds if self._always else holds))
+        if places.size:
+            self.at = float(seconds[places[0]])
+
+    def result(self, last_s: float, rest: Result, *, whole: bool) -> Result:
+        del last_s
+        if self.at is not None:
+            return "fails" if self._always else "holds"
+        return ("holds" if self._always else "fails") if whole else rest
+
+
+class _Within(_Verdict):
+    """`within`: after each start the condition must become true in time.
+
+    Only the earliest start that still waits is kept: if it is in time, so are those after it.
+    """
+
+    def __init__(self, of: float) -> None:
+        self._of = of
+        self._begun = self._was_true = False
+        self._waiting: float | None = None
+        self.at: float | None = None
+
+    def add(
+        self, seconds: _Seconds, inside: _Truths, holds: _Truths, since: _Truths | None
+    ) -> None:
+        starts = seconds[self._starts(inside, since)]
+        if self._waiting is not None:
+            starts = np.concatenate(([self._waiting], starts))
+        true_at = np.append(seconds[holds], np.inf)
+        following = true_at[np.searchsorted(true_at, starts)]
+        waiting = np.isinf(following)
+        late = starts[~waiting & (following > starts + self._of * (1 + 1e-12))]
+        self.at = float(late[0]) if late.size else None
+        self._waiting = float(starts[waiting][0]) if waiting.any() else None
+
+    def _starts(self, inside: _Truths, since: _Truths | None) -> NDArray[np.intp]:
+        """Return the points from which it counts: `when` becomes true, or the first."""
+        if since is None:
+            found = np.flatnonzero(inside)[: not self._begun]
+            self._begun |= bool(found.size)
+            return found
+        rising = since & ~np.concatenate(([self._was_true], since[:-1]))
+        self._was_true = bool(since[-1])
+        return np.flatnonzero(rising & inside)
+
+    def result(self, last_s: float, rest: Result, *, whole: bool) -> Result:
+        if self.at is None and self._waiting is not None:
+            if not whole and self._waiting + self._of > last_s:
+                return rest
+            self.at = self._waiting
+        return "holds" if self.at is None else "fails"

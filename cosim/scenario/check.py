@@ -18,7 +18,7 @@ from cosim.scenario.assembly import (
     parts_of,
     system_of,
 )
-from cosim.scenario.assertions import verdicts_of
+from cosim.scenario.assertions import bind_assertions
 from cosim.scenario.extend import Source
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import gain_parameters, problem_of
@@ -91,7 +91,7 @@ def _look(loaded: LoadedScenario, fmu_cache: FmuCache, findings: Findings) -> No
             findings.errors.append(error)
         return
     script_of(scenario, system, findings)
-    verdicts_of(scenario, system, None, findings)
+    bind_assertions(scenario, system, findings)
 
 
 def _good_wires(scenario: Scenario, parts: SystemParts, findings: Findings) -> Wires:

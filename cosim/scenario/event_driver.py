@@ -264,7 +264,7 @@ def ended_by_event(run: Run, stopped: str | None) -> Run:
     interrupted = run.cause is not None and run.cause.kind == "interrupted"
     if stopped is None or interrupted or run.status not in ("finished", "stopped"):
         return run
-    at = float(run.points_ns[-1]) / 1e9 if run.points_ns.size else None
+    at = run.end_ns / 1e9 if run.count else None
     cause = Cause("event", time_s=at, detail=stopped)
     return replace(run, status="stopped", reason=stopped, cause=cause)
 

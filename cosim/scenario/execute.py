@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -13,23 +13,31 @@ from cosim.core import ComponentError, InputError, Progress, silent
 from cosim.master import (
     Cause,
     EngineName,
+    Observer,
     Pace,
     Run,
     Supervisor,
     System,
     TraceRecorder,
 )
-from cosim.network import PacketSchedule
 from cosim.scenario.assembly import assemble, same_start
-from cosim.scenario.assertions import verdicts_of
-from cosim.scenario.metrics import RunContext, final_values, metrics_of, status_of
+from cosim.scenario.assertions import bind_assertions
+from cosim.scenario.metrics import (
+    RunContext,
+    RunMeasures,
+    ZeroStateFigures,
+    ZeroStateMeasures,
+    final_values,
+    metrics_of,
+    status_of,
+)
 from cosim.scenario.origin import Findings
 from cosim.scenario.outcome import Outcome, refused_entries, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
-from cosim.scenario.system_run import CompletedRun, run_system
+from cosim.scenario.system_run import run_system
 from cosim.trace import TraceWriter, content_hash, result_of_link
 
 
@@ -62,9 +70,13 @@ def execute_run(
     supervision = supervision or supervision_of(prepared.loaded.scenario)
     if trace is None:
         return execute_unrecorded(
-            prepared, progress=progress, engine=engine, pace=pace, supervision=supervision
+            prepared,
+            progress=progress,
+            engine=engine,
+            pace=pace,
+            supervision=supervision,
+            keep=False,
         )[0]
-    report_progress = progress or silent
     began = time.perf_counter()
     system, events = assembled_system(prepared)
     check_writable(trace)
@@ -81,34 +93,24 @@ def execute_run(
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
         recorder = TraceRecorder(writer, system)
+        made = _Runs(
+            *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
+            call_limit=supervision.limits.call,
+        )
         try:
-            completed = run_system(
-                system,
-                "run",
-                report_progress,
-                engine,
-                recorder,
-                living=living,
-                events=events,
-                pace=pace,
-                supervisor=supervisor,
-            )
+            made.run(recorder, keep=False)
         except ComponentError as error:
             writer.finish(refused_entries(error))
             raise
-        zero_state_run = _zero_state_run(
-            prepared, system, completed.run, report_progress, living, supervisor, writer.flush
-        )
+        made.run_from_zero_state(writer.flush)
         if supervisor is not None:
             recorder.run_ended = True
             living.close()
             supervisor.let_go()
-        outcome, schedules = _outcome(
-            prepared, system, completed, zero_state_run, trace, began, pace, supervisor
-        )
+        outcome = made.outcome(trace, began)
         links: dict[str, str] = {}
-        for name, schedule in schedules.items():
-            links |= result_of_link(name, schedule.statistics())
+        for name, figures in outcome.links.items():
+            links |= result_of_link(name, figures)
         writer.finish({**result_entries(outcome), **links})
         outcome = replace(outcome, content_hash=content_hash(trace))
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))
@@ -125,43 +127,35 @@ def execute_unrecorded(
     pace: Pace | None = None,
     supervision: Supervision | None = None,
     supervisor: Supervisor | None = None,
+    keep: bool = True,
 ) -> tuple[Outcome, Run]:
     """Run the scenario without a trace; return its outcome and its rows.
 
     zero_state_run : whether to make the zero-state run as well; without it no gain is measured,
         and envelope and limits are evaluated on this run alone.
     supervision : None: in this process, or by `supervisor`, which is open already.
+    keep : whether the run returned keeps its rows.
 
     Raises
     ------
     InputError, ComponentError : see `execute_run`.
     """
-    report_progress = progress or silent
     began = time.perf_counter()
     system, events = assembled_system(prepared)
     with ExitStack() as opened, ExitStack() as living:
         if supervision is not None:
             fmus = list(prepared.fmus.values())
             supervisor = opened.enter_context(supervision.open(system, fmus))
-        completed = run_system(
-            system,
-            "run",
-            report_progress,
-            engine,
-            living=living,
-            events=events,
-            pace=pace,
-            supervisor=supervisor,
+        made = _Runs(
+            *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
+            call_limit=None if supervision is None else supervision.limits.call,
         )
-        beside = None
-        if zero_state_run:
-            beside = _zero_state_run(
-                prepared, system, completed.run, report_progress, living, supervisor
-            )
+        run = made.run(keep=keep, zero_state_run=zero_state_run)
+        made.run_from_zero_state()
         living.close()
-        outcome, _ = _outcome(prepared, system, completed, beside, None, began, pace, supervisor)
+        outcome = made.outcome(None, began)
     raise_if_interrupted(outcome, supervisor)
-    return outcome, completed.run
+    return outcome, run
 
 
 def check_writable(trace: Path) -> None:
@@ -194,50 +188,150 @@ def assembled_system(prepared: PreparedScenario) -> tuple[System, Sequence[Event
     )
     findings = Findings(loaded.origin)
     events = script_of(scenario, system, findings)
-    verdicts_of(scenario, system, None, findings)
+    bind_assertions(scenario, system, findings)
     return system, events
 
 
-def _zero_state_run(
-    prepared: PreparedScenario,
-    system: System,
-    run: Run,
-    report_progress: Progress,
-    living: ExitStack,
-    supervisor: Supervisor | None,
-    flush: Callable[[], None] | None = None,
-) -> Run | None:
-    """Make the zero-state run; None without a design, or after a failed or interrupted run.
+class _Runs:
+    """The run of a scenario and its zero-state run, and what is measured of them.
 
-    flush : writes what is recorded to disk, in case slaves must be ended first.
+    Parameters
+    ----------
+    living : ends the slaves when it is closed.
+    call_limit : as in `run_system`.
     """
-    interrupted = run.cause is not None and run.cause.kind == "interrupted"
-    if prepared.design is None or run.status == "failed" or interrupted:
-        return None
-    at_rest = assemble(
-        prepared.loaded.scenario,
-        prepared.fmus,
-        parameters=prepared.gain,
-        worst_case=prepared.worst_case,
-        at_rest=True,
-    )
-    # a run from the zero state is its own zero-state run
-    if same_start(system, at_rest):
-        return run
-    if any(fmu.can_be_instantiated_only_once for fmu in prepared.fmus.values()):
-        if flush is not None:
-            flush()
-        living.close()
-    events = script_of(prepared.loaded.scenario, at_rest, Findings())
-    return run_system(
-        at_rest,
-        "zero-state run",
-        report_progress,
-        "auto",
-        living=living,
-        events=events,
-        supervisor=supervisor,
-    ).run
+
+    def __init__(
+        self,
+        prepared: PreparedScenario,
+        system: System,
+        events: Sequence[Event],
+        living: ExitStack,
+        supervisor: Supervisor | None,
+        report_progress: Progress,
+        engine: EngineName,
+        pace: Pace | None,
+        *,
+        call_limit: float | None,
+    ) -> None:
+        self._call_limit = call_limit
+        self._prepared, self._system, self._events = prepared, system, events
+        self._living, self._supervisor = living, supervisor
+        self._report_progress, self._engine, self._pace = report_progress, engine, pace
+        self._at_rest: System | None = None
+        self._zero_state_run: Run | None = None
+        self._zero_state: ZeroStateMeasures | None = None
+        self._zero_state_figures: ZeroStateFigures | None = None
+
+    def run(self, *observers: Observer, keep: bool, zero_state_run: bool = True) -> Run:
+        """Make the run; one from the zero state is its own zero-state run.
+
+        zero_state_run : whether a zero-state run is wanted.
+        """
+        measures = RunMeasures(self._prepared, self._system)
+        watching: list[Observer] = [*observers, measures]
+        if zero_state_run and self._prepared.design is not None:
+            self._zero_state = ZeroStateMeasures(self._prepared)
+            self._at_rest = self._assembled_at_rest()
+            if same_start(self._system, self._at_rest):
+                self._at_rest = None
+                watching.append(self._zero_state)
+        completed = run_system(
+            self._system,
+            "run",
+            self._report_progress,
+            self._engine,
+            *watching,
+            living=self._living,
+            events=self._events,
+            pace=self._pace,
+            supervisor=self._supervisor,
+            keep=keep,
+            call_limit=self._call_limit,
+        )
+        self._completed, self._figures = completed, measures.figures(completed.run)
+        return completed.run
+
+    def run_from_zero_state(self, flush: Callable[[], None] | None = None) -> None:
+        """Make the zero-state run; none without a design, or after a failed or interrupted run.
+
+        flush : writes what is recorded to disk, in case slaves must be ended first.
+        """
+        run = self._completed.run
+        interrupted = run.cause is not None and run.cause.kind == "interrupted"
+        if self._zero_state is None or run.status == "failed" or interrupted:
+            return
+        if self._at_rest is not None:
+            run = self._run_at_rest(self._at_rest, self._zero_state, flush)
+        self._zero_state_run = run
+        self._zero_state_figures = self._zero_state.figures(run)
+
+    def _run_at_rest(
+        self, system: System, measures: Observer, flush: Callable[[], None] | None
+    ) -> Run:
+        if any(fmu.can_be_instantiated_only_once for fmu in self._prepared.fmus.values()):
+            if flush is not None:
+                flush()
+            self._living.close()
+        return run_system(
+            system,
+            "zero-state run",
+            self._report_progress,
+            "auto",
+            measures,
+            living=self._living,
+            events=script_of(self._prepared.loaded.scenario, system, Findings()),
+            supervisor=self._supervisor,
+            keep=False,
+            call_limit=self._call_limit,
+        ).run
+
+    def outcome(self, trace: Path | None, began: float) -> Outcome:
+        """Return the outcome of both; `began` : when the first did, of `time.perf_counter`."""
+        prepared, run = self._prepared, self._completed.run
+        links = {name: dict(figures) for name, figures in run.statistics.items()}
+        context = RunContext(
+            prepared.loaded.scenario,
+            prepared.problem,
+            prepared.design,
+            self._system,
+            run,
+            self._figures,
+            self._zero_state_figures,
+            links,
+            prepared.worst_case,
+            altered_by_events=self._completed.altered_by_events,
+        )
+        outcome = Outcome(
+            scenario=prepared.loaded.name,
+            title=prepared.loaded.scenario.title,
+            status=status_of(context),
+            reason=run.reason,
+            trace=trace,
+            content_hash=None,
+            steps=max(run.count - 1, 0),
+            simulated_s=run.end_ns / 1e9,
+            wall_s=time.perf_counter() - began,
+            final=final_values(self._figures),
+            metrics=metrics_of(context),
+            links=links,
+            engine=run.engine,
+            pace=self._pace,
+            assertions=self._figures.assertions,
+            design=prepared.source,
+            cause=run.cause,
+            supervised=None if self._supervisor is None else self._supervisor.method,
+        )
+        return _with_later_failure(outcome, self._zero_state_run, self._supervisor)
+
+    def _assembled_at_rest(self) -> System:
+        return assemble(
+            self._prepared.loaded.scenario,
+            self._prepared.fmus,
+            parameters=self._prepared.gain,
+            worst_case=self._prepared.worst_case,
+            at_rest=True,
+        )
 
 
 _DEATHS = ("crashed", "exited", "timed-out", "memory", "interrupted")
@@ -265,49 +359,3 @@ def _with_later_failure(
     if not cause.failure:
         return replace(outcome, cause=cause)
     return replace(outcome, cause=cause, status="failed", reason=f"{when}: {words}")
-
-
-def _outcome(
-    prepared: PreparedScenario,
-    system: System,
-    completed: CompletedRun,
-    zero_state_run: Run | None,
-    trace: Path | None,
-    began: float,
-    pace: Pace | None,
-    supervisor: Supervisor | None,
-) -> tuple[Outcome, Mapping[str, PacketSchedule]]:
-    scenario, run = prepared.loaded.scenario, completed.run
-    schedules = run.schedules
-    context = RunContext(
-        scenario,
-        prepared.problem,
-        prepared.design,
-        run,
-        zero_state_run,
-        schedules,
-        prepared.worst_case,
-        system,
-        altered_by_events=completed.altered_by_events,
-    )
-    outcome = Outcome(
-        scenario=prepared.loaded.name,
-        title=scenario.title,
-        status=status_of(context),
-        reason=run.reason,
-        trace=trace,
-        content_hash=None,
-        steps=max(run.points_ns.size - 1, 0),
-        simulated_s=float(run.points_ns[-1]) / 1e9 if run.points_ns.size else 0.0,
-        wall_s=time.perf_counter() - began,
-        final=final_values(run),
-        metrics=metrics_of(context),
-        links={name: s.statistics() for name, s in schedules.items()},
-        engine=run.engine,
-        pace=pace,
-        assertions=verdicts_of(scenario, system, run, Findings(prepared.loaded.origin)),
-        design=prepared.source,
-        cause=run.cause,
-        supervised=None if supervisor is None else supervisor.method,
-    )
-    return _with_later_failure(outcome, zero_state_run, supervisor), schedules

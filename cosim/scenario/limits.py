@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Run
+from cosim.master import ComponentInstance, Run
+from cosim.scenario.measure import Measure, after, measured
+from cosim.scenario.signal_reader import SignalReader
 
 _SHARED = {
     "force.x": "limit.force",
@@ -29,9 +31,9 @@ class Saturation:
     ----------
     fraction : share of the time in which at least one command was at its limit.
     largest : command name -> largest magnitude [N, N m].
-    limit_cycle : in the last quarter of the run commands were at their limits more than half
-        of the time, and one of them went from one limit to the other at least four times: the
-        limits, not the feedback, bound the motion.
+    limit_cycle : the run reached its end, in its last quarter commands were at their limits more
+        than half of the time, and one of them went from one limit to the other at least four
+        times: the limits, not the feedback, bound the motion.
     """
 
     fraction: float
@@ -41,38 +43,89 @@ class Saturation:
 
 def saturation(run: Run, controller: str) -> Saturation | None:
     """Return the saturation of a controller's commands; None if it has no limits."""
-    instance = next((s for s in run.instances if s.name == controller), None)
-    if instance is None or run.points_ns.size < 2:
-        return None
-    ports = instance.component.description.ports
-    limit_of = {name: _SHARED.get(name, f"limit.{name}") for name in ports}
-    saturable = [name for name, limit in limit_of.items() if limit in ports]
-    if not saturable:
-        return None
-    parameters = instance.component.parameters
-    bounds = np.array(
-        [parameters.get(limit_of[n], ports[limit_of[n]].start or 0.0) for n in saturable]
-    )
-    commands = np.column_stack([run.signal(controller, n) for n in saturable])
-    duration = np.diff(run.points_ns).astype(float)
-    at_limit = np.abs(commands) >= bounds * (1 - 1e-12)
-    last_quarter = run.points_ns[:-1] >= run.points_ns[-1] * 3 // 4
-    late = at_limit[:-1][last_quarter]
-    cycling = _share(late.any(axis=1), duration[last_quarter]) > 0.5 and any(
-        _alternates(commands[:-1][last_quarter, j], late[:, j]) for j in range(len(saturable))
-    )
-    return Saturation(
-        fraction=_share(at_limit[:-1].any(axis=1), duration),
-        largest={n: float(np.abs(commands[:, j]).max()) for j, n in enumerate(saturable)},
-        limit_cycle=cycling,
-    )
+    return measured(run, SaturationMeasure(controller))
 
 
-def _share(where: Any, duration: NDArray[np.float64]) -> float:
-    total = float(duration.sum())
-    return float(duration[where].sum()) / total if total else 0.0
+class SaturationMeasure(Measure[Saturation | None]):
+    """The saturation of a controller's commands; None without limits, or without a step.
+
+    A limit cycle is a status of a run that has reached its end; its last quarter is therefore
+    known from the start.
+    """
+
+    def __init__(self, controller: str) -> None:
+        self._controller = controller
+        self._reader: SignalReader | None = None
+        self._points: NDArray[np.int64] | None = None
+        self._commands: NDArray[np.float64] | None = None
+        self._names: list[str] = []
+        self._all, self._late = _Time(), _Time()
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the commands that have limits."""
+        instance = next((s for s in instances if s.name == self._controller), None)
+        if instance is None:
+            return
+        ports = instance.component.description.ports
+        limit_of = {name: _SHARED.get(name, f"limit.{name}") for name in ports}
+        self._names = [name for name, limit in limit_of.items() if limit in ports]
+        if not self._names:
+            return
+        parameters = instance.component.parameters
+        self._bounds = np.array(
+            [parameters.get(limit_of[n], ports[limit_of[n]].start or 0.0) for n in self._names]
+        )
+        self._reader = SignalReader(instance, self._names)
+        self.reads_inputs = self._reader.reads_inputs
+        self._largest = np.zeros(len(self._names))
+        self._sides: list[NDArray[np.float64]] = [np.zeros(0) for _ in self._names]
+        self._reversals = [0] * len(self._names)
+        self._instance = instance
+        self._last_quarter_ns = instance.comm_points.end_ns * 3 // 4
+
+    def add(self, first: int, last: int) -> None:
+        """Take the commands at the points; each lasts to the next point."""
+        if self._reader is None:
+            return
+        block = self._reader.read(first, last)
+        self._largest = np.maximum(self._largest, np.abs(block).max(axis=0))
+        commands = after(self._commands, block)
+        points = after(self._points, self._instance.comm_points.points_ns[first:last])
+        self._commands, self._points = commands[-1:].copy(), points[-1:].copy()
+        commands, duration = commands[:-1], np.diff(points)
+        at_limit = np.abs(commands) >= self._bounds * (1 - 1e-12)
+        anywhere: NDArray[np.bool_] = np.logical_or.reduce(at_limit, axis=1)
+        self._all.add(duration, anywhere)
+        late = int(np.searchsorted(points[:-1], self._last_quarter_ns))
+        self._late.add(duration[late:], anywhere[late:])
+        for j in range(len(self._names) if anywhere[late:].any() else 0):
+            reached = commands[late:, j][at_limit[late:, j]]
+            sides = np.concatenate((self._sides[j], np.sign(reached)))
+            self._reversals[j] += int(np.count_nonzero(np.diff(sides)))
+            self._sides[j] = sides[-1:].copy()
+
+    def result(self, run: Run) -> Saturation | None:
+        """Return the saturation of the run."""
+        if self._reader is None or self._all.total_ns == 0:
+            return None
+        cycling = self._late.share > 0.5 and max(self._reversals) >= _REVERSALS
+        return Saturation(
+            fraction=self._all.share,
+            largest=dict(zip(self._names, self._largest.tolist(), strict=True)),
+            limit_cycle=run.status == "finished" and cycling,
+        )
 
 
-def _alternates(command: NDArray[np.float64], at_limit: NDArray[np.bool_]) -> bool:
-    sides = np.sign(command[at_limit])
-    return int(np.count_nonzero(np.diff(sides))) >= _REVERSALS
+class _Time:
+    """How long commands were at their limits, in exact nanoseconds."""
+
+    def __init__(self) -> None:
+        self.total_ns = self._at_limit_ns = 0
+
+    def add(self, duration: NDArray[np.int64], at_limit: NDArray[np.bool_]) -> None:
+        self.total_ns += int(duration.sum())
+        self._at_limit_ns += int(duration[at_limit].sum())
+
+    @property
+    def share(self) -> float:
+        return float(self._at_limit_ns) / float(self.total_ns) if self.total_ns else 0.0

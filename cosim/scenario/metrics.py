@@ -1,7 +1,7 @@
 """Status and metrics of a run, and the assumptions of its guarantee.
 
-The guarantee applies to a run only if all its assumptions were met; each is always listed by
-name, true or false.
+They are made of measures that watch the run, and its zero-state run. The guarantee applies to a
+run only if all its assumptions were met; each is always listed by name, true or false.
 """
 
 from __future__ import annotations
@@ -15,26 +15,136 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cosim.hinf import Design, WorstCase, check_certificate
-from cosim.master import Run, System
+from cosim.master import Connection, Run, System
 from cosim.models import total
-from cosim.network import PacketSchedule
-from cosim.scenario.age import NONE_IN_USE, measurement_age_ns
-from cosim.scenario.coupling import coupling_delays_s, cut_delays_s
+from cosim.scenario.age import AgeMeasure
+from cosim.scenario.assertions import AssertionsMeasure
+from cosim.scenario.coupling import CouplingMeasure
+from cosim.scenario.cut_delays import CutMeasure
+from cosim.scenario.envelope import LargestMagnitudes
+from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem
-from cosim.scenario.limits import Saturation, saturation
-from cosim.scenario.performance import binding_for, measured_gain
+from cosim.scenario.limits import Saturation, SaturationMeasure
+from cosim.scenario.measure import Measure, Measures
+from cosim.scenario.origin import Findings
+from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import is_plant_of, is_vehicle_of
+from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.schema import Scenario
+from cosim.trace import AssertionResult
 
 _ENVELOPE = {"u": "nu.u", "v": "nu.v", "w": "nu.w", "r": "nu.r", "psi": "eta.psi"}
 _POSITION = ("eta.x", "eta.y", "eta.z")
 
 
 @dataclass(frozen=True)
+class ZeroStateFigures:
+    """What an outcome needs of the zero-state run.
+
+    saturation, largest : as in `RunFigures`.
+    gain : measured; None if it could not be.
+    """
+
+    saturation: Saturation | None
+    largest: Mapping[str, float] | None
+    gain: float | None
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """What an outcome needs of the rows of its run.
+
+    Attributes
+    ----------
+    saturation : of the commands; None without a controller that has limits.
+    largest : of the signals that the envelope bounds, by their names; None without one.
+    age_ns : the largest measurement age; None without one.
+    last_outputs : by component and output.
+    coupling_delays_s, cut_delays_s : by connection.
+    assertions : the verdicts.
+    """
+
+    saturation: Saturation | None
+    largest: Mapping[str, float] | None
+    age_ns: int | None
+    last_outputs: Mapping[str, Mapping[str, float]]
+    coupling_delays_s: Mapping[str, float]
+    cut_delays_s: Mapping[Connection, float]
+    assertions: tuple[AssertionResult, ...]
+
+
+class ZeroStateMeasures(Measures):
+    """What an outcome needs of the zero-state run, measured while it goes."""
+
+    def __init__(self, prepared: PreparedScenario) -> None:
+        part = prepared.loaded.scenario.design
+        self._saturation = None if part is None else SaturationMeasure(part.controller)
+        self._largest = _envelope_measure(prepared)
+        self._gain = None
+        if part is not None and prepared.problem is not None:
+            self._gain = GainMeasure(part.plant, prepared.problem.system)
+        super().__init__(_made(self._saturation, self._largest, self._gain))
+
+    def figures(self, run: Run) -> ZeroStateFigures:
+        """Return them at the end of the run."""
+        self.complete(run)
+        return ZeroStateFigures(
+            saturation=None if self._saturation is None else self._saturation.result(run),
+            largest=None if self._largest is None else self._largest.result(run),
+            gain=None if self._gain is None else self._gain.result(run),
+        )
+
+
+class RunMeasures(Measures):
+    """What an outcome needs of its run, measured while it goes."""
+
+    def __init__(self, prepared: PreparedScenario, system: System) -> None:
+        scenario = prepared.loaded.scenario
+        part = scenario.design
+        self._saturation = None if part is None else SaturationMeasure(part.controller)
+        self._largest = _envelope_measure(prepared)
+        self._age = None
+        if part is not None:
+            self._age = AgeMeasure(part.plant, part.controller, scenario.run.algorithm)
+        self._last_outputs = LastOutputs()
+        self._coupling, self._cut = CouplingMeasure(system), CutMeasure(system)
+        self._assertions = AssertionsMeasure(scenario, system, Findings(prepared.loaded.origin))
+        found = (self._saturation, self._largest, self._age)
+        always = (self._last_outputs, self._coupling, self._cut, self._assertions)
+        super().__init__([*_made(*found), *always])
+
+    def figures(self, run: Run) -> RunFigures:
+        """Return them at the end of the run."""
+        self.complete(run)
+        return RunFigures(
+            saturation=None if self._saturation is None else self._saturation.result(run),
+            largest=None if self._largest is None else self._largest.result(run),
+            age_ns=None if self._age is None else self._age.result(run),
+            last_outputs=self._last_outputs.result(run),
+            coupling_delays_s=self._coupling.result(run),
+            cut_delays_s=self._cut.result(run),
+            assertions=self._assertions.result(run),
+        )
+
+
+def _envelope_measure(prepared: PreparedScenario) -> LargestMagnitudes | None:
+    part = prepared.loaded.scenario.design
+    if prepared.problem is None or prepared.problem.vehicle is None or part is None:
+        return None
+    return LargestMagnitudes(part.plant, list(_ENVELOPE.values()))
+
+
+def _made(*measures: Measure[Any] | None) -> list[Measure[Any]]:
+    return [measure for measure in measures if measure is not None]
+
+
+@dataclass(frozen=True)
 class RunContext:
     """A run with everything its metrics depend on.
 
-    zero_state_run : None if not made.
+    figures : of the run.
+    zero_state : figures of its zero-state run; None if that was not made.
+    links : statistics of the packet links.
     worst_case : of the design; None if the scenario does not apply it.
     altered_by_events : events changed something other than the traffic of links.
     """
@@ -42,11 +152,12 @@ class RunContext:
     scenario: Scenario
     problem: Problem | None
     design: Design | None
+    system: System
     run: Run
-    zero_state_run: Run | None
-    schedules: Mapping[str, PacketSchedule]
+    figures: RunFigures
+    zero_state: ZeroStateFigures | None
+    links: Mapping[str, Mapping[str, Any]]
     worst_case: WorstCase | None = None
-    system: System | None = None
     altered_by_events: bool = False
 
 
@@ -54,7 +165,7 @@ def status_of(context: RunContext) -> str:
     """Return the status: finished, limit_cycle, stopped, diverged or failed."""
     if context.run.status != "finished":
         return context.run.status
-    used = _saturation(context)
+    used = context.figures.saturation
     return "limit_cycle" if used is not None and used.limit_cycle else "finished"
 
 
@@ -62,9 +173,9 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
     """Return the metrics of a run, JSON-safe: None for what does not exist."""
     design = context.design
     gamma, norm = (None, None) if design is None else (design.gamma, design.exact_norm)
-    used = _saturation(context)
-    age = _largest_age_s(context)
-    gain = _gain(context)
+    used, age_ns = context.figures.saturation, context.figures.age_ns
+    age = None if age_ns is None else age_ns / 1e9
+    gain = None if context.zero_state is None else context.zero_state.gain
     return {
         "gain": gain,
         "norm_reached": gain / norm if gain is not None and norm else None,
@@ -86,17 +197,16 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
 
 def _coupling(context: RunContext) -> dict[str, Any]:
     """Return the largest coupling delay, and that of each connection where they may differ."""
-    if context.system is None or context.run.points_ns.size < 2:
+    if context.run.count < 2:
         return {"coupling_delay_s": None}
-    delays = coupling_delays_s(context.run, context.system)
-    own = context.scenario.components.values()
+    delays, cut = context.figures.coupling_delays_s, context.figures.cut_delays_s
+    own, system = context.scenario.components.values(), context.system
     plain = context.scenario.run.algorithm == "jacobi" and all(p.step is None for p in own)
-    routes = (route for instance in context.run.instances for route in instance.routes)
-    plain &= all(route.route_key.policy != "previous" for route in routes)
+    signals = (c for c in system.connections if not system.is_state(c.source))
+    plain &= not cut and all(c.policy != "previous" for c in signals)
     found: dict[str, Any] = {"coupling_delay_s": max(delays.values(), default=0.0)}
     if not plain:
         found["coupling_delays_s"] = delays
-    cut = cut_delays_s(context.run, context.system)
     if cut:
         found["cut_connections"] = [
             {"from": str(c.source), "to": str(c.target), "delay_s": late} for c, late in cut.items()
@@ -113,7 +223,7 @@ def _assumptions(
     result = {"certificate_verified": _certificate_verified(context.design)}
     designed = _designed_age_s(context)
     if designed is not None:
-        substituted = any(s.statistics()["substitutions"] for s in context.schedules.values())
+        substituted = any(figures["substitutions"] for figures in context.links.values())
         result["message_age_within_design"] = (
             age is not None and age <= designed * (1 + 1e-12) and not substituted
         )
@@ -121,9 +231,9 @@ def _assumptions(
     if use is not None:
         result["state_inside_envelope"] = all(share <= 1.0 for share in use.values())
     if used is not None:
-        zero_state_run = _saturation(context, zero_state_run=True)
+        beside = None if context.zero_state is None else context.zero_state.saturation
         result["limits_not_reached"] = used.fraction == 0.0 and (
-            zero_state_run is None or zero_state_run.fraction == 0.0
+            beside is None or beside.fraction == 0.0
         )
     if context.scenario.events:
         result["nothing_set_or_overridden"] = not context.altered_by_events
@@ -141,27 +251,11 @@ def _certificate_verified(design: Design) -> bool:
     return _verified[design]
 
 
-def _saturation(context: RunContext, *, zero_state_run: bool = False) -> Saturation | None:
-    run = context.zero_state_run if zero_state_run else context.run
-    part = context.scenario.design
-    return None if part is None or run is None else saturation(run, part.controller)
-
-
-def _gain(context: RunContext) -> float | None:
-    part, run = context.scenario.design, context.zero_state_run
-    if part is None or context.problem is None or run is None or run.status == "failed":
-        return None
-    binding = binding_for(run, part.plant, context.problem.system)
-    if binding is None:
-        return None
-    return measured_gain(run, part.plant, binding, context.problem.system)
-
-
 def _position_error(context: RunContext) -> float | None:
     part = context.scenario.design
     if part is None:
         return None
-    values = last_outputs(context.run, part.plant)
+    values = context.figures.last_outputs.get(part.plant, {})
     if not all(name in values for name in _POSITION):
         return None
     path = context.scenario.reference
@@ -171,32 +265,13 @@ def _position_error(context: RunContext) -> float | None:
     return size if np.isfinite(size) else None
 
 
-def last_outputs(run: Run, component: str) -> dict[str, float]:
-    """Return the outputs of a component at the last point reached."""
-    for instance in run.instances:
-        if instance.name == component and run.points_ns.size:
-            row = instance.outputs[instance.own_points.last[run.points_ns.size - 1]]
-            return {c.name: float(row[j]) for j, c in enumerate(instance.output_columns)}
-    return {}
-
-
-def final_values(run: Run) -> dict[str, float | None]:
+def final_values(figures: RunFigures) -> dict[str, float | None]:
     """Return `component.variable` -> value at the last point reached; None if not finite."""
     return {
-        f"{instance.name}.{name}": value if np.isfinite(value) else None
-        for instance in run.instances
-        for name, value in last_outputs(run, instance.name).items()
+        f"{component}.{name}": value if np.isfinite(value) else None
+        for component, values in figures.last_outputs.items()
+        for name, value in values.items()
     }
-
-
-def _largest_age_s(context: RunContext) -> float | None:
-    part = context.scenario.design
-    if part is None:
-        return None
-    algorithm = context.scenario.run.algorithm
-    ages = measurement_age_ns(context.run, part.plant, part.controller, algorithm)
-    used = ages[ages != NONE_IN_USE]
-    return float(used.max()) / 1e9 if used.size else None
 
 
 def _designed_age_s(context: RunContext) -> float | None:
@@ -206,14 +281,15 @@ def _designed_age_s(context: RunContext) -> float | None:
 
 def _envelope_use(context: RunContext) -> dict[str, float] | None:
     """Return the largest |value| / bound per axis, over the run and its zero-state run."""
-    part = context.scenario.design
-    if context.problem is None or context.problem.vehicle is None or part is None:
+    runs = [context.figures.largest]
+    if context.zero_state is not None:
+        runs.append(context.zero_state.largest)
+    if context.problem is None or context.problem.vehicle is None or not runs[0]:
         return None
     envelope = context.problem.vehicle.envelope
-    runs = [run for run in (context.run, context.zero_state_run) if run is not None]
     use = {}
     for axis, name in _ENVELOPE.items():
-        largest = max(float(np.abs(run.signal(part.plant, name)).max()) for run in runs)
+        largest = max(found[name] for found in runs if found)
         use[axis] = largest / getattr(envelope, axis) if np.isfinite(largest) else float("1e300")
     return use
 
@@ -221,10 +297,9 @@ def _envelope_use(context: RunContext) -> dict[str, float] | None:
 def _plant_as_designed(context: RunContext) -> bool:
     """Whether every parameter of the plant is that of the design."""
     problem, part = context.problem, context.scenario.design
-    instance = next((s for s in context.run.instances if part and s.name == part.plant), None)
-    if problem is None or instance is None:
+    component = None if part is None else context.system.components.get(part.plant)
+    if problem is None or component is None:
         return False
-    component = instance.component
     parameters = {
         name: component.parameters.get(name, port.start)
         for name, port in component.description.ports.items()

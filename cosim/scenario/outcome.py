@@ -128,7 +128,7 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
 
 def refused_entries(error: ComponentError) -> dict[str, str]:
     """Return the entries of `cosim.result` of a run whose components did not start."""
-    cause = Cause("refused", detail=error.text())
+    cause = Cause.of_error(error, None)
     return {
         "status": "failed",
         "steps": "0",

@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.master import Run
+from cosim.master import ComponentInstance, Run
 from cosim.models import STATE, TABLE_1, DelaySystem, thrust_map, total
+from cosim.scenario.measure import Measure, after
+from cosim.scenario.signal_reader import SignalReader
 
 _FORCE = ("force.x", "force.y", "force.z", "moment.z")
 _DISTURBANCE = ("disturbance.u", "disturbance.v", "disturbance.w", "disturbance.r")
@@ -33,11 +36,8 @@ class Binding:
     input_map: NDArray[np.float64]
 
 
-def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
+def binding_for(instance: ComponentInstance, system: DelaySystem) -> Binding | None:
     """Bind a plant by the names of its variables; None if they are not those of a known plant."""
-    instance = next((s for s in run.instances if s.name == plant), None)
-    if instance is None:
-        return None
     ports = instance.component.description.ports
     if all(name in ports for name in (*STATE, *_FORCE, *_DISTURBANCE)):
         values = {
@@ -56,22 +56,75 @@ def binding_for(run: Run, plant: str, system: DelaySystem) -> Binding | None:
     return None
 
 
-def measured_gain(run: Run, plant: str, binding: Binding, system: DelaySystem) -> float | None:
-    """Return sqrt(int z'z / int w'w) over the run; None without a disturbance, or without z."""
-    if not system.has_performance:
-        return None
-    x = _signals(run, plant, binding.state)
-    u = _times(_signals(run, plant, binding.control), binding.input_map)
-    w = _signals(run, plant, binding.disturbance)
-    h = np.diff(run.points_ns) / 1e9
-    energy_in = _integral(h, w[:-1])
-    if energy_in == 0.0:
-        return None
-    direct = _times(w[:-1], system.D1) + _times(u[:-1], system.D2)
-    z = _times(x, system.D)
-    energy_out = 0.5 * (_integral(h, z[:-1] + direct) + _integral(h, z[1:] + direct))
-    gain = math.sqrt(energy_out / energy_in)
-    return gain if math.isfinite(gain) else None
+class GainMeasure(Measure[float | None]):
+    """sqrt(int z'z / int w'w) over the run.
+
+    None without a disturbance or without z, of a plant that is not known, and of a failed run.
+
+    Parameters
+    ----------
+    plant : name of the plant.
+    system : the system it was designed as.
+    """
+
+    def __init__(self, plant: str, system: DelaySystem) -> None:
+        self._plant, self._system = plant, system
+        self._readers: tuple[SignalReader, ...] = ()
+        self._before: tuple[Any, ...] = (None, None, None, None)
+        self._disturbance, self._outset, self._end = _Integral(), _Integral(), _Integral()
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Bind the variables of the plant."""
+        instance = next((s for s in instances if s.name == self._plant), None)
+        binding = None if instance is None else binding_for(instance, self._system)
+        if instance is None or binding is None or not self._system.has_performance:
+            return
+        self._instance, self._input_map = instance, binding.input_map
+        groups = (binding.state, binding.control, binding.disturbance)
+        self._readers = tuple(_reader(instance, names) for names in groups)
+        self.reads_inputs = any(reader.reads_inputs for reader in self._readers)
+
+    def add(self, first: int, last: int) -> None:
+        """Add the integrals over the intervals that end at the points."""
+        if not self._readers:
+            return
+        x, u, w = (reader.read(first, last) for reader in self._readers)
+        direct = _times(w, self._system.D1) + _times(_times(u, self._input_map), self._system.D2)
+        here = (
+            self._instance.comm_points.points_ns[first:last],
+            w,
+            _times(x, self._system.D),
+            direct,
+        )
+        points, w, z, direct = (
+            after(before, block) for before, block in zip(self._before, here, strict=True)
+        )
+        self._before = tuple(block[-1:].copy() for block in (points, w, z, direct))
+        h = np.diff(points) / 1e9
+        self._disturbance.add(h, w[:-1])
+        self._outset.add(h, z[:-1] + direct[:-1])
+        self._end.add(h, z[1:] + direct[:-1])
+
+    def result(self, run: Run) -> float | None:
+        """Return the gain."""
+        energy_in = self._disturbance.value
+        if run.status == "failed" or energy_in == 0.0:
+            return None
+        energy_out = 0.5 * (self._outset.value + self._end.value)
+        gain = math.sqrt(energy_out / energy_in)
+        return gain if math.isfinite(gain) else None
+
+
+class _Integral:
+    """The sum of h |values|^2, added in order: the order of `sum` may vary."""
+
+    def __init__(self) -> None:
+        self.value = 0.0
+
+    def add(self, h: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+        """Continue with values at the beginnings of intervals h [s], (n, m)."""
+        parts = (h[:, None] * values * values).ravel()
+        self.value = float(np.cumsum(np.concatenate(([self.value], parts)))[-1])
 
 
 def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -81,22 +134,13 @@ def _times(rows: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np
     return np.column_stack(wide) if wide else np.zeros((len(rows), 0))
 
 
-def _integral(h: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Return the sum of h |values|^2, added in order: the order of `sum` may vary."""
-    parts = np.cumsum(h[:, None] * values * values)
-    return float(parts[-1]) if parts.size else 0.0
-
-
-def _signals(run: Run, component: str, names: Sequence[str]) -> NDArray[np.float64]:
-    """Return values at the points reached, (k, len(names)); unconnected inputs at their start."""
-    instance = next(s for s in run.instances if s.name == component)
+def _reader(instance: ComponentInstance, names: Sequence[str]) -> SignalReader:
+    """Return a reader of variables of a plant; unconnected inputs are at their start."""
     parameters, ports = instance.component.parameters, instance.component.description.ports
     recorded = {c.name for c in (*instance.output_columns, *instance.input_columns)}
-    count = run.points_ns.size
-    columns = [
-        run.signal(component, name)
-        if name in recorded
-        else np.full(count, parameters.get(name, ports[name].start or 0.0))
+    constants = {
+        name: parameters.get(name, ports[name].start or 0.0)
         for name in names
-    ]
-    return np.column_stack(columns) if columns else np.zeros((count, 0))
+        if name not in recorded
+    }
+    return SignalReader(instance, names, constants)

@@ -40,7 +40,7 @@ def run_metadata_of(
         "title": loaded.scenario.title,
         "scenario.sha256": hashlib.sha256(text).hexdigest(),
         "step_ns": str(system.comm_schedule.step_ns),
-        "end_ns": str(int(system.comm_schedule.points_ns[-1])),
+        "end_ns": str(system.comm_schedule.end_ns),
         "events": loaded.scenario.run.events,
         "seed": str(loaded.scenario.run.seed),
         "time_base": "simulated nanoseconds from the start of the run",

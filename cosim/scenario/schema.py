@@ -78,12 +78,15 @@ class ComponentPart(Part):
     and start values have the variable's type: numbers (in the variable's unit, or with one),
     texts, truth values, and nested lists of them for arrays. `feedthrough` : the outputs that
     depend on inputs at the same instant, in place of what the FMU declares: "none", or a list of
-    names; a group's name means all its outputs, an element's name its whole array.
+    names; a group's name means all its outputs, an element's name its whole array. `isolate` : its
+    slave is in a process of its own, so that it cannot harm the others, and an FMU that allows one
+    instance per process can be there several times.
     """
 
     fmu: Text
     step: Duration | None = None
     feedthrough: Literal["none"] | list[Text] | None = None
+    isolate: bool = False
     parameters: dict[str, FmiValue] = Field(default_factory=dict)
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.fmu import Port
-from cosim.master import LINK_STATE, Endpoint, Run, System, element_names
+from cosim.master import LINK_STATE, ComponentInstance, Endpoint, System, element_names
 from cosim.network import PacketLink
 from cosim.scenario.binding import Meaning, check_name
+from cosim.scenario.link_rows import link_state
 from cosim.scenario.matching import endpoint
 from cosim.scenario.quantity import NUMBER_ONLY, TIME
+from cosim.scenario.signal_reader import SignalReader
 from cosim.scenario.units import unit_of
 
 _STATE = {"age": "age_s"}
@@ -49,7 +51,7 @@ class RunScope:
     def meaning(self, reference: str) -> Meaning:
         """Return the meaning of `component.variable`; an `InputError` with the nearest names."""
         name, _, variable = reference.partition(".")
-        if name in self._system.links and name not in self._system.components:
+        if self.is_link(name):
             return self._state(name, variable)
         if not variable:
             check_name(reference)
@@ -64,6 +66,10 @@ class RunScope:
         if unit is None:
             return Meaning("number", None)
         return Meaning("number", unit.dimension, unit.to_si)
+
+    def is_link(self, name: str) -> bool:
+        """Whether a name is that of a link, and not of a component as well."""
+        return name in self._system.links and name not in self._system.components
 
     def _constant(self, name: str, variable: str) -> Port:
         port = self._others[name].get(variable)
@@ -93,21 +99,50 @@ class RunScope:
         return float(value if value is not None else 0.0)
 
 
-def values_over(run: Run, scope: RunScope, names: Sequence[str]) -> list[Any]:
-    """Return the values of names at the points that a run reached, (k,) each."""
-    seconds = run.points_ns / 1e9
-    return [seconds if name == "t" else _over(run, scope, name) for name in names]
+class ValueReader:
+    """Reads the values of names at the points of a run, block by block.
+
+    Attributes
+    ----------
+    reads_inputs : whether any of them is an input.
+    """
+
+    def __init__(
+        self, instances: Sequence[ComponentInstance], scope: RunScope, names: Sequence[str]
+    ) -> None:
+        self._instance = instances[0]
+        by_name = {instance.name: instance for instance in instances}
+        self._read: list[Callable[[int, int], NDArray[np.float64]]] = []
+        self.reads_inputs = False
+        for name in names:
+            first, _, rest = name.partition(".")
+            constant = None if name == "t" or scope.is_link(first) else scope.constant(name)
+            if name == "t":
+                self._read.append(self._seconds)
+            elif scope.is_link(first):
+                self._read.append(partial(self._state, first, _STATE.get(rest, rest)))
+            elif constant is not None:
+                self._read.append(partial(_constant, constant))
+            else:
+                reader = SignalReader(by_name[first], [rest])
+                self.reads_inputs |= reader.reads_inputs
+                self._read.append(partial(_signal, reader))
+
+    def read(self, first: int, last: int) -> list[NDArray[np.float64]]:
+        """Return the values at the points first to last - 1, (n,) each; blocks come in order."""
+        return [read(first, last) for read in self._read]
+
+    def _seconds(self, first: int, last: int) -> NDArray[np.float64]:
+        return self._instance.comm_points.points_ns[first:last] / 1e9
+
+    def _state(self, link: str, what: str, first: int, last: int) -> NDArray[np.float64]:
+        state = link_state(self._instance, link, first, last)
+        return np.asarray(getattr(state, what), dtype=np.float64)
 
 
-def _over(run: Run, scope: RunScope, name: str) -> NDArray[np.float64]:
-    first, _, rest = name.partition(".")
-    if first in run.schedules and first not in {s.name for s in run.instances}:
-        state = run.schedules[first].state(run.points_ns)
-        found: NDArray[np.float64] = np.asarray(
-            getattr(state, _STATE.get(rest, rest)), dtype=np.float64
-        )
-        return found
-    constant = scope.constant(name)
-    if constant is not None:
-        return np.full(run.points_ns.size, constant)
-    return run.signal(first, rest)
+def _constant(value: float, first: int, last: int) -> NDArray[np.float64]:
+    return np.full(last - first, value)
+
+
+def _signal(reader: SignalReader, first: int, last: int) -> NDArray[np.float64]:
+    return reader.read(first, last)[:, 0]

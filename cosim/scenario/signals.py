@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, WorstCase, worst_case_at
-from cosim.master import Endpoint
+from cosim.master import CommunicationSchedule, Endpoint
 from cosim.models import DelaySystem
 from cosim.scenario.matching import endpoint, members
 from cosim.scenario.schema import DisturbancePart, PathPart
@@ -128,9 +128,9 @@ def worst_case_inputs(
     part: DisturbancePart,
     found: WorstCase,
     fmus: Mapping[str, FmuDescription],
-    seconds: NDArray[np.float64],
+    comm_schedule: CommunicationSchedule,
 ) -> Signals:
-    """Return the worst case from 0 to the end T of the run, whose points are `seconds`.
+    """Return the worst case from 0 to the end T of the run.
 
     Its envelope is sin(pi t / T): the measured gain is then short by O(1/T^2), instead of O(1/T)
     with a hard start and end.
@@ -150,7 +150,9 @@ def worst_case_inputs(
             expected=f"{len(found.amplitude)} inputs, one per entry of w",
             got=f"{part.target}: {', '.join(names) or 'no input'}",
         )
-    longest = float(np.diff(seconds).max())
+    longest = comm_schedule.step_ns / 1e9
+    if found.omega * longest > math.pi:  # other points may lie between those a step apart
+        longest = float(np.diff(comm_schedule.points_ns).max()) / 1e9
     if found.omega * longest > math.pi:
         raise InputError(
             "the communication step is too long for the worst case",
@@ -160,7 +162,7 @@ def worst_case_inputs(
             got=f"{longest:g} s",
             hint="a tenth of that, since the disturbance is held between two points",
         )
-    end = float(seconds[-1])
+    end = comm_schedule.end_ns / 1e9
     return {
         Endpoint(base.component, name): partial(
             _swelling, part.amplitude, size, phase, found.omega, end

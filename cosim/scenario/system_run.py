@@ -7,7 +7,16 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from cosim.core import Progress
-from cosim.master import EngineName, Observer, Pace, Run, Session, Supervisor, System
+from cosim.master import (
+    ComponentInstance,
+    EngineName,
+    Observer,
+    Pace,
+    Run,
+    Session,
+    Supervisor,
+    System,
+)
 from cosim.scenario.event_driver import EventDriver, LatestValues, ended_by_event
 from cosim.scenario.interrupt import DeferredInterrupt
 from cosim.scenario.scope import RunScope
@@ -26,12 +35,12 @@ class ProgressObserver(Observer):
         report_progress: Progress,
         interruption: DeferredInterrupt | None = None,
     ) -> None:
-        self._points = system.comm_schedule.points_ns.size
+        self._end_ns = system.comm_schedule.end_ns
         self._what, self._report_progress, self._interruption = what, report_progress, interruption
 
-    def begin(self, instances: object) -> None:
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Report the start."""
-        del instances
+        self._points_ns = instances[0].comm_points.points_ns if instances else None
         self.rows_complete(0, 0)
 
     def rows_complete(self, first: int, last: int) -> None:
@@ -39,7 +48,8 @@ class ProgressObserver(Observer):
         del first
         if self._interruption is not None:
             self._interruption.raise_if_requested()
-        self._report_progress(self._what, last / self._points)
+        now = int(self._points_ns[last - 1]) if last and self._points_ns is not None else 0
+        self._report_progress(self._what, now / self._end_ns)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Do nothing: log lines go to the trace."""
@@ -90,6 +100,8 @@ def run_system(
     events: Sequence[Event] = (),
     pace: Pace | None = None,
     supervisor: Supervisor | None = None,
+    keep: bool = True,
+    call_limit: float | None = None,
 ) -> CompletedRun:
     """Run a system from its start to its end, or to where an event stops it.
 
@@ -99,6 +111,8 @@ def run_system(
     living : ends the slaves when it is closed; close it when the run is on disk, since some FMUs
         end the process with them.
     supervisor : executes the run in its child process; None: in this process.
+    keep : whether the run keeps its rows.
+    call_limit : of one call of an isolated slave in this process [s]; None: no limit.
 
     Raises
     ------
@@ -108,7 +122,12 @@ def run_system(
     if supervisor is not None:
         watcher = ProgressObserver(system, what, report_progress)
         conducted = supervisor.run(
-            system, [*observers, watcher], conduct, living=living, engine=engine
+            system,
+            [*observers, watcher],
+            conduct,
+            living=living,
+            engine=engine,
+            keep=keep,
         )
         run, found = conducted.run, conducted.found or EventResults()
         if pace is not None and found.pace is not None:
@@ -116,7 +135,15 @@ def run_system(
     else:
         with DeferredInterrupt() as interruption:
             watcher = ProgressObserver(system, what, report_progress, interruption)
-            session = living.enter_context(Session(system, [*observers, watcher], engine=engine))
+            session = living.enter_context(
+                Session(
+                    system,
+                    [*observers, watcher],
+                    engine=engine,
+                    keep=keep,
+                    call_limit=call_limit,
+                )
+            )
             found = conduct(session)
             session.deliver()
             run = session.result(complete=True)

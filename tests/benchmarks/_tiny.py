@@ -35,5 +35,5 @@ def tiny_fmu(signals: int, folder: Path) -> Path:
         f"<InitialUnknowns>{''.join(outputs)}</InitialUnknowns></ModelStructure>"
         "</fmiModelDescription>\n"
     )
-    flags = ("-O2", f"-DN={signals}", "-Wno-unused-parameter")
+    flags = ("-O2", f"-DN={signals}")
     return compile_fmu(_SOURCE, description, folder / f"{name}.fmu", *flags)

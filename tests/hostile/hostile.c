@@ -14,15 +14,12 @@
 #include <math.h>
 #include <pthread.h>
 #include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <sys/mman.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "fmi2Functions.h"
-#include "fmi3Functions.h"
+#define BOTH_VERSIONS
+#include "slave.h"
 
 enum { /* calls */
     LOAD, INSTANTIATE, SETUP, ENTER, EXIT, SET, GET, STEP, TERMINATE, FREE, RESET, STATE
@@ -46,32 +43,20 @@ enum { /* faults */
 typedef struct { /* steps begun and done, gets and sets after the initialisation, and faults */
     int64_t begun, done, got, set, faults;
 } Counts;
-typedef struct {
-    const fmi2CallbackFunctions *two;
-    fmi3LogMessageCallback three;
-    void *environment;
-    char name[200];
+struct Model {
+    Log log;
     double u, x, time, reached;
     double reals[6]; /* from AT on */
     int32_t integers[3]; /* from FAULT on */
     int64_t calls[STATE + 1];
     int number, stepping, ended;
-} Model;
+};
 enum { U, X, AT, BEYOND, SECONDS, MEGABYTES, DECAY, X0, FAULT_, CALL_, NTH };
 #define REAL(m, reference) (m)->reals[(reference) - AT]
 #define INTEGER(m, reference) (m)->integers[(reference) - FAULT_]
 
 static Counts *counts; /* of all instances */
 static volatile int freed;
-
-static int say(Model *m, int status, const char *text) {
-    if (m->three)
-        m->three(m->environment, (fmi3Status)status, "logAll", text);
-    else if (m->two)
-        m->two->logger(m->two->componentEnvironment, m->name, (fmi2Status)status, "logAll", "%s",
-                       text);
-    return status;
-}
 
 /* --- the faults */
 
@@ -88,13 +73,17 @@ static void leak(double megabytes) {
         memset(block, 1, 1 << 20);
 }
 
+/* Long lines with their numbers, and one line on the other stream. */
 static void flood(int output, double megabytes) {
     char line[1024];
+    dprintf(STDOUT_FILENO + STDERR_FILENO - output, "a flood begins\n");
     memset(line, '~', sizeof line);
     line[sizeof line - 1] = '\n';
-    for (int i = 0; i < 1024 * megabytes; i++)
+    for (int i = 0; i < 1024 * megabytes; i++) {
+        line[snprintf(line, sizeof line, "line %d ", i)] = '~';
         if (write(output, line, sizeof line) < 0)
             return;
+    }
 }
 
 static void wait_for(double seconds) {
@@ -168,14 +157,14 @@ static int misbehave(Model *m, int fault) {
     case PRINT: if (m->number != PRINT) printf("a line that the FMU prints\n"); /* fall through */
     case NOT_A_NUMBER: case INFINITE: case GROW: case HUGE_CONSTANT: m->number = fault; break;
     case NEGATIVE: return -1;
-    case WARNING: return say(m, fmi2Warning, "the <pump> is hot");
+    case WARNING: return say(&m->log, fmi2Warning, "the <pump> is hot");
     case DISCARD: case RETURN_EARLY:
-        return say(m, fmi2Discard, "the <pump> has lost its prime");
-    case ERROR: return say(m, fmi2Error, "the <pump> has lost its prime");
-    case FATAL: return say(m, fmi2Fatal, "the <pump> has lost its prime");
-    case PENDING: return m->two ? fmi2Pending : 5;
+        return say(&m->log, fmi2Discard, "the <pump> has lost its prime");
+    case ERROR: return say(&m->log, fmi2Error, "the <pump> has lost its prime");
+    case FATAL: return say(&m->log, fmi2Fatal, "the <pump> has lost its prime");
+    case PENDING: return m->log.two ? fmi2Pending : 5;
     case UNKNOWN: return 77;
-    case END: m->ended = 1; return m->two ? fmi2Discard : fmi3OK;
+    case END: m->ended = 1; return m->log.two ? fmi2Discard : fmi3OK;
     case ROUNDING: fesetround(FE_UPWARD); break;
     case FLUSH_TO_ZERO: flush_to_zero(); break;
     case SIGNALS: ignore_signals(); break;
@@ -228,7 +217,7 @@ static void read_settings(Model *m) {
     fclose(file);
 }
 
-static void start(Model *m) {
+static void reset_settings(Model *m) {
     REAL(m, BEYOND) = -1.0;
     REAL(m, SECONDS) = 0.05;
     REAL(m, MEGABYTES) = 1024.0;
@@ -238,29 +227,22 @@ static void start(Model *m) {
 
 __attribute__((constructor)) static void loaded(void) {
     Model before = {0};
-    start(&before);
+    reset_settings(&before);
     call(&before, LOAD);
 }
 
-static Model *instantiate(const char *name, const fmi2CallbackFunctions *two,
-                          fmi3LogMessageCallback three, void *environment) {
-    Model *m = calloc(1, sizeof(Model));
-    snprintf(m->name, sizeof m->name, "%s", name);
-    m->two = two;
-    m->three = three;
-    m->environment = environment;
-    start(m);
-    if (call(m, INSTANTIATE) >= fmi2Discard) {
-        free(m);
-        return NULL;
-    }
-    return m;
+static int begin(Model *m, const Log *log) {
+    m->log = *log;
+    reset_settings(m);
+    return call(m, INSTANTIATE) < fmi2Discard;
 }
 
-static int enter(Model *m, double time) {
+static int setup(Model *m, double time) {
     m->time = m->reached = time;
-    return call(m, ENTER);
+    return m->log.two ? call(m, SETUP) : fmi3OK; /* FMI 3.0 has no such function */
 }
+
+static int enter(Model *m) { return call(m, ENTER); }
 
 static int leave(Model *m) {
     m->x = REAL(m, X0);
@@ -294,32 +276,26 @@ static double output(const Model *m) {
     }
 }
 
-static int get_reals(Model *m, const unsigned v[], size_t n, double value[]) {
+static int get(Model *m) {
     if (counts && m->stepping)
         counts->got++;
-    int status = call(m, GET);
-    for (size_t i = 0; i < n; i++)
-        value[i] = v[i] == U ? m->u : v[i] == X ? output(m) : REAL(m, v[i]);
-    return status;
+    return call(m, GET);
 }
 
-static int set_reals(Model *m, const unsigned v[], size_t n, const double value[]) {
+static int set(Model *m) {
     if (counts && m->stepping)
         counts->set++;
-    for (size_t i = 0; i < n; i++)
-        *(v[i] == U ? &m->u : &REAL(m, v[i])) = value[i];
     return call(m, SET);
 }
 
 static int terminate(Model *m) {
-    say(m, fmi2OK, "terminated");
+    say(&m->log, fmi2OK, "terminated");
     return call(m, TERMINATE);
 }
 
 static void end(Model *m) {
     call(m, FREE);
-    say(m, fmi2OK, "freed");
-    free(m);
+    say(&m->log, fmi2OK, "freed");
     freed = 1;
 }
 
@@ -327,61 +303,31 @@ static int reset(Model *m) {
     int status = call(m, RESET);
     m->u = m->x = m->time = 0.0;
     m->stepping = m->number = m->ended = 0;
-    start(m);
+    reset_settings(m);
     return status;
 }
 
-static int save(Model *m, void **state) {
-    int status = call(m, STATE);
-    *state = memcpy(*state ? *state : malloc(sizeof(Model)), m, sizeof(Model));
-    return status;
-}
+static int save(Model *m) { return call(m, STATE); }
 
-/* --- FMI 2.0 */
+static const Behaviour behaviour = {
+    sizeof(Model),
+    .begin = begin, .setup = setup, .enter = enter, .leave = leave, .step = step,
+    .terminate = terminate, .reset = reset, .save = save, .end = end,
+};
 
-const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
-const char *fmi2GetVersion(void) { return fmi2Version; }
-fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String where,
-                              const fmi2CallbackFunctions *callbacks, fmi2Boolean visible,
-                              fmi2Boolean logging) {
-    (void)type, (void)guid, (void)where, (void)visible, (void)logging;
-    return instantiate(name, callbacks, NULL, NULL);
-}
-void fmi2FreeInstance(fmi2Component c) { end(c); }
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String k[]) {
-    return (void)c, (void)on, (void)n, (void)k, fmi2OK;
-}
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tolerance, fmi2Real time,
-                               fmi2Boolean s, fmi2Real stop) {
-    (void)t, (void)tolerance, (void)s, (void)stop;
-    ((Model *)c)->time = time;
-    return (fmi2Status)call(c, SETUP);
-}
-fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    return (fmi2Status)enter(c, ((Model *)c)->time);
-}
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return (fmi2Status)leave(c); }
-fmi2Status fmi2Terminate(fmi2Component c) { return (fmi2Status)terminate(c); }
-fmi2Status fmi2Reset(fmi2Component c) { return (fmi2Status)reset(c); }
-fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference v[], size_t n, fmi2Real x[]) {
-    return (fmi2Status)get_reals(c, v, n, x);
-}
-fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference v[], size_t n,
-                       const fmi2Real x[]) {
-    return (fmi2Status)set_reals(c, v, n, x);
-}
-fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference v[], size_t n, fmi2Integer x[]) {
-    for (size_t i = 0; i < n; i++) x[i] = INTEGER((Model *)c, v[i]);
-    return fmi2OK;
-}
-fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference v[], size_t n,
-                          const fmi2Integer x[]) {
-    for (size_t i = 0; i < n; i++) INTEGER((Model *)c, v[i]) = x[i];
-    return fmi2OK;
-}
-fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean keep) {
-    return (void)keep, (fmi2Status)step(c, t, h);
-}
+/* --- the functions of FMI */
+
+#define VALUES(V, Reals, Integers)                                                                 \
+    GETTER(V, Reals, get(m),                                                                       \
+        reference == U ? m->u : reference == X ? output(m) : REAL(m, reference))                   \
+    SETTER(V, Reals, set(m), *(reference == U ? &m->u : &REAL(m, reference)))                      \
+    GETTER(V, Integers, V##OK, INTEGER(m, reference))                                              \
+    SETTER(V, Integers, V##OK, INTEGER(m, reference))
+VALUES(fmi2, Real, Integer)
+VALUES(fmi3, Float64, Int64)
+STATE_FUNCTIONS(fmi2, FMUstate, DeSerialize)
+STATE_FUNCTIONS(fmi3, FMUState, Deserialize)
+
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value) {
     *value = ((Model *)c)->ended;
     return kind == fmi2Terminated ? fmi2OK : fmi2Error;
@@ -389,69 +335,6 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
     *value = ((Model *)c)->reached;
     return kind == fmi2LastSuccessfulTime ? fmi2OK : fmi2Error;
-}
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
-    return (fmi2Status)save(c, state);
-}
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
-    return memcpy(c, state, sizeof(Model)), fmi2OK;
-}
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
-    return (void)c, free(*state), *state = NULL, fmi2OK;
-}
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-    return (void)c, (void)state, *size = sizeof(Model), fmi2OK;
-}
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t n) {
-    return (void)c, memcpy(bytes, state, n), fmi2OK;
-}
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t n,
-                                   fmi2FMUstate *state) {
-    return (void)c, *state = memcpy(malloc(n), bytes, n), fmi2OK;
-}
-
-/* --- FMI 3.0 */
-
-const char *fmi3GetVersion(void) { return fmi3Version; }
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String where,
-                                         fmi3Boolean visible, fmi3Boolean logging,
-                                         fmi3Boolean events, fmi3Boolean early,
-                                         const fmi3ValueReference needed[], size_t n,
-                                         fmi3InstanceEnvironment environment,
-                                         fmi3LogMessageCallback logger,
-                                         fmi3IntermediateUpdateCallback update) {
-    (void)token, (void)where, (void)visible, (void)logging, (void)events, (void)early;
-    (void)needed, (void)n, (void)update;
-    return instantiate(name, NULL, logger, environment);
-}
-void fmi3FreeInstance(fmi3Instance c) { end(c); }
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String k[]) {
-    return (void)c, (void)on, (void)n, (void)k, fmi3OK;
-}
-fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean t, fmi3Float64 tolerance,
-                                       fmi3Float64 time, fmi3Boolean s, fmi3Float64 stop) {
-    return (void)t, (void)tolerance, (void)s, (void)stop, (fmi3Status)enter(c, time);
-}
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return (fmi3Status)leave(c); }
-fmi3Status fmi3Terminate(fmi3Instance c) { return (fmi3Status)terminate(c); }
-fmi3Status fmi3Reset(fmi3Instance c) { return (fmi3Status)reset(c); }
-fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference v[], size_t n, fmi3Float64 x[],
-                          size_t m) {
-    return (void)m, (fmi3Status)get_reals(c, v, n, x);
-}
-fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference v[], size_t n,
-                          const fmi3Float64 x[], size_t m) {
-    return (void)m, (fmi3Status)set_reals(c, v, n, x);
-}
-fmi3Status fmi3GetInt64(fmi3Instance c, const fmi3ValueReference v[], size_t n, fmi3Int64 x[],
-                        size_t m) {
-    for (size_t i = 0; i < n; i++) x[i] = INTEGER((Model *)c, v[i]);
-    return (void)m, fmi3OK;
-}
-fmi3Status fmi3SetInt64(fmi3Instance c, const fmi3ValueReference v[], size_t n,
-                        const fmi3Int64 x[], size_t m) {
-    for (size_t i = 0; i < n; i++) INTEGER((Model *)c, v[i]) = (int32_t)x[i];
-    return (void)m, fmi3OK;
 }
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean keep,
                       fmi3Boolean *event, fmi3Boolean *ended, fmi3Boolean *early,
@@ -466,30 +349,8 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
     *reached = m->reached;
     return early_return ? fmi3OK : (fmi3Status)status;
 }
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
-    return (fmi3Status)save(c, state);
-}
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) {
-    return memcpy(c, state, sizeof(Model)), fmi3OK;
-}
-fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
-    return (void)c, free(*state), *state = NULL, fmi3OK;
-}
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size) {
-    return (void)c, (void)state, *size = sizeof(Model), fmi3OK;
-}
-fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t n) {
-    return (void)c, memcpy(bytes, state, n), fmi3OK;
-}
-fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t n,
-                                   fmi3FMUState *state) {
-    return (void)c, *state = memcpy(malloc(n), bytes, n), fmi3OK;
-}
-
 /* --- what nobody needs; some importers look every function up */
 
-__attribute__((used)) static fmi2Status refused(void) { return fmi2Error; }
-#define REFUSED(name) __asm__(".globl " #name "\n.set " #name ", refused");
 REFUSED(fmi2CancelStep) REFUSED(fmi2GetBoolean) REFUSED(fmi2GetDirectionalDerivative)
 REFUSED(fmi2GetIntegerStatus) REFUSED(fmi2GetRealOutputDerivatives) REFUSED(fmi2GetStatus)
 REFUSED(fmi2GetString) REFUSED(fmi2GetStringStatus) REFUSED(fmi2SetBoolean)

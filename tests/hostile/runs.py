@@ -40,6 +40,7 @@ end = {end}
 step = {step}
 [components.h]
 fmu = "h.fmu"
+isolate = {isolate}
 parameters = {{ decay = {decay[h]!r}, x0 = {x0[h]!r} }}
 [components.s]
 fmu = "s.fmu"
@@ -111,7 +112,12 @@ class Found:
 
 
 def run_row(
-    row: Row, folder: Path, *options: str, interrupt: Interrupt | None = None, limits: bool = True
+    row: Row,
+    folder: Path,
+    *options: str,
+    interrupt: Interrupt | None = None,
+    limits: bool = True,
+    isolate: bool = False,
 ) -> Found:
     """Run the scenario with the fault of a row in its own process, and look at what is left.
 
@@ -121,12 +127,13 @@ def run_row(
     options : of the command.
     interrupt : sent when the fault has begun.
     limits : whether the scenario limits the time of calls and the memory.
+    isolate : whether the hostile component is in a process of its own.
     """
     home, scratch, out = folder / "run", folder / "tmp", folder / "printed"
     home.mkdir()
     scratch.mkdir()
     counts = folder / "counts"
-    _write_scenario(row, home, counts, limits=limits)
+    _write_scenario(row, home, counts, limits=limits, isolate=isolate)
     line = [sys.executable, "-m", "cosim", "run", "s.toml", "--out", "t.mcap", *options]
     if row.call not in RUN_CALLS:
         line = [sys.executable, "-m", "cosim", "fmu", "check", "h.fmu", "--run"]
@@ -175,11 +182,12 @@ def run_row(
     )
 
 
-def _write_scenario(row: Row, home: Path, counts: Path, *, limits: bool) -> None:
+def _write_scenario(row: Row, home: Path, counts: Path, *, limits: bool, isolate: bool) -> None:
     other = "3.0" if row.version == "2.0" else "2.0"
     hostile_fmu(home, row.version, "h", fault=row.fault, call=row.call, at=at(row), counts=counts)
     hostile_fmu(home, other, "s")
-    text = _SCENARIO.format(end=STEP_S * STEPS, step=STEP_S, decay=DECAY, x0=X0)
+    given = {"end": STEP_S * STEPS, "step": STEP_S, "decay": DECAY, "x0": X0}
+    text = _SCENARIO.format(isolate=str(isolate).lower(), **given)
     may_limit = limits and "limits" in Scenario.model_fields
     (home / "s.toml").write_text(text + (_LIMITS if may_limit else ""))
 

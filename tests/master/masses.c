@@ -7,17 +7,12 @@
 
    reals: 0 u1, 1 u2, 2 x, 3 v, 4 f, 5 m, 6 c, 7 d, 8 c12, 9 d12, 10 side. */
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
+#include "slave.h"
 
 enum { U1, U2, X, V, F, MASS, C_, D_, C12, D12, SIDE, COUNT };
-typedef struct {
+struct Model {
     double v[COUNT];
-} Model;
-typedef void *Component;
-typedef int Status;
-#define API __attribute__((visibility("default")))
+};
 #define N 4
 
 static void multiply(double a[N][N], double b[N][N], double out[N][N]) {
@@ -31,7 +26,7 @@ static void multiply(double a[N][N], double b[N][N], double out[N][N]) {
     memcpy(out, found, sizeof found);
 }
 /* exp of [A B; 0 0] h by a series, scaled and squared: states, then held inputs */
-static void advance(Model *m, double h) {
+static int step(Model *m, double t, double h) {
     double *p = m->v, out = p[SIDE] > 0;
     double k = p[C_] + out * p[C12], damping = p[D_] + out * p[D12];
     double a[N][N] = {{0, 1, 0, 0},
@@ -59,41 +54,14 @@ static void advance(Model *m, double h) {
         for (int j = 0; j < N; j++)
             next[i] += e[i][j] * s[j];
     p[X] = next[0], p[V] = next[1];
+    return fmi2OK;
 }
-API const char *fmi2GetTypesPlatform(void) { return "default"; }
-API const char *fmi2GetVersion(void) { return "2.0"; }
-API Status fmi2SetDebugLogging(Component c, int on, size_t n, const char *const k[]) {
-    return (void)c, (void)on, (void)n, (void)k, 0;
-}
-API Component fmi2Instantiate(const char *name, int type, const char *guid, const char *where,
-                              const void *callbacks, int visible, int logging) {
-    (void)name, (void)type, (void)guid, (void)where, (void)callbacks, (void)visible, (void)logging;
-    Model *m = calloc(1, sizeof(Model));
-    if (m)
-        m->v[MASS] = 1;
-    return m;
-}
-API void fmi2FreeInstance(Component c) { free(c); }
-API Status fmi2SetupExperiment(Component c, int t, double tol, double start, int s, double stop) {
-    return (void)c, (void)t, (void)tol, (void)start, (void)s, (void)stop, 0;
-}
-API Status fmi2EnterInitializationMode(Component c) { return (void)c, 0; }
-API Status fmi2ExitInitializationMode(Component c) { return (void)c, 0; }
-API Status fmi2Terminate(Component c) { return (void)c, 0; }
-API Status fmi2Reset(Component c) { return (void)c, 3; }
-API Status fmi2GetReal(Component c, const unsigned vr[], size_t n, double value[]) {
-    double *p = ((Model *)c)->v;
+static int begin(Model *m, const Log *log) { return m->v[MASS] = 1; }
+static int refresh(double *p) {
     p[F] = p[C12] * (p[X] - p[U1]) + p[D12] * (p[V] - p[U2]);
-    for (size_t i = 0; i < n; i++)
-        value[i] = p[vr[i]];
-    return 0;
+    return fmi2OK;
 }
-API Status fmi2SetReal(Component c, const unsigned vr[], size_t n, const double value[]) {
-    for (size_t i = 0; i < n; i++)
-        ((Model *)c)->v[vr[i]] = value[i];
-    return 0;
-}
-API Status fmi2DoStep(Component c, double t, double h, int keep) {
-    (void)t, (void)keep;
-    return advance(c, h), 0;
-}
+static const Behaviour behaviour = {sizeof(Model), .begin = begin, .step = step, .reset = refuse};
+
+GETTER(fmi2, Real, refresh(m->v), m->v[reference])
+SETTER(fmi2, Real, fmi2OK, m->v[reference])

@@ -47,9 +47,7 @@ def mass_fmu(folder: Path) -> Path:
         f"<ModelStructure><Outputs>{unknowns}{force}</Outputs>"
         f"<InitialUnknowns>{force}</InitialUnknowns></ModelStructure></fmiModelDescription>\n"
     )
-    return compile_fmu(
-        Path(__file__).with_name("masses.c"), description, folder / "masses.fmu", "-lm"
-    )
+    return compile_fmu(Path(__file__).with_name("masses.c"), description, folder / "masses.fmu")
 
 
 def oscillator(fmu: Path, policy: Any, *, step: float, stop: float) -> System:

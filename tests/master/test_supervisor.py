@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
 import pytest
-from faulty import CALLS, faulty_fmu
 from foreign.c_fmu import c_fmu, every
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from scalar import end, ns, scalar_fmu, scalars
 
 from cosim.core.errors import ComponentError, InputError, LossError
@@ -64,9 +64,9 @@ def supervisor() -> Iterator[Supervisor]:
         yield opened
 
 
-def pump(folder: Path, call: str, status: int) -> System:
-    fmu = describe_fmu(faulty_fmu(folder, "2.0", "pump"))
-    parameters = {"u": 2.0, "fail_in": CALLS.index(call), "status": status, "fail_at": 0.45}
+def pump(folder: Path, fault: str, call: str = "step", at: float = 0.45) -> System:
+    fmu = describe_fmu(hostile_fmu(folder, "2.0", "pump"))
+    parameters = {"u": 2.0, **misbehaviour(fault, call, at)}
     return System(
         {"pump": Component(fmu, parameters)},
         [],
@@ -85,7 +85,7 @@ def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -
     """Two runs in one process, one that ends it, and one more in another; then none is left."""
     before = children()
     with Supervisor() as opened:
-        sound, deadly = pump(tmp_path, "nothing", 0), pump(tmp_path, "step", -signal.SIGSEGV)
+        sound, deadly = pump(tmp_path, "nothing"), pump(tmp_path, "segfault")
         assert supervised(opened, sound).status == "finished"
         (first,) = children() - before
         assert supervised(opened, sound).status == "finished"
@@ -96,6 +96,27 @@ def test_child_flies_many_runs_and_is_replaced_after_its_death(tmp_path: Path) -
         (second,) = children() - before
         assert second != first
     assert children() == before
+
+
+def with_bad(folder: Path, threads: int) -> System:
+    """Six pumps, the fifth of which misbehaves in its step."""
+    system = pump(folder, "segfault")
+    component = system.components["pump"]
+    sound = pump(folder, "nothing").components["pump"]
+    components = {f"pump {i}": component if i == 4 else sound for i in range(6)}
+    return replace(system, components=components, threads=threads)
+
+
+@pytest.mark.parametrize("threads", [2, 3, 6])
+def test_crash_on_one_of_several_threads_names_its_component(tmp_path: Path, threads: int) -> None:
+    """Whichever thread steps it, and whatever the others do meanwhile."""
+    with Supervisor() as opened:
+        for _ in range(5):
+            died = supervised(opened, with_bad(tmp_path, threads))
+            assert (died.status, died.points_ns.size) == ("failed", 6)
+            assert died.cause is not None
+            assert (died.cause.kind, died.cause.component) == ("crashed", "pump 4")
+            assert died.cause.call == "fmi2DoStep"
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
@@ -161,7 +182,7 @@ class Full(Diary):
 
 def test_error_of_an_observer_ends_the_run_in_order(tmp_path: Path) -> None:
     """It is raised here, the child stops and frees its slaves, and can do the next run."""
-    system = pump(tmp_path, "nothing", 0)
+    system = pump(tmp_path, "nothing")
     with Supervisor() as opened:
         with pytest.raises(LossError, match="the disk is full"):
             supervised(opened, system, Full())
@@ -170,12 +191,10 @@ def test_error_of_an_observer_ends_the_run_in_order(tmp_path: Path) -> None:
 
 def test_errors_of_the_session_are_raised_here(supervisor: Supervisor, tmp_path: Path) -> None:
     """With their class and all their parts, as in one process."""
-    for call, kind in (("enter", ComponentError), ("nothing", InputError)):
-        system = pump(tmp_path, call, 3)
-        if call == "nothing":
+    for fault, kind in (("error", ComponentError), ("nothing", InputError)):
+        system = pump(tmp_path, fault, "enter", at=0.0)
+        if fault == "nothing":
             system.components["pump"].parameters["u"] = "a text"  # type: ignore[index]
-        else:
-            system.components["pump"].parameters["fail_at"] = 0.0  # type: ignore[index]
         found = []
         for run in (simulate, lambda s: supervised(supervisor, s)):
             with pytest.raises(kind) as raised:
@@ -187,8 +206,8 @@ def test_errors_of_the_session_are_raised_here(supervisor: Supervisor, tmp_path:
 
 def test_crash_between_two_sent_values_keeps_the_rows_before(tmp_path: Path) -> None:
     """Of two components, one of which dies in a get: the row of that point is not complete."""
-    fmu = describe_fmu(faulty_fmu(tmp_path, "3.0", "pump"))
-    bad = {"u": 1.0, "fail_in": CALLS.index("get"), "status": -signal.SIGABRT, "fail_at": 0.45}
+    fmu = describe_fmu(hostile_fmu(tmp_path, "3.0", "pump"))
+    bad = {"u": 1.0, **misbehaviour("abort", "get", 0.45)}
     system = System(
         {"good": Component(fmu, {"u": 1.0}), "bad": Component(fmu, bad)},
         [],

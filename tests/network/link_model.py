@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from cosim.network import PacketLink, draws
+from cosim.network import DelaySignal, PacketLink, draws
 
 Label = tuple[int, int]
 """A message and which of its two: 0 itself, 1 its copy."""
@@ -75,6 +75,9 @@ class Outcome:
     def sequence(self, used: Label | str) -> int:
         return _CODES[used] if isinstance(used, str) else used[0]
 
+    def sent(self, used: Label | str) -> int:
+        return _CODES[used] if isinstance(used, str) else self.entries[used].sent
+
     def changes(self) -> dict[int, str]:
         """Instants at which what is in use changes, and what did it last."""
         return {note.time: note.effect for note in self.notes if note.effect}
@@ -113,12 +116,19 @@ class Raw(NamedTuple):
     copy_jitter: list[int]
 
 
-def raw_draws(link: PacketLink, end: int) -> Raw:
-    count = len(range(link.offset_ns, end + 1, link.sample_time_ns))
-    source = (link.seed, link.name, count)
+def raw_draws(link: PacketLink, end: int, points: Sequence[int] | None = None) -> Raw:
+    """Return the draws of a run; of a live link on a grid `points`, since windows count there."""
+    nominal = range(link.offset_ns, end + 1, link.sample_time_ns)
+    source = (link.seed, link.name, len(nominal))
+    lost = draws.lost(link.loss, *source).tolist()
+    up = _Model(link, end, points if isinstance(link.delay, DelaySignal) else None).up
+    for window in link.windows:
+        others = draws.lost(window.loss, *source).tolist()
+        inside = [window.from_ns <= up(t) < window.until_ns for t in nominal]
+        lost = [o if i else own for own, o, i in zip(lost, others, inside, strict=True)]
     return Raw(
         draws.jitter_ns(link.jitter, *source).tolist(),
-        draws.lost(link.loss, *source).tolist(),
+        lost,
         draws.duplicated(link.duplicate, *source).tolist(),
         draws.jitter_ns(link.jitter, *source, "copy jitter").tolist(),
     )

@@ -246,7 +246,7 @@ def test_signal_refuses(arguments: Any, word: str) -> None:
 
 def test_schedule_refuses_a_delay_that_follows_a_signal() -> None:
     """A delay that depends on the run is refused before it, with a hint."""
-    with pytest.raises(InputError, match="LiveSchedule"):
+    with pytest.raises(InputError, match="GrowingSchedule"):
         schedule(PacketLink("a", 10, delay=DelaySignal(1.0)), 100)
 
 

@@ -134,3 +134,36 @@ def test_longer_run_begins_with_the_shorter(kind: str) -> None:
     jitter = Jitter(kind, max_ns=60, **scale)
     short, long = (draws.jitter_ns(jitter, 1, "link", n) for n in (50, 500))
     assert (long[:50] == short).all()
+
+
+JITTERS = [
+    Jitter("uniform", width_ns=10**6),
+    Jitter("exponential", mean_ns=50, max_ns=60),
+    Jitter("normal", mean_ns=3, sigma_ns=50),
+]
+
+
+@pytest.mark.parametrize("first", [1, 3, 4, 5, 1000, 4097])
+def test_a_block_has_its_part_of_the_stream(first: int) -> None:
+    """Drawn from any message on, every draw is that of the whole run."""
+    count, whole = 50, first + 50
+    for draw in (
+        lambda n, k: draws.uniform(3, "a", "test", n, first=k),
+        lambda n, k: draws.lost(0.3, 3, "a", n, k),
+        lambda n, k: draws.duplicated(0.3, 3, "a", n, k),
+        *(lambda n, k, j=j: draws.jitter_ns(j, 3, "a", n, first=k) for j in JITTERS),
+    ):
+        assert draw(count, first).tolist() == draw(whole, 0)[first:].tolist()
+
+
+@pytest.mark.parametrize("chain", [(0.3, 0.4), (0.9, 0.8), (0.0, 0.5), (1.0, 1.0)])
+def test_bursts_go_on_from_block_to_block(chain: tuple[float, float]) -> None:
+    """States drawn in blocks of any size, each told the last of the one before, are the run's."""
+    burst = GilbertElliott(*chain)
+    whole = draws.bad_states(burst, 7, "a", 600)
+    first = 0
+    for count in (0, 1, 1, 2, 5, 91, 500):
+        before = bool(whole[first - 1]) if first else False
+        block = draws.bad_states(burst, 7, "a", count, first, before=before)
+        assert block.tolist() == whole[first : first + count].tolist()
+        first += count

@@ -17,8 +17,8 @@ from cosim.network import (
     DelayProfile,
     DelaySignal,
     GilbertElliott,
+    GrowingSchedule,
     Jitter,
-    LiveSchedule,
     PacketLink,
     PacketSchedule,
     TransportLink,
@@ -33,9 +33,11 @@ numbers = st.integers(0, 10**9)
 def schedule_of(number: int) -> PacketSchedule:
     """The schedule of a random link, with a known or a live delay."""
     case = draw_case(number)
-    live = LiveSchedule(case.link, case.end)
-    for k in range(live.sent_ns.size):
-        live.resolve(k, case.value(k))
+    if not isinstance(case.link.delay, DelaySignal):
+        return schedule(case.link, case.end)
+    live = GrowingSchedule(case.link, case.end)
+    while live.horizon_ns <= case.end:
+        live.resolve(live.message, case.values[live.message])
     return live.finish()
 
 

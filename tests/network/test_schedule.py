@@ -20,6 +20,7 @@ from cosim.network import (
     OVERTAKEN,
     SUBSTITUTE,
     GilbertElliott,
+    GrowingSchedule,
     Jitter,
     PacketLink,
     align,
@@ -294,6 +295,19 @@ def test_too_many_messages() -> None:
     """A period of 1 ns over an hour is taken for seconds mistaken for nanoseconds."""
     with pytest.raises(InputError, match="nanoseconds"):
         schedule(PacketLink("a", 1), 3600 * 10**9)
+    with pytest.raises(InputError, match="at most 1000000000"):
+        GrowingSchedule(PacketLink("a", 1), 3600 * 10**9)
+
+
+def test_more_messages_in_blocks_than_fit_in_arrays() -> None:
+    """A day of messages at 1 ms begins at once, since none is drawn before it is needed."""
+    link, day = PacketLink("a", 10**6, delay_ns=5), 86_400 * 10**9
+    with pytest.raises(InputError, match="at most 50000000"):
+        schedule(link, day)
+    growing = GrowingSchedule(link, day)
+    growing.advance(10**6)
+    assert growing.sent_in_use([4, 5, 10**6]).tolist() == [-1, 0, 0]
+    assert growing.sendings(day - 10**6, day).tolist() == [day]
 
 
 def test_messages_that_take_too_long_to_send() -> None:

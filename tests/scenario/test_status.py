@@ -7,17 +7,19 @@ its commands of it and limits them. What is judged is the run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fed import blocks_of_one, fed
 
 from cosim.fmu import component_module, describe_fmu
 from cosim.fmu.export.build import build_fmu
 from cosim.master import Component, Connection, Endpoint, Run, System, make_schedule, simulate
 from cosim.models.auv import STATE
-from cosim.scenario.limits import Saturation, saturation
+from cosim.scenario.limits import Saturation, SaturationMeasure, saturation
 
 S = 10**9
 FORCE, MOMENT = 10.0, 4.0
@@ -151,6 +153,10 @@ class Commander:
         self._check(run, commands, force)
         found = saturation(run, "controller")
         assert found is not None
+        again = fed(run, [SaturationMeasure("controller")], blocks_of_one(run.points_ns.size))
+        assert again == [found]
+        broken_off = saturation(replace(run, status="stopped"), "controller")
+        assert broken_off == replace(found, limit_cycle=False)
         return found
 
     def _check(self, run: Run, commands: Mapping[str, np.ndarray], force: float) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import psutil
 import pytest
 from cli.shell import BUILT_IN, SCENARIOS, cosim
-from master.faulty import CALLS, faulty_fmu
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from shared import fmu_store
 
 from cosim.cli.common import make_fmu_cache
@@ -22,8 +22,6 @@ from cosim.master import Limits
 from cosim.scenario import Outcome, Supervision, execute_run, load, prepare
 from cosim.trace import Trace, content_hash
 
-HANG, LEAK, PRINT, EXIT = 1000, 1001, 1002, 2000
-"""Statuses of faulty.c that are none."""
 PUMP = """
 title = "A pump"
 [run]
@@ -31,7 +29,7 @@ end = 1.0
 step = 0.1
 [components.pump]
 fmu = "pump.fmu"
-parameters = {{ u = 2.0, fail_in = {call}, status = {status}, fail_at = {at} }}
+parameters = {{ u = 2.0, {fault} }}
 """
 FUNCTIONS = {
     "step": "DoStep",
@@ -47,10 +45,10 @@ KEPT = {"step": 6, "get": 5, "enter": 0, "exit": 0, "terminate": 11, "free": 11}
 WITH_EVENTS = ("events-of-every-kind", "grid-events", "delays-that-vary", "over-a-transport-link")
 
 
-def pump(folder: Path, call: str, status: int, version: str = "2.0", limits: str = "") -> None:
-    faulty_fmu(folder, version, "pump")
-    at = 0.45 if call in ("step", "get") else 0.0
-    text = PUMP.format(call=CALLS.index(call), status=status, at=at)
+def pump(folder: Path, call: str, fault: str, version: str = "2.0", limits: str = "") -> None:
+    hostile_fmu(folder, version, "pump")
+    given = misbehaviour(fault, call, at=0.45 if call in ("step", "get") else 0.0)
+    text = PUMP.format(fault=", ".join(f"{name} = {value}" for name, value in given.items()))
     (folder / "s.toml").write_text(text + (f"[limits]\n{limits}\n" if limits else ""))
 
 
@@ -87,7 +85,7 @@ def test_crash_is_named_and_keeps_every_complete_row(
     tmp_path: Path, call: str, version: str
 ) -> None:
     """Component, call and time; what was complete is in a finished trace; exit code 4."""
-    pump(tmp_path, call, -signal.SIGSEGV, version)
+    pump(tmp_path, call, "segfault", version)
     data = judged(tmp_path, call, "crashed", version)
     assert "SIGSEGV" in data["reason"]
 
@@ -96,14 +94,14 @@ def test_crash_is_named_and_keeps_every_complete_row(
 @pytest.mark.parametrize("code", [0, 3])
 def test_exit_is_no_success(tmp_path: Path, call: str, code: int) -> None:
     """exit(0) is a failure like exit(3)."""
-    pump(tmp_path, call, EXIT + code)
+    pump(tmp_path, call, f"exit-{code}")
     assert f"exit code {code}" in judged(tmp_path, call, "exited")["reason"]
 
 
 @pytest.mark.parametrize(("call", "limit"), [("exit", "start"), ("step", "call"), ("free", "end")])
 def test_hanging_call_is_ended_at_its_limit(tmp_path: Path, call: str, limit: str) -> None:
     """Each part of a run has its limit; the message names it."""
-    pump(tmp_path, call, HANG, limits=f'{limit} = "0.5 s"')
+    pump(tmp_path, call, "hang", limits=f'{limit} = "0.5 s"')
     began = time.monotonic()
     data = judged(tmp_path, call, "timed-out")
     assert time.monotonic() - began < 8.0
@@ -112,7 +110,7 @@ def test_hanging_call_is_ended_at_its_limit(tmp_path: Path, call: str, limit: st
 
 def test_limits_of_the_command_come_first_and_can_be_none(tmp_path: Path) -> None:
     """A run is ended between two steps where it can be; a limit of 0 or none is none."""
-    pump(tmp_path, "step", HANG, limits='call = "none"\nend = 0\nrun = "1 h"')
+    pump(tmp_path, "step", "hang", limits='call = "none"\nend = 0\nrun = "1 h"')
     data = judged(tmp_path, "step", "timed-out", "2.0", "--limit", "run=0.5")
     assert "the run took longer" in data["reason"]
     for wrong in ("walk=1", "run=soon", "memory=2 m", "call=-1"):
@@ -123,22 +121,22 @@ def test_limits_of_the_command_come_first_and_can_be_none(tmp_path: Path) -> Non
 
 def test_memory_has_a_limit(tmp_path: Path) -> None:
     """A gigabyte is more than 200 MB."""
-    pump(tmp_path, "step", LEAK, limits='memory = "200 MB"')
+    pump(tmp_path, "step", "leak", limits='memory = "200 MB"')
     data = judged(tmp_path, "step", "memory")
     assert "more than 200 MB" in data["reason"]
 
 
 def test_what_an_fmu_prints_is_in_the_log_up_to_a_limit(tmp_path: Path) -> None:
-    """Standard output has the JSON alone; 3000 lines are cut to 1000, and the log says so."""
-    pump(tmp_path, "step", PRINT)
+    """Standard output has the JSON alone; 6144 lines are cut to 1000, and the log says so."""
+    pump(tmp_path, "step", "flood-stdout")
     result = cosim("run", "s.toml", "--out", "t.mcap", "--json", cwd=tmp_path)
     assert (result.code, result.json["status"]) == (0, "finished")
     log = Trace(tmp_path / "t.mcap").read("/log")
     lines = list(zip(log["name"], log["message"], strict=True))
     printed = [message for name, message in lines if name == "stdout"]
     assert len(printed) == 1000
-    assert printed[:2] == ["line 0 of the pump", "line 1 of the pump"]
-    assert ("stderr", "the pump is hot") in lines
+    assert [line.rstrip("~") for line in printed] == [f"line {i} " for i in range(1000)]
+    assert ("stderr", "a flood begins") in lines
     assert any(n == "master" and "the rest is left out" in m for n, m in lines)
     assert cosim("trace", "verify", "t.mcap", cwd=tmp_path).code == 0
 
@@ -170,7 +168,7 @@ def test_interrupt_works_during_a_hang(tmp_path: Path, call: str, number: signal
     """After a second of grace, with a finished trace; nothing is left behind."""
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    pump(tmp_path, call, HANG)
+    pump(tmp_path, call, "hang")
     with subprocess.Popen(  # noqa: S603 - ourselves
         LINE,
         cwd=tmp_path,
@@ -201,7 +199,7 @@ def test_interrupt_works_during_a_hang(tmp_path: Path, call: str, number: signal
 @pytest.mark.slow
 def test_child_of_a_killed_command_ends_itself(tmp_path: Path) -> None:
     """Even in a call that does not return."""
-    pump(tmp_path, "step", HANG)
+    pump(tmp_path, "step", "hang")
     with subprocess.Popen(LINE, cwd=tmp_path, stdout=subprocess.DEVNULL) as process:  # noqa: S603
         child = waiting(psutil.Process(process.pid), tmp_path)
         process.kill()
@@ -245,7 +243,7 @@ def test_fresh_interpreter_gives_the_same_trace(tmp_path: Path, name: str) -> No
 
 def test_fresh_interpreter_reports_a_crash(tmp_path: Path) -> None:
     """As a forked one."""
-    pump(tmp_path, "step", -signal.SIGABRT)
+    pump(tmp_path, "step", "abort")
     outcome = executed(tmp_path / "s.toml", tmp_path, "spawn")
     assert outcome.cause is not None
     assert (outcome.status, outcome.cause.kind, outcome.cause.time_s) == ("failed", "crashed", 0.5)
@@ -255,7 +253,7 @@ def test_fresh_interpreter_reports_a_crash(tmp_path: Path) -> None:
 
 def test_refusal_is_typed(tmp_path: Path) -> None:
     """A call that returns an error; the same with and without a child."""
-    pump(tmp_path, "step", 3)
+    pump(tmp_path, "step", "error")
     here, there = (executed(tmp_path / "s.toml", tmp_path, m) for m in (None, "fork"))
     assert here.cause is not None
     assert here.cause == there.cause
@@ -264,7 +262,7 @@ def test_refusal_is_typed(tmp_path: Path) -> None:
 
 def test_scenario_can_say_that_it_is_not_supervised(tmp_path: Path) -> None:
     """run.supervise = false, and the trace says it."""
-    pump(tmp_path, "nothing", 0)
+    pump(tmp_path, "step", "nothing")
     for more, recorded in (((), "fork"), (("--set", "run.supervise=false"), "no")):
         run = cosim("run", "s.toml", "--out", "t.mcap", "--json", *more, cwd=tmp_path)
         assert run.code == 0, run.err
@@ -275,7 +273,7 @@ def test_scenario_can_say_that_it_is_not_supervised(tmp_path: Path) -> None:
 
 
 def test_check_of_the_step_survives_a_crash(tmp_path: Path) -> None:
-    pump(tmp_path, "step", -signal.SIGSEGV)
+    pump(tmp_path, "step", "segfault")
     result = cosim("run", "s.toml", "--check-step", cwd=tmp_path)
     assert result.code == 4
     assert "it cannot be said" in result.out

@@ -7,9 +7,6 @@ to stop between two steps. When the parent is gone it ends itself.
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import faulthandler
-import gc
 import io
 import os
 import signal
@@ -22,17 +19,21 @@ from multiprocessing.reduction import recv_handle
 from pathlib import Path
 from typing import Any
 
+from cosim.core import ComponentError, flush_output, prepare_for_foreign_code
 from cosim.fmu import adopt_folder, watch_calls
+from cosim.master.cause import Cause
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.session import Session
 from cosim.master.supervision import messages
 from cosim.master.supervision.messages import Job
 from cosim.master.supervision.shared import SharedRun
-from cosim.master.wiring import Wiring, wire
+from cosim.master.wire import wire
+from cosim.master.wiring import Wiring
 
-_LINE_BUFFERED = 1
 _REPORT_S = 0.01
+_WAIT_S = 0.0005
+_AHEAD_BYTES = 1 << 24
 _ORPHAN_S = 5.0
 """How long an orphan may go on: it has been asked to leave, and may be just doing so."""
 
@@ -53,19 +54,12 @@ def main(
     `known` : objects that messages may refer to, in a forked process.
     """
     _own_streams(int(out), int(err))
-    with contextlib.suppress(ValueError):  # a thread that is not the main one
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    faulthandler.disable()
-    gc.freeze()
-    _leave_at_exit()
+    prepare_for_foreign_code()
     threading.Thread(target=_end_as_orphan, args=(int(lifeline),), daemon=True).start()
     try:
         _Executor(Connection(int(connection)), known).serve()
     finally:
-        sys.stdout.flush()
-        with contextlib.suppress(AttributeError, OSError):
-            ctypes.CDLL(None).fflush(None)
+        flush_output()
         os._exit(0)
 
 
@@ -74,29 +68,10 @@ def _own_streams(out: int, err: int) -> None:
     for source, target in ((out, 1), (err, 2)):
         os.dup2(source, target)
         os.close(source)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
-    name = "__stdoutp" if sys.platform == "darwin" else "stdout"
-    with contextlib.suppress(AttributeError, OSError, ValueError):
-        c = ctypes.CDLL(None)
-        c.setvbuf(ctypes.c_void_p.in_dll(c, name), None, _LINE_BUFFERED, ctypes.c_size_t(0))
     sys.stdout, sys.stderr = (
         io.TextIOWrapper(io.FileIO(number, "w", closefd=False), "utf-8", line_buffering=True)
         for number in (1, 2)
     )
-
-
-def _leave_at_exit() -> None:
-    """Let exit(n), called in an FMU, end this process at once and with n.
-
-    What libraries of the parent have registered to be done at exit belongs to the parent; done
-    here, in a fork of it, it may crash.
-    """
-    with contextlib.suppress(AttributeError, OSError):  # on_exit is not everywhere
-        c = ctypes.CDLL(None)
-        end_at_once = c._exit  # noqa: SLF001 - it is a name of C
-        c.on_exit(ctypes.cast(end_at_once, ctypes.c_void_p), None)
 
 
 def _end_as_orphan(lifeline: int) -> None:
@@ -143,17 +118,24 @@ class _Executor:
 
     def _run(self, number: int, job: Job, wiring: Wiring, shared: SharedRun) -> None:
         adopt_folder(Path(job.folder))
+        wiring.gives_back_rows = False  # the parent does, when its observers have them
         found: Any = None
         try:
-            report = _Report(self, number, shared)
+            ahead = None if job.keep else _AHEAD_BYTES // wiring.all_rows.strides[0]
+            report = _Report(self, number, shared, ahead)
             wiring.texts.on_new = report.text
             session = Session(
                 job.system,
                 [begun := _Begun(self, number)],
                 engine=job.engine,
+                keep=job.keep,
                 wiring=wiring,
                 dispatch=report,
                 word=shared.word,
+                call_limit=job.call_limit,
+                process_started=lambda one: self._send(
+                    number, messages.PROCESS, one.number, one.memory_at_start
+                ),
             )
             begun.session = self._sessions[number] = session
             watch_calls(_Watcher(shared, session, report))
@@ -169,20 +151,31 @@ class _Executor:
             self._tell_end(number, session, found)
         except Exception as error:  # noqa: BLE001 - raised in the parent
             report.stoppable = False
+            if isinstance(error, ComponentError) and error.kind is not None:
+                self._tell_death(number, self._sessions[number], error)
+                return
             self._send(number, messages.RAISED, *messages.exception_parts(error))
 
     def _tell_end(self, number: int, session: Session, found: Any) -> None:
         end: tuple[Any, ...] = ("stopped", "stopped before the first communication point", None, 0)
         if session.opened:
             run = session.result(complete=True)
-            end = (run.status, run.reason, run.cause, int(run.points_ns.size))
+            end = (run.status, run.reason, run.cause, run.count)
         self._send(number, messages.CONDUCTED, *end, session.engine, found)
 
+    def _tell_death(self, number: int, session: Session, error: ComponentError) -> None:
+        """Tell that the process of an isolated slave ended outside the loop: the run has failed."""
+        time_s = session.time_s if session.opened else None
+        end = ("failed", error.text(), Cause.of_error(error, time_s), session.rows)
+        self._send(number, messages.CONDUCTED, *end, session.engine, None)
+
     def _close(self, number: int) -> None:
-        session = self._sessions.pop(number, None)
+        session, failure = self._sessions.pop(number, None), None
         if session is not None:
             session.close()
-        self._send(number, messages.CLOSED)
+            if (error := session.end_failure) is not None:
+                failure = Cause.of_error(error, session.time_s), error.text()
+        self._send(number, messages.CLOSED, failure)
 
     def send_of(self, number: int, kind: str, *content: Any) -> None:
         """Tell the parent something about a run."""
@@ -195,11 +188,17 @@ class _Report(ObserverDispatch):
     Attributes
     ----------
     stoppable : whether a request to stop is obeyed.
+
+    `ahead` : so many rows may be complete that the parent's observers do not have; None: any
+    number.
     """
 
-    def __init__(self, executor: _Executor, number: int, shared: SharedRun) -> None:
+    def __init__(
+        self, executor: _Executor, number: int, shared: SharedRun, ahead: int | None
+    ) -> None:
         super().__init__(())
         self._executor, self._number, self._shared = executor, number, shared
+        self._ahead = ahead
         self.stoppable = True
         self._lines_wait = False
         self._reported_at = 0.0
@@ -215,12 +214,17 @@ class _Report(ObserverDispatch):
         Rows alone are told every few milliseconds, since segments may be of a single point; at the
         end of the run the parent looks for the rest itself.
         """
-        self._shared.complete = complete
+        self._shared.complete = self.delivered = complete
         now = time.monotonic()
         if self._lines_wait or now - self._reported_at > _REPORT_S:
             self._lines_wait, self._reported_at = False, now
             self._tell(messages.DELIVER, complete)
         self.check_stop()
+        if self._ahead is not None and complete - self._shared.delivered > self._ahead:
+            self._tell(messages.DELIVER, complete)
+            while complete - self._shared.delivered > self._ahead and self.stoppable:
+                time.sleep(_WAIT_S)
+                self.check_stop()
 
     def check_stop(self) -> None:
         """Stop if the parent asked for it."""

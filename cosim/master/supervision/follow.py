@@ -7,16 +7,15 @@ import selectors
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.reduction import send_handle
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-from cosim.core import ComponentError, InputError
+from cosim.core import DEATH_HINTS, ComponentError, InputError, death_of
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
 from cosim.master.cause import Cause, CauseKind
-from cosim.master.component_instance import Rows
 from cosim.master.engine import EngineChoice, EngineName
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.run import Run, RunStatus
@@ -29,7 +28,8 @@ from cosim.master.supervision.process import Worker
 from cosim.master.supervision.shared import SharedRun, reserve
 from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
-from cosim.master.wiring import Wiring, wire
+from cosim.master.wire import wire
+from cosim.master.wiring import RowMemory, Wiring
 
 _TICK_S: Final = 0.02
 GRACE_S: Final = 1.0
@@ -81,12 +81,12 @@ class Wired:
         """
         made: list[tuple[SharedRun, int, int]] = []
 
-        def allocate(shape: tuple[int, int]) -> Rows:
+        def memory(shape: tuple[int, int]) -> RowMemory:
             if not made:
                 made.append(reserve(shape))
             return made[0][0].rows(shape)
 
-        return cls(wire(system, allocate), *made[0])
+        return cls(wire(system, memory), *made[0])
 
 
 class FollowedRun:
@@ -107,9 +107,16 @@ class FollowedRun:
         limits: Limits,
         interruption: Interruption | None,
         wired: Wired,
+        *,
+        keep: bool = True,
     ) -> None:
+        self._keep = keep
         self._worker, self._number, self._system = worker, number, system
         self._observers, self._limits, self._interruption = observers, limits, interruption
+        self._patient = limits
+        if limits.call is not None and any(c.isolate for c in system.components.values()):
+            # the child itself ends an isolated slave that exceeds the limit
+            self._patient = replace(limits, call=limits.call + GRACE_S)
         self._wired = wired
         self._wiring, self._shared = wired.wiring, wired.shared
         self._points = self._wiring.comm_points
@@ -142,7 +149,11 @@ class FollowedRun:
         known = (self._wiring, self._shared) if there else None
         folder = str(own_folder())
         self._send(
-            messages.RUN, Job(self._system, conduct, engine, self._wired.size, folder, known)
+            messages.RUN,
+            Job(
+                *(self._system, conduct, self._limits.call, engine),
+                *(self._keep, self._wired.size, folder, known),
+            ),
         )
         self._send_descriptor(send=not there)
         try:
@@ -152,9 +163,7 @@ class FollowedRun:
         except BaseException as error:
             self._abandon(error)
             raise
-        complete = self._shared.complete
-        self._resolve_delays(complete)
-        self._dispatch.deliver(complete)
+        self._deliver(self._shared.complete)
         self._end_output()
         if kind == messages.RAISED:
             parts, trace = content
@@ -172,7 +181,7 @@ class FollowedRun:
         self._stop_since = None  # a new time of grace
         try:
             self._send(messages.CLOSE)
-            self._follow(messages.CLOSED)
+            _, self.end_failure = self._follow(messages.CLOSED)
         except _BrokenOffError as broken:
             self.end_failure = broken.cause, broken.words
         self._end_output()
@@ -182,9 +191,6 @@ class FollowedRun:
     def _run_of(
         self, status: RunStatus, reason: str | None, cause: Cause | None, complete: int
     ) -> Run:
-        points = self._points.points_ns[:complete]
-        last_ns = int(points[-1]) if complete else 0
-        self._wiring.make_whole(complete)
         if self._stop_cause is not None and status == "stopped":
             at = self._points.points_ns[min(complete, self._points.count - 1)]
             cause = Cause(
@@ -194,23 +200,16 @@ class FollowedRun:
             reason = f"{cause.detail} at t = {cause.time_s:g} s"
             self._add("master", "info" if status == "stopped" else "error", reason)
             self._dispatch.deliver(complete)
-        return Run(
-            status,
-            reason,
-            points,
-            self._wiring.instances,
-            self._engine,
-            self._points.schedules(last_ns),
-            cause,
-        )
+        found = (self._wiring, complete, status, reason, self._engine, cause)
+        return Run.of(*found, kept=self._keep)
 
     def _broken_off(self, broken: _BrokenOffError) -> Run:
         """Return the run up to its last complete row, all of which the observers receive."""
         self._over = True
         complete = self._complete()
-        self._resolve_delays(complete)
+        self._make_ready(complete)
         self._end_output()
-        self._dispatch.deliver(complete)
+        self._deliver(complete)
         status: RunStatus = "stopped" if broken.cause.kind == "interrupted" else "failed"
         self._add("master", "error" if status == "failed" else "info", broken.words)
         self._dispatch.close()
@@ -253,7 +252,7 @@ class FollowedRun:
         ------
         _BrokenOffError : the child is dead, by itself or because it exceeded a limit.
         """
-        timer = _Timer(self._limits, closing=last == (messages.CLOSED,))
+        timer = _Timer(self._patient, closing=last == (messages.CLOSED,))
         with selectors.DefaultSelector() as selector:
             selector.register(self._worker.connection, selectors.EVENT_READ)
             for output in self._outputs:
@@ -294,31 +293,41 @@ class FollowedRun:
             case messages.LINE:
                 self._dispatch.add(content[0])
             case messages.DELIVER:
-                self._resolve_delays(content[0])
-                self._dispatch.deliver(content[0])
+                self._deliver(content[0])
             case messages.TEXT:
                 number, text = content
                 if self._wiring.texts.number(text) != number:
                     raise ValueError(f"expected number {number} for {text!r}")
+            case messages.PROCESS:
+                self._worker.add_process(*content)
             case messages.BEGUN:
                 self._engine = content[0]
                 self._begun = True
                 for observer in self._observers:
                     observer.begin(self._wiring.instances)
 
-    def _resolve_delays(self, complete: int) -> None:
-        """Resolve delays and routes as the child did, from the values in the rows."""
+    def _deliver(self, complete: int) -> None:
+        """Deliver the complete rows to the observers, and give back what nobody reads again."""
+        self._make_ready(complete)
+        self._dispatch.deliver(complete)
+        if not self._keep:
+            self._wiring.give_back(min(complete, self._dispatch.unread))
+        self._shared.delivered = complete
+
+    def _make_ready(self, complete: int) -> None:
+        """Make points ready as the child did, with the delays that follow from complete rows."""
         points = self._points
-        while (k := points.horizon) < min(complete, points.count):
-            before = points.horizon
-            try:
-                self._wiring.resolve_delays(self._system, k)
-            except InputError:  # the child has ended the run for it
+        while (first := points.ready) < complete:
+            if not points.crossing:
+                points.extend()
+            else:
+                try:
+                    self._wiring.resolve_delays(self._system, first)
+                except InputError:  # the child has ended the run for it
+                    return
+            if points.ready == first:
                 return
-            if points.horizon == before:
-                return
-            for fill in self._wiring.fills:
-                fill(k, points.horizon)
+            self._wiring.fill_routes(first, points.ready)
 
     def _dead(self, last: Sequence[str]) -> tuple[Any, ...]:
         """Take what a dead child has left; return the message waited for, if it is there."""
@@ -328,7 +337,8 @@ class FollowedRun:
             if found is not None:
                 return found
         status = self._worker.kill()
-        raise self._broken(*_death(status))
+        death = death_of(status)
+        raise self._broken(death.kind, f"the process of the components {death.words}")
 
     def _check(self, timer: _Timer) -> None:
         """Check limits and interruption; end the child where it exceeds its time.
@@ -389,8 +399,9 @@ class FollowedRun:
         points = self._points.points_ns
         if self._shared.in_loop:
             k, number = self._table.place()
+            self._make_ready(k)
             if number >= len(self._table.operations):  # several step side by side
-                return None, "DoStep", int(points[k])
+                number = self._table.place_in_team() or number
             component, call = self._table.call(number)
             return component or None, call or None, int(points[k])
         outside = self._shared.outside_call()
@@ -456,21 +467,9 @@ def _more(seconds: float, limit: float | None) -> bool:
     return limit is not None and seconds > limit
 
 
-def _death(status: int) -> tuple[CauseKind, str]:
-    """Say how a process ended."""
-    if status < 0:
-        try:
-            name = signal.Signals(-status).name
-        except ValueError:
-            name = f"signal {-status}"
-        return "crashed", f"the process of the components crashed ({name})"
-    return "exited", f"the process of the components left with exit code {status}"
-
-
 _HINTS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "crashed": "a fault of the FMU: report it to whoever made it",
-        "exited": "an FMU must not end the process: report it to whoever made it",
+        **DEATH_HINTS,
         **{
             f"limits.{name}": f"a greater limit: --limit {name}=..., or limits.{name} in the "
             "scenario; none for no limit"

@@ -16,7 +16,7 @@ from io import BytesIO
 from types import MappingProxyType
 from typing import Any, Final
 
-from cosim.core import CosimError
+from cosim.core import ComponentError, CosimError
 from cosim.master.engine import EngineName
 from cosim.master.session import Session
 from cosim.master.supervision.shared import SharedRun
@@ -37,7 +37,9 @@ CONDUCTED: Final = "conducted"
 RAISED: Final = "raised"
 """An exception and its traceback."""
 CLOSED: Final = "closed"
-"""All slaves are freed."""
+"""All slaves are freed; cause and words of what ended the process of an isolated one, or None."""
+PROCESS: Final = "process"
+"""Number and memory [bytes] of the process of an isolated slave, before it loads anything."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Job:
     Attributes
     ----------
     conduct : runs the session and returns what is to be known of it; picklable, both.
+    keep : whether all rows stay in memory.
+    call_limit : of one call of an isolated slave [s]; None: no limit.
     size : of the shared memory [bytes].
     folder : where FMUs are unpacked.
     wired : the wiring and its shared memory, if the child was forked when they were there.
@@ -54,7 +58,9 @@ class Job:
 
     system: System
     conduct: Callable[[Session], Any]
+    call_limit: float | None
     engine: EngineName
+    keep: bool
     size: int
     folder: str
     wired: tuple[Wiring, SharedRun] | None
@@ -102,7 +108,9 @@ def exception_parts(error: BaseException) -> tuple[Any, str]:
     """Return an exception in a form that can be sent, and its traceback as text."""
     trace = "".join(traceback.format_exception(error))
     if isinstance(error, CosimError):
-        keys = ("where", "expected", "got", "hint")
+        keys = ["where", "expected", "got", "hint"]
+        if isinstance(error, ComponentError):
+            keys += ["kind", "component", "call", "detail"]
         kind = next(c for c in type(error).__mro__ if c.__module__ == CosimError.__module__)
         return (kind, error.what, {key: getattr(error, key) for key in keys}), trace
     return (CosimError, f"unexpected {type(error).__name__}: {error}", {}), trace

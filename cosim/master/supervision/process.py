@@ -15,7 +15,7 @@ from typing import Any, Final, Literal
 from weakref import WeakSet
 
 import cosim.master.supervision.child as of_child
-from cosim.core import InputError
+from cosim.core import InputError, private_memory
 
 Method = Literal["fork", "spawn"]
 _SPAWN: Final = "import sys; from cosim.master.supervision.child import main; main(*sys.argv[1:])"
@@ -74,7 +74,8 @@ class Worker:
         for descriptor in (lifeline, out, err):
             os.close(descriptor)
         _open.add(self)
-        self._memory_at_start = self._own_memory()
+        self._memory_at_start = private_memory(self._pid)
+        self._of_slaves: dict[int, int] = {}
 
     def _fork(self, child_ends: tuple[int, int, int, int]) -> int:
         with warnings.catch_warnings():
@@ -136,16 +137,19 @@ class Worker:
                 os.close(descriptor)
 
     def memory_used(self) -> int | None:
-        """Return the memory that it has beyond what it started with [bytes]; None if unknown."""
-        now = self._own_memory()
+        """Return the memory that it has beyond what it started with [bytes]; None if unknown.
+
+        That of the processes of its isolated slaves is included.
+        """
+        now = private_memory(self._pid)
         if now is None or self._memory_at_start is None:
             return None
-        return now - self._memory_at_start
+        used = now - self._memory_at_start
+        for process, at_start in self._of_slaves.items():
+            used += (private_memory(process) or at_start) - at_start
+        return used
 
-    def _own_memory(self) -> int | None:
-        try:
-            with open(f"/proc/{self._pid}/statm", "rb") as file:  # noqa: PTH123 - often
-                _, resident, shared, *_ = map(int, file.read().split())
-        except (OSError, ValueError):
-            return None
-        return (resident - shared) * os.sysconf("SC_PAGE_SIZE")
+    def add_process(self, process: int, at_start: int | None) -> None:
+        """Count the memory of a slave's own process, beyond what that has at its start [bytes]."""
+        if at_start is not None:
+            self._of_slaves[process] = at_start

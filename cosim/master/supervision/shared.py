@@ -13,11 +13,15 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.master.component_instance import Rows
+from cosim.master.reserved import forgettable
+from cosim.master.table import WORDS
 
-_WORD, _RUNNING, _COMPLETE, _STOP, _TURN, _TIME, _LENGTH = range(7)
+_COMPLETE, _STOP, _TURN, _TIME, _LENGTH, _DELIVERED = range(6)
 _CELL: Final = 64
 _TEXT: Final = 128
+_PROGRESS: Final = 1024
 _HEAD: Final = 4096
+_REMOVE: Final = getattr(mmap, "MADV_REMOVE", None)
 
 
 class SharedRun:
@@ -25,20 +29,17 @@ class SharedRun:
 
     Attributes
     ----------
-    word : the operation of the loop in progress (`cosim.master.table.WORD_BITS`), and whether
-        there is one, int64 (2,).
+    word : what the loop is doing, as in `cosim.master.table.Table`.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:
         self._memory = mmap.mmap(descriptor, size)
         self._words = memoryview(self._memory)[:_TEXT].cast("q")
-        self.word = np.frombuffer(self._memory, np.int64, 2)
+        self.word = np.frombuffer(self._memory, np.int64, WORDS, _PROGRESS)
 
-    def rows(self, shape: tuple[int, int]) -> Rows:
-        """Return the array of a shape that `wire` asks for: the rows, or a single cell."""
-        begin = _CELL if shape == (1, 1) else _HEAD
-        rows: Rows = np.frombuffer(self._memory, np.float64, prod(shape), begin)
-        return rows.reshape(shape)
+    def rows(self, shape: tuple[int, int]) -> SharedRows:
+        """Return the memory of a shape that `wire` asks for: the rows, or a single cell."""
+        return SharedRows(self._memory, shape, _CELL if shape == (1, 1) else _HEAD)
 
     @property
     def complete(self) -> int:
@@ -48,6 +49,15 @@ class SharedRun:
     @complete.setter
     def complete(self, rows: int) -> None:
         self._words[_COMPLETE] = rows
+
+    @property
+    def delivered(self) -> int:
+        """The number of rows that the parent's observers have."""
+        return self._words[_DELIVERED]
+
+    @delivered.setter
+    def delivered(self, rows: int) -> None:
+        self._words[_DELIVERED] = rows
 
     @property
     def stop_requested(self) -> bool:
@@ -60,7 +70,7 @@ class SharedRun:
 
     def begin_call(self, time_ns: int, component: str, call: str) -> None:
         """Note that a call outside the loop begins: at the start, by events, at the end."""
-        text = f"{component}\0{call}".encode()[: _HEAD - _TEXT]
+        text = f"{component}\0{call}".encode()[: _PROGRESS - _TEXT]
         self._memory[_TEXT : _TEXT + len(text)] = text
         self._words[_TIME], self._words[_LENGTH] = time_ns, len(text)
         self._words[_TURN] += 1 + self._words[_TURN] % 2  # odd during a call
@@ -80,13 +90,30 @@ class SharedRun:
     @property
     def in_call(self) -> tuple[int, int] | None:
         """Something that is different for each FMI call in progress; None outside all calls."""
-        word, turn = self._words[_WORD], self._words[_TURN]
+        word, turn = int(self.word[0]), self._words[_TURN]
         return (word, turn) if self.in_loop or turn % 2 else None
 
     @property
     def in_loop(self) -> bool:
         """Whether an operation of the loop is in progress."""
-        return bool(self._words[_RUNNING])
+        return bool(self.word[1])
+
+
+class SharedRows:
+    """Rows in memory that two processes map; as `Reserved`, for both."""
+
+    def __init__(self, memory: mmap.mmap, shape: tuple[int, int], begin: int) -> None:
+        self._memory, self._begin = memory, begin
+        self._given_back = mmap.PAGESIZE
+        rows: Rows = np.frombuffer(memory, np.float64, prod(shape), begin)
+        self.array = rows.reshape(shape)
+
+    def give_back(self, before: int) -> None:
+        """Give back the memory of the rows before this one: nobody reads them again."""
+        begin, end = forgettable(self.array, before, self._given_back, self._begin)
+        if end > begin and _REMOVE is not None:
+            self._memory.madvise(_REMOVE, begin, end - begin)
+        self._given_back = end
 
 
 def reserve(shape: tuple[int, int]) -> tuple[SharedRun, int, int]:

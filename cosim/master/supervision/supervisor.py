@@ -80,6 +80,7 @@ class Supervisor:
         *,
         living: ExitStack,
         engine: EngineName = "auto",
+        keep: bool = True,
     ) -> Conducted:
         """Execute one run.
 
@@ -88,6 +89,7 @@ class Supervisor:
         observers : receive rows and log lines, in this process.
         conduct : runs the session in the child; it and what it returns are sent by pickle.
         living : ends the slaves when it is closed.
+        keep : whether all rows stay in memory, as in `Session`.
 
         Raises
         ------
@@ -104,6 +106,7 @@ class Supervisor:
             self.limits,
             self.interruption,
             wired or Wired.of(system),
+            keep=keep,
         )
         living.callback(self._close, followed)
         return Conducted(*followed.conduct(conduct, engine))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -12,7 +12,7 @@ import tomli_w
 
 from cosim.core import InputError
 from cosim.fmu import deterministic_zip
-from cosim.master import System
+from cosim.master import Component, System
 from cosim.scenario.assembly import assemble
 from cosim.scenario.fields import Part
 from cosim.scenario.preparation import PreparedScenario
@@ -100,7 +100,7 @@ def export_ssp(prepared: PreparedScenario, path: Path, links: Links = "annotate"
             {key: x for key, x in scenario.to_data().items() if key in _inexpressible(scenario)}
         ),
         step_s=system.comm_schedule.step_ns / 1e9,
-        end_s=int(system.comm_schedule.points_ns[-1]) / 1e9,
+        end_s=system.comm_schedule.end_ns / 1e9,
     )
     content = {SSD: ssd_bytes(structure), **resources.files}
     _write(content, path)
@@ -146,22 +146,7 @@ def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
             f"run.algorithm = {system.algorithm!r}: other tools step in their own order"
         )
     for name, component in system.components.items():
-        if component.every_ns is not None:
-            sentences.append(
-                f"component {name!r}: its own step of {component.every_ns / 1e9:g} s is left out"
-            )
-        if component.description.version != "2.0":
-            sentences.append(
-                f"component {name!r} is an FMU of FMI {component.description.version}, which "
-                "SSP 1.0 does not cover; many tools refuse it"
-            )
-        if component.description.needs_execution_tool:
-            sentences.append(f"component {name!r} needs another program, such as a Python host")
-        if component.feedthrough is not None:
-            sentences.append(
-                f"component {name!r}: its feedthrough is left out: other tools read what its FMU "
-                "declares"
-            )
+        sentences += _left_out_of(name, component)
     for policies, what in (
         (("midpoint", "linear"), "hold these inputs over a step"),
         (("previous",), "do not delay these inputs by a step"),
@@ -170,6 +155,29 @@ def _left_out(prepared: PreparedScenario, system: System) -> list[str]:
         if inputs:
             sentences.append(f"other tools {what}: {', '.join(inputs)}")
     return sentences
+
+
+def _left_out_of(name: str, component: Component) -> Iterator[str]:
+    """Yield sentences about what the archive does not contain of a component."""
+    if component.every_ns is not None:
+        yield (f"component {name!r}: its own step of {component.every_ns / 1e9:g} s is left out")
+    if component.description.version != "2.0":
+        yield (
+            f"component {name!r} is an FMU of FMI {component.description.version}, which "
+            "SSP 1.0 does not cover; many tools refuse it"
+        )
+    if component.description.needs_execution_tool:
+        yield f"component {name!r} needs another program, such as a Python host"
+    if component.feedthrough is not None:
+        yield (
+            f"component {name!r}: its feedthrough is left out: other tools read what its FMU "
+            "declares"
+        )
+    if component.isolate:
+        yield (
+            f"component {name!r}: isolate is left out: each tool has its own way to run an FMU "
+            "in another process"
+        )
 
 
 def _link_forms(built: ArchiveElements, scenario: Scenario) -> dict[str, str]:

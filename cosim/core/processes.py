@@ -1,0 +1,91 @@
+"""Child processes that run foreign code: how they begin, what they use, and how they end."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import faulthandler
+import gc
+import os
+import signal
+import sys
+from types import MappingProxyType
+from typing import Final, Literal, NamedTuple
+
+_LINE_BUFFERED: Final = 1
+DEATH_HINTS: Final = MappingProxyType(
+    {
+        "crashed": "a fault of the FMU: report it to whoever made it",
+        "exited": "an FMU must not end the process: report it to whoever made it",
+    }
+)
+"""What to do about a process that foreign code ended, by the kind of its `Death`."""
+
+
+class Death(NamedTuple):
+    """How a process ended.
+
+    Attributes
+    ----------
+    kind : crashed: a signal ended it; exited: it left by exit().
+    words : to follow the name of the process.
+    """
+
+    kind: Literal["crashed", "exited"]
+    words: str
+
+
+def death_of(status: int) -> Death:
+    """Return how a process ended, from its exit code, or minus the signal that ended it."""
+    if status < 0:
+        try:
+            name = signal.Signals(-status).name
+        except ValueError:
+            name = f"signal {-status}"
+        return Death("crashed", f"crashed ({name})")
+    return Death("exited", f"left with exit code {status}")
+
+
+def prepare_for_foreign_code() -> None:
+    """Make this child process ready to run foreign code for its parent.
+
+    Ctrl-C is the parent's business, and what foreign code writes to standard output leaves at
+    each line. exit(n), called there, ends this process at once and with n: what libraries of the
+    parent have registered to be done at exit belongs to the parent; done here, in a fork of it,
+    it may crash.
+    """
+    with contextlib.suppress(ValueError):  # a thread that is not the main one
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    faulthandler.disable()
+    gc.freeze()
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    name = "__stdoutp" if sys.platform == "darwin" else "stdout"
+    with contextlib.suppress(AttributeError, OSError, ValueError):
+        c = ctypes.CDLL(None)
+        c.setvbuf(ctypes.c_void_p.in_dll(c, name), None, _LINE_BUFFERED, ctypes.c_size_t(0))
+    with contextlib.suppress(AttributeError, OSError):  # on_exit is not everywhere
+        c = ctypes.CDLL(None)
+        end_at_once = c._exit  # noqa: SLF001 - it is a name of C
+        c.on_exit(ctypes.cast(end_at_once, ctypes.c_void_p), None)
+
+
+def flush_output() -> None:
+    """Write what standard output and error keep, those of Python and of C."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, OSError, ValueError):
+            stream.flush()
+    with contextlib.suppress(AttributeError, OSError):
+        ctypes.CDLL(None).fflush(None)
+
+
+def private_memory(process: int) -> int | None:
+    """Return the memory that a process shares with no file [bytes]; None if unknown."""
+    try:
+        with open(f"/proc/{process}/statm", "rb") as file:  # noqa: PTH123 - often
+            _, resident, shared, *_ = map(int, file.read().split())
+    except (OSError, ValueError):
+        return None
+    return (resident - shared) * os.sysconf("SC_PAGE_SIZE")

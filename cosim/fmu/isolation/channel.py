@@ -1,0 +1,143 @@
+"""The shared memory of a channel, and the library (`channel.c`) that both processes call."""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import sys
+import tempfile
+from ctypes import c_char_p, c_int32, c_int64, c_uint32, c_uint64, c_void_p
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+from cosim.core import InputError
+from cosim.fmu.compiled import compiled_library
+
+GONE: Final = -2147483647
+"""The status of a proxy whose slave cannot answer; no status of FMI."""
+DATA: Final = 256
+"""Where references and values begin in the shared memory."""
+FUTEX: Final = sys.platform == "linux"
+"""Whether processes sleep on a futex; elsewhere on a pipe."""
+
+
+class Channel(ctypes.Structure):
+    """`Channel` of channel.c: what the proxies get as their component."""
+
+    _fields_ = (
+        ("shared", c_void_p),
+        ("room", c_uint64),
+        ("own", c_int32),
+        ("other", c_int32),
+        ("look", c_void_p),
+        ("function", c_int32),
+        ("given_up", c_int32),
+        ("lines", c_uint32),
+    )
+
+
+class Server(ctypes.Structure):
+    """`Server` of channel.c: the side of the slave."""
+
+    _fields_ = (
+        ("shared", c_void_p),
+        ("component", c_void_p),
+        ("functions", c_void_p * 64),
+        ("taken", c_uint32),
+        ("own", c_int32),
+        ("other", c_int32),
+    )
+
+
+@cache
+def channel_library() -> Any:
+    """Return the library of channel.c; the first call may compile it.
+
+    Raises
+    ------
+    InputError : no C compiler, it rejects the source, or a system without POSIX processes.
+    """
+    if sys.platform == "win32":
+        raise InputError(
+            "components cannot be isolated on this system",
+            where="components",
+            expected="Linux, or another system with POSIX processes and pipes",
+            got="Windows",
+            hint="isolate = false",
+        )
+    source = files("cosim.fmu.isolation").joinpath("channel.c").read_bytes()
+    head = b"" if FUTEX else b"#define WITHOUT_FUTEX\n"
+    try:
+        return declared(compiled_library("channel", head + source))
+    except InputError as error:
+        raise InputError(
+            "components cannot be isolated here",
+            where="components",
+            expected="a C compiler, once",
+            got=error.got or error.what,
+            hint="install one (Debian: apt install gcc), or isolate = false",
+        ) from error
+
+
+def declared(library: Any) -> Any:
+    """Return the library with the types of its functions."""
+    library.function_number.argtypes = [c_char_p]
+    library.proxy_of.argtypes, library.proxy_of.restype = [c_int32], c_void_p
+    library.function_name.argtypes, library.function_name.restype = [c_int32], c_char_p
+    library.watch_parent.argtypes = [c_int64]
+    for name in ("announce_message", "announce_line", "serve"):
+        function = getattr(library, name)
+        function.argtypes, function.restype = [c_void_p], None
+    return library
+
+
+class SharedMemory:
+    """Memory of a channel, which has no name and is gone with the processes that map it.
+
+    Attributes
+    ----------
+    size : [bytes].
+    address : of the memory in this process.
+    """
+
+    def __init__(self, descriptor: int, size: int) -> None:
+        self.size = size
+        self._memory = mmap.mmap(descriptor, size)
+        self.address = ctypes.addressof(ctypes.c_char.from_buffer(self._memory))
+
+
+def reserve(size: int) -> int:
+    """Reserve memory for a channel; return its file descriptor.
+
+    Raises
+    ------
+    InputError : there is not so much.
+    """
+    try:
+        if sys.platform == "linux":
+            descriptor = os.memfd_create("cosim-channel")
+        else:
+            with tempfile.TemporaryFile(prefix="cosim-channel-") as file:
+                descriptor = os.dup(file.fileno())
+        os.ftruncate(descriptor, size)
+    except OSError as error:
+        raise InputError(
+            "an isolated component has no memory to share",
+            where="components",
+            expected=f"{size / 1e6:.1f} MB",
+            got=str(error),
+            hint="a greater limit of file sizes (ulimit -f), or isolate = false",
+        ) from error
+    return descriptor
+
+
+def make_channel(memory: SharedMemory, bells: tuple[int, int], look: int) -> Channel:
+    """Make the master's side; `look` : address of int(int64_t), see `Channel` of channel.c."""
+    return Channel(memory.address, memory.size - DATA, *bells, look)
+
+
+def make_server(memory: SharedMemory, bells: tuple[int, int]) -> Server:
+    """Make the side of the slave."""
+    return Server(shared=memory.address, own=bells[0], other=bells[1])

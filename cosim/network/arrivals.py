@@ -1,0 +1,36 @@
+"""What becomes of the messages of a link, and the record of it in order of time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE = 0, 1, 2, 3, 4, 5
+"""What became of a message by the end of the run (`PacketSchedule.status`)."""
+
+REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate")
+"""Names of the values of `status`."""
+
+
+class Arrivals(NamedTuple):
+    """Messages that the receiver got or missed, in order of time; arrays of shape (m,).
+
+    Attributes
+    ----------
+    arrival_ns : instant at which each arrived, was due, or was refused [ns], int64, never
+        decreasing.
+    sent_ns : instant of sending [ns], int64.
+    sequence : sequence number, int64.
+    status : as in `PacketSchedule`, IN_FLIGHT excepted, int8.
+    """
+
+    arrival_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+    sequence: NDArray[np.int64]
+    status: NDArray[np.int8]
+
+    def select(self, which: slice | NDArray[np.intp]) -> Arrivals:
+        """Return some of the entries."""
+        return Arrivals._make(column[which] for column in self)

@@ -1,0 +1,43 @@
+"""The largest magnitudes of signals of one component over a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.master import ComponentInstance, Run
+from cosim.scenario.measure import Measure
+from cosim.scenario.signal_reader import SignalReader
+
+
+class LargestMagnitudes(Measure[dict[str, float]]):
+    """Name -> largest |value| over the run, NaN where there was one; empty without a point.
+
+    Parameters
+    ----------
+    component : name of the component.
+    names : its outputs or connected inputs; `begin` raises an `InputError` for any other.
+    """
+
+    def __init__(self, component: str, names: Sequence[str]) -> None:
+        self._component, self._names = component, names
+        self._largest: NDArray[np.float64] | None = None
+
+    def begin(self, instances: Sequence[ComponentInstance]) -> None:
+        """Find the signals."""
+        instance = next(s for s in instances if s.name == self._component)
+        self._reader = SignalReader(instance, self._names)
+        self.reads_inputs = self._reader.reads_inputs
+
+    def add(self, first: int, last: int) -> None:
+        """Compare with the values at the points."""
+        here = np.abs(self._reader.read(first, last)).max(axis=0)
+        self._largest = here if self._largest is None else np.maximum(self._largest, here)
+
+    def result(self, run: Run) -> dict[str, float]:
+        """Return the largest magnitudes."""
+        del run
+        values = [] if self._largest is None else self._largest.tolist()
+        return dict(zip(self._names, values, strict=False))

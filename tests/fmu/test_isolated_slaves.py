@@ -1,0 +1,331 @@
+"""Slaves in processes of their own: same values, states and log lines, and how they can end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from foreign.c_fmu import TYPES, c_fmu, every, talker
+from hostile.hostile_fmu import hostile_fmu, misbehaviour
+from isolated import children, isolated_slave
+from pythonfmu import FmuBuilder
+
+import cosim.fmu.isolation.channel as channel_module
+import cosim.fmu.isolation.process as process_module
+from cosim.core import ComponentError, InputError
+from cosim.fmu import FmuDescription, FmuSlave, SlaveProcess, describe_fmu, own_folder
+from cosim.fmu.isolation.channel import channel_library
+
+
+@pytest.fixture(scope="module", autouse=True)
+def folder_of_this_process() -> None:
+    """Made before files are counted."""
+    own_folder()
+
+
+@pytest.fixture(autouse=True)
+def nothing_left() -> Iterator[None]:
+    """No process and no file descriptor."""
+    before, files = children(), psutil.Process().num_fds()
+    yield
+    assert children() <= before
+    assert psutil.Process().num_fds() <= files
+
+
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_module, "start_method", lambda: "fork")
+
+
+@pytest.fixture(params=["futex", "pipes"])
+def bell(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What the processes sleep on: Linux has the futex; pipes are for all others."""
+    for module in (channel_module, process_module):
+        monkeypatch.setattr(module, "FUTEX", request.param == "futex")
+    channel_library.cache_clear()
+    yield request.param
+    channel_library.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def fmi3(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
+    return describe_fmu(c_fmu("every_fmi3.c", every(), tmp_path_factory.mktemp("every")))
+
+
+@pytest.fixture(scope="module")
+def fmi2(tmp_path_factory: pytest.TempPathFactory) -> FmuDescription:
+    flags = 'canBeInstantiatedOnlyOncePerProcess="true"'
+    folder = tmp_path_factory.mktemp("talker")
+    return describe_fmu(c_fmu("talker_fmi2.c", talker(flags=flags), folder))
+
+
+def hostile(folder: Path, version: str = "2.0") -> FmuDescription:
+    return describe_fmu(hostile_fmu(folder, version))
+
+
+class Log:
+    """Collects the messages of a slave."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str, str]] = []
+
+    def __call__(self, level: str, message: str, category: str) -> None:
+        self.lines.append((level, message, category))
+
+
+def used(slave: FmuSlave, value: Any) -> list[Any]:
+    """What a slave of every type gives over its life."""
+    slave.initialise({"n": 1}, 0.0, None)
+    slave.write({f"{kind}.in": "größer" if kind == "String" else value for kind in TYPES})
+    found = [slave.read([f"{kind}.out" for kind in TYPES])]
+    slave.step(0.0, 0.25)
+    return [*found, slave.read([f"{kind}.out" for kind in TYPES])]
+
+
+@pytest.mark.usefixtures("forked", "bell")
+def test_values_and_log_lines_are_those_of_a_slave_here(fmi3: FmuDescription) -> None:
+    """Every type of FMI 3.0, Strings included; lines of the call are there when it returns."""
+    logs, found = (Log(), Log()), []
+    with FmuSlave(fmi3, "it", logs[0]) as here:
+        found.append(used(here, 1))
+    with isolated_slave(fmi3, logs[1]) as there:
+        found.append(used(there, 1))
+    assert found[0] == found[1]
+    assert logs[0].lines == logs[1].lines
+    assert len(logs[0].lines) > 0
+
+
+@pytest.mark.usefixtures("forked")
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_states_are_saved_restored_and_serialised(tmp_path: Path, version: str) -> None:
+    """As bytes too; the address of a state is one of the other process."""
+    with isolated_slave(hostile(tmp_path, version)) as there:
+        there.initialise({"u": 1.0}, 0.0, None)
+        there.step(0.0, 0.25)
+        saved = there.snapshot()
+        content = there.serialise(saved)
+        there.step(0.25, 0.25)
+        assert there.read(["x"]) == {"x": 0.5}
+        there.restore(saved)
+        assert there.read(["x"]) == {"x": 0.25}
+        there.free(saved)
+        there.step(0.25, 0.25)
+        there.restore(there.deserialise(content))
+        assert there.read(["x"]) == {"x": 0.25}
+        there.reset()
+        there.initialise({"u": 1.0}, 0.0, None)
+        assert there.read(["x"]) == {"x": 0.0}
+
+
+@pytest.mark.parametrize("first", ["here", "isolated"])
+def test_fmu_that_allows_one_instance_has_one_in_each_process(
+    fmi2: FmuDescription, first: str
+) -> None:
+    """Isolated ones do not count; without isolation the message names the cure."""
+    slaves = [lambda: FmuSlave(fmi2, "here", Log()), lambda: isolated_slave(fmi2)]
+    one, other = slaves if first == "here" else reversed(slaves)
+    with one() as a, other() as b, isolated_slave(fmi2) as c:
+        for slave in (a, b, c):
+            slave.initialise({}, 0.0, 1.0)
+            slave.step(0.0, 0.5)
+        refused = "only once in a process" if first == "here" else None
+        if refused:
+            with pytest.raises(InputError, match="isolate = true"):
+                FmuSlave(fmi2, "another", Log())
+
+
+SCRIPT = """
+import common
+from pythonfmu import *
+
+class Counting(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.x = 0.0
+        self.register_variable(Real("x", causality=Fmi2Causality.output))
+
+    def do_step(self, time, step):
+        common.count += 1
+        self.x = float(common.count)
+        return True
+"""
+
+
+def test_pythonfmu_slaves_are_apart(tmp_path: Path) -> None:
+    """Slaves in one interpreter share `sys.modules`; isolated ones do not."""
+    (tmp_path / "common.py").write_text("count = 0\n")
+    script = tmp_path / "counting.py"
+    script.write_text(SCRIPT)
+    path = FmuBuilder.build_FMU(script, dest=tmp_path, project_files=[tmp_path / "common.py"])
+    described = describe_fmu(Path(path))
+    with FmuSlave(described, "a", Log()) as a, FmuSlave(described, "b", Log()) as b:
+        assert taken(a, b) == [2.0, 4.0]
+    with isolated_slave(described) as a, isolated_slave(described) as b:
+        assert taken(a, b) == [2.0, 2.0]
+
+
+def taken(*slaves: FmuSlave) -> list[float]:
+    """What each counts in two steps."""
+    for slave in slaves:
+        slave.initialise({}, 0.0, None)
+        for k in range(2):
+            slave.step(0.1 * k, 0.1)
+    return [slave.read(["x"])["x"] for slave in slaves]
+
+
+def test_process_is_forked_only_where_nothing_foreign_was_loaded(fmi2: FmuDescription) -> None:
+    """A fork would have what FMUs have left in this process."""
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from cosim.fmu import FmuSlave, SlaveProcess, describe_fmu\n"
+        "from cosim.fmu.isolation.process import start_method\n"
+        "fmu = describe_fmu(Path(sys.argv[1])); found = [start_method()]\n"
+        "process = SlaveProcess('it', fmu); process.wait_until_ready()\n"
+        "with FmuSlave(fmu, 'it', print, process=process) as slave:\n"
+        "    slave.initialise({}, 0.0, 1.0); found.append(start_method())\n"
+        "with FmuSlave(fmu, 'it', lambda *_: None) as slave:\n"
+        "    found.append(start_method())\n"
+        "print(*found)\n"
+    )
+    line = [sys.executable, "-c", code, str(fmi2.path)]
+    done = subprocess.run(line, capture_output=True, text=True, check=True)  # noqa: S603 - ourselves
+    assert done.stdout.splitlines()[-1] == "fork fork spawn"
+
+
+DEATHS = {"segfault": "SIGSEGV", "kill": "SIGKILL", "exit-0": "exit code 0", "abort": "SIGABRT"}
+
+
+@pytest.mark.usefixtures("forked", "bell")
+@pytest.mark.parametrize("fault", DEATHS)
+def test_death_is_named_at_once(tmp_path: Path, fault: str) -> None:
+    """In a call over the pipe: component, call, what killed it; others go on, closing is quiet."""
+    described, log = hostile(tmp_path), Log()
+    with isolated_slave(described) as other, isolated_slave(described, log) as slave:
+        other.initialise({"u": 1.0}, 0.0, None)
+        slave.initialise(misbehaviour(fault, "step", at=0.5), 0.0, None)
+        slave.step(0.0, 0.5)
+        began = time.monotonic()
+        with pytest.raises(ComponentError, match=DEATHS[fault]) as caught:
+            slave.step(0.5, 0.5)
+        assert time.monotonic() - began < 1.0
+        error = caught.value
+        kind = "exited" if fault == "exit-0" else "crashed"
+        assert (error.kind, error.component, error.call) == (kind, "it", "fmi2DoStep")
+        assert "component 'it' (hostile.fmu)" in error.text()
+        with pytest.raises(ComponentError, match="called after the end"):
+            slave.read(["x"])
+        other.step(0.0, 0.5)
+        assert other.read(["x"]) == {"x": 0.5}
+    assert slave.end_failure is None
+    assert log.lines == []
+
+
+@pytest.mark.usefixtures("forked")
+def test_death_while_it_is_freed_is_noted(tmp_path: Path) -> None:
+    """Closing raises nothing."""
+    log = Log()
+    with isolated_slave(hostile(tmp_path), log) as slave:
+        slave.initialise(misbehaviour("segfault", "free"), 0.0, None)
+    assert slave.end_failure is not None
+    assert (slave.end_failure.kind, slave.end_failure.call) == ("crashed", "fmi2FreeInstance")
+    assert any("SIGSEGV" in message for _, message, _ in log.lines)
+
+
+@pytest.mark.usefixtures("forked")
+def test_call_has_a_limit_once_it_is_initialised(tmp_path: Path) -> None:
+    """A hang is ended, and names component, call and limit."""
+    with isolated_slave(hostile(tmp_path), call_limit=0.2) as slave:
+        slave.initialise(misbehaviour("hang-deaf", "step"), 0.0, None)
+        began = time.monotonic()
+        with pytest.raises(
+            ComponentError, match=r"no answer within 0\.2 s in fmi2DoStep"
+        ) as caught:
+            slave.step(0.0, 0.5)
+        assert 0.2 <= time.monotonic() - began < 1.5
+        assert caught.value.kind == "timed-out"
+    with isolated_slave(hostile(tmp_path), call_limit=0.05) as slave:
+        late = misbehaviour("sleep", "exit", seconds=0.2)  # not during the run
+        slave.initialise(late, 0.0, None)
+
+
+@pytest.mark.usefixtures("forked")
+def test_ctrl_c_ends_a_hang(tmp_path: Path) -> None:
+    """And the slave: nobody can say what state it is in."""
+    with isolated_slave(hostile(tmp_path)) as slave:
+        slave.initialise(misbehaviour("hang-deaf", "step"), 0.0, None)
+        timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            slave.step(0.0, 0.5)
+        timer.join()
+    assert slave.end_failure is None
+
+
+ORPHAN = """
+import os, sys, time
+from pathlib import Path
+from cosim.fmu import FmuSlave, SlaveProcess, describe_fmu
+fmu = describe_fmu(Path(sys.argv[1]))
+process = SlaveProcess("it", fmu)
+process.wait_until_ready()
+slave = FmuSlave(fmu, "it", print, process=process)
+slave.initialise({"fault": int(sys.argv[2]), "call": int(sys.argv[3])}, 0.0, None)
+print(process.number, flush=True)
+slave.step(0.0, 0.5)
+"""
+
+
+@pytest.mark.parametrize("fault", ["hang-deaf", "sleep"])
+def test_it_ends_with_the_process_of_the_master(tmp_path: Path, fault: str) -> None:
+    """However that is killed, and whatever the slave does then."""
+    path = hostile(tmp_path).path
+    given = misbehaviour(fault, "step")
+    line = [sys.executable, "-c", ORPHAN, str(path), str(given["fault"]), str(given["call"])]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as master:  # noqa: S603
+        assert master.stdout is not None
+        slave = psutil.Process(int(master.stdout.readline()))
+        time.sleep(0.1)
+        master.kill()
+    slave.wait(timeout=5)
+
+
+def test_where_it_cannot_be_a_message_says_so(
+    fmi2: FmuDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On Windows; and without a C compiler where the library is not there yet."""
+    channel_library.cache_clear()
+    monkeypatch.setattr(channel_module.sys, "platform", "win32")
+    with pytest.raises(
+        InputError, match=r"cannot be isolated on this system[\s\S]*isolate = false"
+    ):
+        SlaveProcess("it", fmi2)
+    monkeypatch.undo()
+    monkeypatch.setattr(channel_module, "compiled_library", refused)
+    with pytest.raises(InputError, match=r"cannot be isolated here[\s\S]*isolate = false"):
+        SlaveProcess("it", fmi2)
+    channel_library.cache_clear()
+
+
+def refused(*_: object) -> None:
+    raise InputError("native FMUs need a C compiler", got="none of them")
+
+
+def test_process_that_does_not_start_is_named(
+    fmi2: FmuDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For example where the interpreter is not as this one."""
+    monkeypatch.setattr(process_module, "_SPAWN", "import sys; sys.exit(5)")
+    monkeypatch.setattr(process_module, "start_method", lambda: "spawn")
+    process = SlaveProcess("it", fmi2)
+    with pytest.raises(ComponentError, match=r"'it'.*did not start[\s\S]*exit code 5"):
+        process.wait_until_ready()
+    process.close()

@@ -1,0 +1,92 @@
+"""Feed measures from a kept run, block by block, and let them read only what is readable then."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from cosim.master import Run
+from cosim.scenario.measure import Measure
+
+NEVER = np.iinfo(np.int64).max
+
+
+def blocks_of_one(count: int) -> list[int]:
+    """Every point is a block."""
+    return list(range(count + 1))
+
+
+def random_blocks(count: int, seed: int, longest: int = 50) -> list[int]:
+    """Short and long blocks, by their ends."""
+    r = random.Random(seed)  # noqa: S311 - reproducible choices
+    cuts = [0]
+    while cuts[-1] < count:
+        cuts.append(min(count, cuts[-1] + r.choice([1, 1, 2, 3, r.randint(1, longest)])))
+    return cuts
+
+
+def fed(
+    run: Run, measures: Sequence[Measure[Any]], cuts: Sequence[int], *, alone: bool = False
+) -> list[Any]:
+    """The results of measures that received the rows of a run in these blocks.
+
+    `alone` : nothing is readable but the block itself, not even what routes read.
+    """
+    for measure in measures:
+        measure.begin(run.instances)
+    with Release(run, alone=alone).readable() as release:
+        for first, last in itertools.pairwise(cuts):
+            release.advance(first, last)
+            for measure in measures:
+                measure.add(first, last)
+    return [measure.result(run) for measure in measures]
+
+
+class Release:
+    """The arrays of a run: what is yet to come is not there, what no route reads is gone."""
+
+    def __init__(self, run: Run, *, alone: bool = False) -> None:
+        self._comm_points = run.instances[0].comm_points
+        routes = [route.in_step for instance in run.instances for route in instance.routes]
+        own = [instance.own_points for instance in run.instances]
+        arrays: list[tuple[Any, Any]] = [(run.instances[0].rows, np.nan)]
+        arrays.append((self._comm_points.points_ns, NEVER))
+        arrays += [(part, NEVER) for points in own for part in (points.last, points.following)]
+        for used in routes:
+            arrays += [(used.row, NEVER), (used.after, NEVER), (used.weight, np.nan)]
+        unique = {id(array): (array, later) for array, later in arrays if array is not None}
+        self._arrays = [(array, array.copy(), later) for array, later in unique.values()]
+        size = self._comm_points.points_ns.size
+        needed = np.arange(size) - (not alone)
+        for used in () if alone else routes:
+            rows = used.row[:size]
+            needed = np.minimum(needed, np.where(rows >= 0, rows, size))
+        self._oldest = np.maximum(np.minimum.accumulate(needed[::-1])[::-1], 0)
+
+    @contextmanager
+    def readable(self) -> Iterator[Release]:
+        """Hide everything; bring it back in the end."""
+        flags = [array.flags.writeable for array, _, _ in self._arrays]
+        try:
+            for array, _, later in self._arrays:
+                array.flags.writeable = True
+                array[:] = later
+            yield self
+        finally:
+            for (array, saved, _), flag in zip(self._arrays, flags, strict=True):
+                array[:] = saved
+                array.flags.writeable = flag
+            self._comm_points.__dict__.pop("oldest", None)
+
+    def advance(self, first: int, last: int) -> None:
+        """Show the next block, and take away what is older than any row still read."""
+        oldest = int(self._oldest[first])
+        for array, saved, _ in self._arrays:
+            array[:oldest] = 0
+            array[first:last] = saved[first:last]
+        vars(self._comm_points)["oldest"] = oldest

@@ -1,0 +1,231 @@
+"""Measures do not depend on how a run is cut into blocks, to the last bit, nor on what is gone."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import whole_run
+from cli.shell import SCENARIOS
+from fed import Release, blocks_of_one, fed, random_blocks
+from master.scalar import scalar_fmu
+from random_runs import RandomRuns
+from shared import fmu_store
+
+from cosim.hinf import AuvDesignSettings, auv_system
+from cosim.master import Run, System
+from cosim.scenario import Outcome, measure as measures_module
+from cosim.scenario.age import AgeMeasure
+from cosim.scenario.assertions import AssertionsMeasure, bind_assertions
+from cosim.scenario.binding import BoundCondition
+from cosim.scenario.coupling import CouplingMeasure
+from cosim.scenario.cut_delays import CutMeasure
+from cosim.scenario.envelope import LargestMagnitudes
+from cosim.scenario.events import AssertionPart
+from cosim.scenario.execute import assembled_system, execute_unrecorded
+from cosim.scenario.final_values import LastOutputs
+from cosim.scenario.fmu_cache import FmuCache
+from cosim.scenario.limits import Saturation, SaturationMeasure
+from cosim.scenario.measure import Measure, measured
+from cosim.scenario.metrics import RunMeasures
+from cosim.scenario.origin import Findings
+from cosim.scenario.performance import GainMeasure, binding_for
+from cosim.scenario.preparation import prepare
+from cosim.scenario.read import builtin_names, load
+from cosim.scenario.schema import Scenario
+
+SYSTEMS = 200
+VEHICLE = auv_system(AuvDesignSettings())
+VALID = sorted(map(str, (SCENARIOS / "valid").glob("*.toml")))
+
+
+@pytest.fixture(scope="module")
+def random_runs(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> RandomRuns:
+    folder = tmp_path_factory.mktemp("scalar")
+    return RandomRuns(native_fmus, scalar_fmu(folder), scalar_fmu(folder, declared=False))
+
+
+def assertions(r: random.Random, system: System) -> list[AssertionPart]:
+    """Some of every form, about signals, links and time."""
+    name = (
+        "plant.eta.x"
+        if "AuvPlant" in str(system.components["plant"].description.path)
+        else "plant.x"
+    )
+    end = float(system.comm_schedule.points_ns[-1]) / 1e9
+    links = [
+        n
+        for n in system.links
+        if n in system.comm_schedule.schedules or n in system.comm_schedule.live
+    ]
+
+    def condition() -> str:
+        if links and r.random() < 0.4:
+            link = r.choice(links)
+            what = r.choice([f"age < {r.uniform(0, 0.5)}", f"dropped < {r.randint(0, 5)}"])
+            return f"{link}.{r.choice([what, f'delivered > {r.randint(0, 9)}', 'sequence != 3'])}"
+        if r.random() < 0.2:
+            return f"t > {r.uniform(0, end)}"
+        return f"{r.choice(['', 'not '])}{name} < {r.uniform(0, 5 if 'eta' in name else 1)}"
+
+    found = []
+    for _ in range(6):
+        window: dict[str, Any] = {}
+        if r.random() < 0.4:
+            window["after"] = r.uniform(0, end)
+        if r.random() < 0.4:
+            window["before"] = r.uniform(window.get("after", 0.0), end)
+        form = r.choice(["always", "eventually", "within", "since"])
+        if form in ("always", "eventually"):
+            window[form] = condition()
+        else:
+            window["within"] = {"of": r.uniform(0, 0.3 * end), "holds": condition()}
+            if form == "since":
+                window["within"]["when"] = condition()
+        found.append(AssertionPart(**window))
+    return found
+
+
+def scenario_of(parts: list[AssertionPart], system: System) -> Scenario:
+    """What assertions need of a scenario."""
+    end = float(system.comm_schedule.points_ns[-1]) / 1e9
+    return cast(
+        "Scenario", SimpleNamespace(assertions=parts, events=[], run=SimpleNamespace(end=end))
+    )
+
+
+def measures_of(system: System, parts: list[AssertionPart]) -> dict[str, Measure[Any]]:
+    """Every measure that makes sense of a system."""
+    plant = system.components["plant"].description.ports
+    found: dict[str, Measure[Any]] = {
+        "age": AgeMeasure("plant", "controller", system.algorithm),
+        "coupling": CouplingMeasure(system),
+        "cut": CutMeasure(system),
+        "largest": LargestMagnitudes(
+            "plant", [n for n, p in plant.items() if p.causality == "output"]
+        ),
+        "last outputs": LastOutputs(),
+        "saturation": SaturationMeasure("controller"),
+        "gain": GainMeasure("plant", VEHICLE),
+        "assertions": AssertionsMeasure(scenario_of(parts, system), system, Findings()),
+    }
+    return found
+
+
+def truths(system: System, run: Run) -> dict[str, Any]:
+    """The same from whole arrays."""
+    by_name = {s.name: s for s in run.instances}
+    plant, controller = by_name["plant"], by_name["controller"]
+    outputs = [c.name for c in plant.output_columns]
+    count = run.points_ns.size
+    bounds = {
+        c.name: controller.component.parameters[
+            "limit.moment" if c.name.startswith("moment") else "limit.force"
+        ]
+        for c in controller.output_columns
+        if "limit.force" in controller.component.parameters
+    }
+    used = whole_run.saturation_of(run, "controller", bounds) if bounds else None
+    binding = binding_for(plant, VEHICLE)
+    return {
+        "age": whole_run.largest_age_ns(
+            run, "plant", "controller", jacobi=system.algorithm == "jacobi"
+        ),
+        "coupling": whole_run.coupling_delays(run, system),
+        "cut": whole_run.cut_delays(run, system),
+        "largest": {n: float(np.abs(run.signal("plant", n)).max()) for n in outputs},
+        "last outputs": {
+            s.name: {c.name: float(run.signal(s.name, c.name)[count - 1]) for c in s.output_columns}
+            for s in run.instances
+        },
+        "saturation": None if used is None else Saturation(*used),
+        "gain": None if binding is None else whole_run.gain_of(run, "plant", binding, VEHICLE),
+    }
+
+
+def verdicts(system: System, run: Run, parts: list[AssertionPart]) -> list[Any]:
+    """The verdicts from whole arrays, their conditions evaluated at all points at once."""
+    scenario = scenario_of(parts, system)
+    _, bound = bind_assertions(scenario, system, Findings())
+
+    def values(name: str) -> Any:
+        first, _, rest = name.partition(".")
+        if first in run.schedules:
+            state = run.schedules[first].state(run.points_ns)
+            return np.asarray(getattr(state, "age_s" if rest == "age" else rest), float)
+        return run.points_ns / 1e9 if name == "t" else run.signal(first, rest)
+
+    def judged(condition: BoundCondition | None) -> Any:
+        return condition and np.asarray(condition([values(n) for n in condition.names])).tolist()
+
+    return [
+        whole_run.verdict_of(part, judged(condition), judged(since), run, scenario.run.end)
+        for part, condition, since in bound
+    ]
+
+
+@pytest.mark.parametrize("seed", range(SYSTEMS))
+def test_blocks_of_random_systems(random_runs: RandomRuns, seed: int) -> None:
+    """One block, blocks of one point, random blocks, and whole arrays: the same figures.
+
+    A block sees neither rows that are yet to come nor rows that no route reads any more.
+    """
+    made = random_runs.run(seed)
+    if made is None or not made[1].points_ns.size:
+        return
+    system, run = made
+    parts = assertions(random.Random(seed), system)  # noqa: S311 - reproducible choices
+    count = run.points_ns.size
+    whole = {name: measured(run, one) for name, one in measures_of(system, parts).items()}
+    for cuts in (blocks_of_one(count), random_blocks(count, seed)):
+        measures = measures_of(system, parts)
+        found = fed(run, list(measures.values()), cuts)
+        assert repr(dict(zip(measures, found, strict=True))) == repr(whole)
+    names = ("last outputs", "largest", "saturation", "gain", "cut")
+    bare = [measures_of(system, parts)[name] for name in names]
+    found = fed(run, bare, blocks_of_one(count), alone=True)
+    assert repr(found) == repr([whole[name] for name in names])
+    expected = truths(system, run)
+    assert repr({name: whole[name] for name in expected}) == repr(expected)
+    if count > 1:  # a run of one point has no schedules
+        found = [(verdict.result, verdict.at_s) for verdict in whole["assertions"]]
+        assert found == verdicts(system, run, parts)
+
+
+def without_time(outcome: Outcome) -> dict[str, Any]:
+    """The outcome, but for how long it took."""
+    return replace(outcome, wall_s=0.0).to_json()
+
+
+@pytest.mark.parametrize("name", [*builtin_names(), *VALID], ids=lambda name: Path(name).stem)
+def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Outcomes of runs that are measured in one block, and point by point, are the same.
+
+    Once more the run itself, in random blocks without what is yet to come and what is gone.
+    """
+    loaded = load(name)
+    monkeypatch.chdir(tmp_path)
+    prepared = prepare(loaded, FmuCache(fmu_store("native"), loaded.folder, flavour="native"))
+    whole, run = execute_unrecorded(prepared)
+    monkeypatch.setattr(measures_module, "ROWS_AT_ONCE", 1)
+    outcome, _ = execute_unrecorded(prepared, keep=False)
+    assert repr(without_time(outcome)) == repr(without_time(whole))
+    system, _ = assembled_system(prepared)
+    found = []
+    count = run.points_ns.size
+    for cuts in ([0, count], random_blocks(count, seed=1, longest=500)):
+        measures = RunMeasures(prepared, system)
+        measures.begin(run.instances)
+        with Release(run).readable() as release:
+            for first, last in itertools.pairwise(cuts):
+                release.advance(first, last)
+                monkeypatch.setattr(measures_module, "ROWS_AT_ONCE", last - first)
+                measures.rows_complete(first, last)
+        found.append(repr(measures.figures(run)))
+    assert found[0] == found[1]
