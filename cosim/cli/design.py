@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, Literal
 
 import typer
 
@@ -56,6 +57,16 @@ DelayLimitOption = Annotated[
     float, typer.Option(help="Largest delay that --max-delay tries, in seconds.")
 ]
 
+AUTO: Final = "auto"
+THEOREM_2: Final = "theorem-2"
+
+
+class Solver(StrEnum):
+    """Values of --solver."""
+
+    CLARABEL = "clarabel"
+    CVXPY = "cvxpy"
+
 
 def design(
     name: SystemArgument,
@@ -75,13 +86,18 @@ def design(
         ),
     ] = False,
     order: Annotated[
-        int | None,
+        str,
         typer.Option(
-            help="Improve the gain of Theorem 2 with the Bessel-Legendre inequality of this order, "
-            "0 or more. From order 1 on the proof is for exactly these delays; the output says "
-            "whether it also covers all smaller ones."
+            help="auto: try every condition and claim the best proof; theorem-2: Theorem 2 alone; "
+            "N: improve the gain of Theorem 2 with the Bessel-Legendre inequality of order N. From "
+            "order 1 on the proof is for exactly these delays; the output says whether it also "
+            "covers all smaller ones."
         ),
-    ] = None,
+    ] = AUTO,
+    solver: Annotated[
+        Solver,
+        typer.Option(help="cvxpy: solve the plain LMI of Theorem 2 with cvxpy and Clarabel."),
+    ] = Solver.CLARABEL,
     delays: DelaysOption = None,
     least_ages: LeastAgesOption = None,
     sampled: SampledOption = False,
@@ -141,8 +157,9 @@ def design(
     gamma bounds the gain from w to z for every admissible uncertainty. It is certified in
     rational arithmetic for the gain that is printed and saved. The exact norm and the abscissa
     of the nominal loop are shown beside it. If neither the system nor the command line gives k1
-    and k2, they are searched. The same certificate proves the design constraints --decay,
-    --gain-limit, and --peak-control with --offset or --energy.
+    and k2, they are searched. Where nothing is found, other conditions are tried; the best proof
+    is claimed. The same certificate proves the design constraints --decay, --gain-limit, and
+    --peak-control with --offset or --energy.
 
     Exit code 5: the design cannot be achieved. If that is proved, --save-refutation saves the
     proof.
@@ -171,6 +188,7 @@ def design(
         k: v for k, v in asked.items() if v is not None
     }
     goal = named.gamma if gamma is None else gamma
+    condition = _order(order)
     greatest: GreatestDelay | None = None
     with progress() as report_progress, _refutation_saved(save_refutation):
         report_progress(f"design of {name}", 0.0)
@@ -194,7 +212,7 @@ def design(
                 delay_index=_varied_delay(system),
                 limit=delay_limit,
                 search=search or None,
-                order=order,
+                order=condition,
             )
             found = greatest.design
         else:
@@ -204,7 +222,8 @@ def design(
                 gamma=goal,
                 gain=gain,
                 search=search or None,
-                order=order,
+                order=condition,
+                solver=solver.value,
                 **design_constraints,
             )
         nominal = nominal_gamma(found) if price else None
@@ -219,6 +238,23 @@ def design(
         lambda: design_json(name, found, greatest, save, kept, nominal, named.weights),
         lambda: design_view(name, found, greatest, nominal),
     )
+
+
+def _order(text: str) -> int | Literal["auto"] | None:
+    """Return the order that --order names; None for Theorem 2 alone."""
+    if text == AUTO:
+        return AUTO
+    if text == THEOREM_2:
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(
+            "not an order",
+            where="--order",
+            expected=f"{AUTO}, {THEOREM_2} or a whole number",
+            got=repr(text),
+        ) from None
 
 
 @contextmanager

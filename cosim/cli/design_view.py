@@ -37,7 +37,7 @@ def design_view(
         facts.add_row(
             "  without uncertainty",
             f"{nominal:.6g}",
-            f"certified, same gain, k1, k2: E and H account for {design.gamma - nominal:.3g}",
+            f"certified, same gain and condition: E and H account for {design.gamma - nominal:.3g}",
         )
     _nominal_rows(facts, design)
     if design.order is not None:

@@ -258,7 +258,7 @@ def _maclaurin() -> Row:
 
 def _vehicle_design() -> Row:
     named = system_by_name("auv")
-    found = design(named.system, named.k1, named.k2, gamma=named.gamma)
+    found = design(named.system, named.k1, named.k2, gamma=named.gamma, order=None)
     return Row(
         MODEL,
         "Eqs. (5), (6): the vehicle as an uncertain system with delay",

@@ -18,7 +18,7 @@ d = 1.0
 
 def test_design_reports_nominal_figures(tmp_path: Path) -> None:
     """|D1| = 5 <= exact norm < its proved bound < gamma; its nominal part on request."""
-    words = ("design", "paper", "--k1", "0.6", "--k2", "0.2")
+    words = ("design", "paper", "--k1", "0.6", "--k2", "0.2", "--order", "theorem-2")
     plain = cosim(*words, "--json", cwd=tmp_path).json
     assert 5.0 <= plain["exact_norm"] < plain["exact_norm_upper"] < plain["gamma"]
     assert plain["gamma_over_exact_norm"] == plain["gamma"] / plain["exact_norm"]

@@ -50,7 +50,11 @@ DESIGNS = [
     (["paper", "--gamma", "nan"], 2, "gamma must be a positive number"),
     (["paper", "--gamma", "-1"], 2, "gamma must be a positive number"),
     (["paper", "--gamma", "5"], 5, "no gamma <= ||D1|| = 5 exists"),
-    (["paper", "--gamma", "5.005", "--k1", "0.6", "--k2", "0.2"], 5, "gamma >= 5.0132"),
+    (
+        ["paper", "--gamma", "5.005", "--k1", "0.6", "--k2", "0.2", "--order", "theorem-2"],
+        5,
+        "gamma >= 5.0132",
+    ),
     (["paper", "--order", "-1"], 2, "not an order"),
     (["paper", "--order", "13"], 2, "not an order"),
     (["paper", "--save", "folder.toml"], 2, "the file cannot be written"),

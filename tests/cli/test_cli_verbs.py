@@ -45,6 +45,8 @@ def test_design_of_the_paper(tmp_path: Path) -> None:
         "0.6",
         "--k2",
         "0.2",
+        "--order",
+        "theorem-2",
         "--json",
         "--save",
         "d.json",
@@ -79,10 +81,14 @@ def test_design_with_bessel_legendre_order(tmp_path: Path) -> None:
 
 
 def test_design_of_a_scenario_is_the_one_it_runs_with(tmp_path: Path) -> None:
-    """The name of a scenario designs what its [design] says: the printed gain, analysed."""
+    """The name of a scenario designs what its [design] says: the printed gain, analysed.
+
+    The proof may be better than the one kept with the scenario, never worse.
+    """
     found = cosim("design", "paper-example", "--json", cwd=tmp_path).json
     assert found["K"] == [[0.6432, -0.5679]]
-    assert found["gamma"] == shared_run("paper-example").json["metrics"]["gamma"]
+    assert found["exact_norm"] < found["gamma"]
+    assert found["gamma"] <= shared_run("paper-example").json["metrics"]["gamma"]
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

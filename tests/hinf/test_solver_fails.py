@@ -14,7 +14,18 @@ import pytest
 from cli.shell import cosim
 
 from cosim.core.errors import NotAchievableError
-from cosim.hinf import Analysis, analyse, certified_delay, check_certificate, design, greatest_delay
+from cosim.hinf import (
+    DEFAULT_K1,
+    DEFAULT_K2,
+    Analysis,
+    analyse,
+    auv_system,
+    certified_delay,
+    check_certificate,
+    design,
+    greatest_delay,
+    with_delays,
+)
 from cosim.hinf.lmi.peak_lmi import proved_peak_control
 from cosim.hinf.lmi.solver_status import FAILED, count, not_found, solver_words, status_of
 from cosim.hinf.problem.design_constraints import design_constraints_of
@@ -34,7 +45,8 @@ def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
 
     class Failing:
         def __init__(self, _P: Any, q: Any, _A: Any, b: Any, *_: Any) -> None:
-            self._at = SimpleNamespace(x=0 * q, z=0 * b, status=request.param)
+            at = {"x": 0 * q, "z": 0 * b, "obj_val": 0.0, "solve_time": 0.0, "iterations": 0}
+            self._at = SimpleNamespace(**at, status=request.param)
 
         def solve(self) -> Any:
             return self._at
@@ -44,7 +56,8 @@ def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
 
 
 ROUTES: dict[str, Callable[[], Any]] = {
-    "least gamma": lambda: design(paper_example.system(), *AT),
+    "every route": lambda: design(paper_example.system(), *AT),
+    "least gamma": lambda: design(paper_example.system(), *AT, order=None, search=False),
     "a gamma": lambda: design(paper_example.system(), *AT, gamma=6.0),
     "a gain": lambda: design(paper_example.system(), *AT, gain=PRINTED),
     "searched": lambda: design(paper_example.system()),
@@ -109,15 +122,17 @@ def test_constrained_design_reports_a_solver_failure(status: str) -> None:
 
 def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     """Clarabel fails at these delays: exit 5, no claim; with a gamma the refusal is proved."""
-    late = ("design", "auv", "--delays", "0.5,3.0")
-    error = cosim(*late, "--json", cwd=tmp_path).error
-    assert error["exit_code"] == 5
-    assert not [words for words in NEVER if words in json.dumps(error)]
-    constrained = cosim(*late, "--gain-limit", "2", "--json", cwd=tmp_path).error
-    assert constrained["what"] == "no gain was found that meets the design constraints"
-    assert "at 4 pairs k1, k2" in constrained["got"]
+    late = with_delays(auv_system(), [0.5, 3.0])
+    with pytest.raises(NotAchievableError) as failed:
+        design(late, DEFAULT_K1, DEFAULT_K2, order=None, search=False)
+    assert not [words for words in NEVER if words in str(failed.value)]
+    with pytest.raises(NotAchievableError, match="meets the design constraints") as constrained:
+        design(late, DEFAULT_K1, DEFAULT_K2, gain_limit=0.01, search=False)
+    assert "at 4 pairs k1, k2" in str(constrained.value)
     refused = cosim(
-        *late, "--gamma", "20", "--save-refutation", "r.json", "--json", cwd=tmp_path
+        *("design", "auv", "--delays", "0.5,3.0", "--gamma", "20", "--order", "theorem-2"),
+        *("--save-refutation", "r.json", "--json"),
+        cwd=tmp_path,
     ).error
     assert "the LMI has no solution for gamma <= 20 with these k1, k2" in refused["what"]
     proof = check_certificate(json.loads((tmp_path / "r.json").read_text("utf-8")))

@@ -421,11 +421,11 @@ def test_another_problem_is_designed_again(mine: Path, native_fmus: Path) -> Non
 
 
 def test_a_broken_proof_is_replaced(mine: Path, native_fmus: Path) -> None:
-    """The gain in a kept file was changed: a new design is made."""
+    """The gain in a kept file was changed beyond what its proof bears: a new design is made."""
     first = ran(mine, native_fmus)
     beside = mine.with_name("mine.design.json")
     data = json.loads(beside.read_text())
-    data["K"][0][0] += 1e-9
+    data["K"][0][0] += 1.0
     beside.write_text(json.dumps(data), "utf-8")
     again = ran(mine, native_fmus)
     assert "the proof of this design does not hold" in again["design"]["words"]

@@ -20,6 +20,7 @@ from .peak_lmi import (
 from .problem import (
     ROUGH_TOLERANCE as ROUGH_TOLERANCE,
     Answer as Answer,
+    Point as Point,
     Problem as Problem,
     exact_point as exact_point,
     without_performance as without_performance,

@@ -53,7 +53,10 @@ _FLOOR = 1e-3
 
 _TOLERANCE = 1e-8
 _BOUND = 1e3
-"""Largest P, Q, R and eps in the search for a margin, in the solver's own units."""
+"""Largest P, Q, R and eps in the search for a margin, in the solver's own units.
+
+Where w acts weakly they are larger by themselves: P counts in gamma / |C|^2.
+"""
 
 
 def couplings(k: int) -> list[int]:
@@ -132,7 +135,10 @@ class AnalysisLmi:
         others = [
             self._constraints(delays, gamma or 1.0, fixed=True, shorter=d)[0] for d in corners
         ]
-        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
+        bound = _BOUND
+        if gamma is not None and self._C.any():
+            bound *= max(1.0, gamma / float(np.linalg.norm(self._C, 2)) ** 2)
+        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(bound) for c in positive)]
         floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
         last = np.zeros((1, phi.columns.shape[1] + 1))
         last[0, -1] = 1.0

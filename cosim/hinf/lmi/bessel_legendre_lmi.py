@@ -42,6 +42,7 @@ from cosim.models import DelaySystem
 
 _FLOOR = 1e-3  # the margin of P, Q and R beside that of Phi, relative
 _TOLERANCE = 1e-8
+_GREATER_BOUND = 1e5  # where a great gain needs it
 _BOUND = 1e3  # largest P, Q, R and 1/eps in the search for a margin, in the solver's own units
 
 
@@ -124,8 +125,18 @@ class BesselLegendreLmi:
         None if the solver finds no point. A second round counts the margin against the
         diagonal of -Phi.
         """
+        found = None
+        for bound in (_BOUND, _GREATER_BOUND):
+            found = self._central(multipliers, gamma, bound) or found
+            if found is not None and found[0] > 0:
+                break
+        return found
+
+    def _central(
+        self, multipliers: Multipliers, gamma: float | None, bound: float
+    ) -> tuple[float, Array] | None:
         phi, *positive = self._constraints(multipliers, gamma)
-        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
+        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(bound) for c in positive)]
         floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
         last = np.zeros((1, phi.columns.shape[1] + 1))
         last[0, -1] = 1.0

@@ -21,7 +21,7 @@ from cosim.hinf.lmi.conic import Constraint
 from cosim.hinf.lmi.decay_lmi import CornersProblem
 from cosim.hinf.lmi.peak_lmi import level_constraints, scaled_design_constraints
 from cosim.hinf.lmi.problem import Problem
-from cosim.hinf.lmi.scaling import scaling_of
+from cosim.hinf.lmi.scaling import Scaling
 from cosim.hinf.problem import DesignConstraints
 from cosim.models import DelaySystem, Matrix
 
@@ -41,13 +41,19 @@ class ConstrainedProblem(Problem):
     def __init__(
         self, system: DelaySystem, design_constraints: DesignConstraints, at: Scalars
     ) -> None:
-        units = scaling_of(system)
-        corners = None
-        if design_constraints.decay is not None:
-            corners = CornersProblem(system, design_constraints.decay, units)
+        self._asked, self._at = design_constraints, at
+        self._level: tuple[float, float] | None = None
+        super().__init__(system)
+
+    def _set_units(self, units: Scaling) -> None:
+        """Assemble the LMI and its constraints; a level counts in T, which all units share."""
+        d, corners = self._asked, None
+        if d.decay is not None:
+            corners = CornersProblem(self.system, d.decay, units)
         own = 0 if corners is None else corners.structure.size
-        super().__init__(system, spare=own + 1, scaling=units)
-        self._design_constraints = scaled_design_constraints(design_constraints, units)
+        self._spare = own + 1
+        super()._set_units(units)
+        self._design_constraints = scaled_design_constraints(d, units)
         self._fixed: list[Constraint] = []
         self._levels: list[Constraint] = []
         if corners is not None:
@@ -57,14 +63,17 @@ class ConstrainedProblem(Problem):
             move = sparse.csc_array((np.ones(own), (np.arange(own), place)), (own, self._t))
             self._fixed = [
                 Constraint(c.size, c.constant, sparse.csc_array(c.columns @ move))
-                for c in corners.constraints(at)
+                for c in corners.constraints(self._at)
             ]
-        if design_constraints.gain_limit is not None:
-            self._fixed += self._gain_constraints(design_constraints.gain_limit)
+        if d.gain_limit is not None:
+            self._fixed += self._gain_constraints(d.gain_limit)
+        if self._level is not None:
+            self.set_level(*self._level)
 
     def set_level(self, level: float, theta: float = 1.0) -> None:
         """Keep V at or below `level`, and u_i within its limit there; in inner units."""
         s, d = self.structure, self._design_constraints
+        self._level = (level, theta)
         self._levels = level_constraints(s, d, level, theta, self._t)
         for i, limit in enumerate(d.peak_control or ()):
             M = Affine(1 + s.X.place.shape[0])

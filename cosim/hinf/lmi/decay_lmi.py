@@ -50,9 +50,12 @@ class CornersProblem(Problem):
     """
 
     def __init__(self, system: DelaySystem, rate: float, scaling: Scaling | None = None) -> None:
-        *others, outermost = shifted_systems(system, rate)
+        *self._inner_corners, outermost = shifted_systems(system, rate)
         super().__init__(outermost, scaling=scaling)
-        self._others = [Problem(corner, scaling=self.scaling) for corner in others]
+
+    def _set_units(self, units: Scaling) -> None:
+        super()._set_units(units)
+        self._others = [Problem(corner, scaling=units) for corner in self._inner_corners]
 
     def constraints(self, p: Scalars) -> list[Constraint]:
         """-Omega >= 0 at every corner, X >= 0, and every Q >= 0; in inner units."""

@@ -31,9 +31,8 @@ from cosim.hinf.lmi.affine import Affine
 from cosim.hinf.lmi.assembly import Scalars, Structure
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution
 from cosim.hinf.lmi.problem import Answer, Point, Problem, exact_point
-from cosim.hinf.lmi.scaling import Scaling
+from cosim.hinf.lmi.scaling import Scaling, scaling_of
 from cosim.hinf.lmi.solver_status import not_found, solver_words
-from cosim.hinf.lmi.svec import Array
 from cosim.hinf.problem import DesignConstraints
 
 if TYPE_CHECKING:
@@ -100,7 +99,8 @@ class PeakProblem(Problem):
     def __init__(
         self, system: DelaySystem, gain: Matrix, design_constraints: DesignConstraints
     ) -> None:
-        super().__init__(peak_system(system, energy=bool(design_constraints.energy)), spare=1)
+        inner = peak_system(system, energy=bool(design_constraints.energy))
+        super().__init__(inner, spare=1, scaling=scaling_of(inner))
         self._gain = gain
         self._design_constraints = scaled_design_constraints(design_constraints, self.scaling)
         self._unit = max(
@@ -110,7 +110,7 @@ class PeakProblem(Problem):
         self._largest_gain = float(np.abs(self._K).max(initial=0.0)) or 1.0
         self._largest_limit = max(self._design_constraints.peak_control or (1.0,))
         self._theta, self._least, self._top = 1.0, np.inf, np.inf
-        self._weights: Array | None = None
+        self._near: Answer | None = None
         self._trace = None  # the level of V says how large a solution is to be
         self._bounds = self._bounded()
 
@@ -135,14 +135,15 @@ class PeakProblem(Problem):
         unit = self._largest_gain * self._unit / self._largest_limit
         size = float(np.mean(np.diag(self.structure.X.of(solution.y))))
         self._unit *= float(np.sqrt(size))
-        self._weights = self._answer(solution, inner, self._gain, 1.0).scale / size
+        answer = self._answer(solution, inner, self._gain, 1.0)
+        self._near = replace(answer, scale=answer.scale / size)
         self._least = value / size
         return float(np.sqrt(value) * unit)
 
     def near(self, p: Scalars, above: float) -> Point | None:
         """Return a point of great margin with a t this much above the least, relative."""
         self._top = self._least * (1 + above)
-        answer = self.margin(p, None, self._gain, self._weights)
+        answer = self.margin(p, None, self._gain, self._near)
         return answer.point if isinstance(answer, Answer) and answer.value > 0 else None
 
     def _more(self, p: Scalars, gain: Matrix | None, *, margin: bool) -> list[Constraint]:

@@ -3,10 +3,14 @@
 The structure is assembled once (`cosim.hinf.lmi.assembly`), in units in which its numbers are near
 one (`cosim.hinf.lmi.scaling`); other k1, k2, d or gamma take new weights and a solve
 (`cosim.hinf.lmi.conic`). Arguments and results are in the system's own units.
+
+Where the solver fails in these units, others are tried, and kept if it succeeds there
+(`units_of`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,14 +19,14 @@ from scipy import sparse
 from cosim.hinf.certificate import ExactVariables, Variables, exact_variables
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
-from cosim.hinf.lmi.scaling import Scaling, scaling_of
+from cosim.hinf.lmi.scaling import Scaling, units_of
 from cosim.hinf.lmi.svec import Array, places, svec
 from cosim.models import DelaySystem, Matrix
 
 _LARGEST_X = 1e3  # X <= this I bounds the margin
 _SHARE = 1e-3  # Q >= this times t: the proof needs Q > 0, which nothing else ensures
 ROUGH_TOLERANCE = 1e-7
-"""Tolerance for a margin of which only the sign matters."""
+"""Tolerance of a search: for a margin of which only the sign matters, and for k1 and k2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +47,7 @@ class Answer:
 
     value : the least gamma, or the greatest margin t.
     point : where it is attained.
-    scale : |diagonal of Omega| there, the scale of each row.
+    scale : |diagonal of Omega| there, the scale of each row in `units`.
     accurate : whether the solver calls it solved.
     slopes : d value / d (k1_1, ..., k1_N, k2_1, ..., k2_N, d_1, ..., d_N), by the multipliers.
     """
@@ -53,6 +57,7 @@ class Answer:
     scale: Array
     accurate: bool
     slopes: Array
+    units: Scaling
 
 
 class Problem:
@@ -64,18 +69,26 @@ class Problem:
     has_gamma : whether there is a gain from w to z to bound.
     solve_count : number of solves, the budget of a search.
 
-    A subclass adds constraints by `_more`, with `spare` further unknowns; without a `scaling`
-    the system's own is used.
+    A subclass adds constraints by `_more`, with `spare` further unknowns. With a `scaling` no
+    other units are tried.
     """
 
     def __init__(
         self, system: DelaySystem, *, spare: int = 0, scaling: Scaling | None = None
     ) -> None:
-        self.scaling: Scaling = scaling or scaling_of(system)
-        self.structure = Structure(self.scaling.system(system), spare)
-        self.has_gamma = self.structure.gamma is not None
+        self.system = system
         self.solve_count = 0
         self._n = system.A.shape[0]
+        self._spare = spare
+        units = [scaling] if scaling is not None else units_of(system)
+        self._other_units = units[1:]
+        self._set_units(units[0])
+
+    def _set_units(self, units: Scaling) -> None:
+        """Assemble the LMI in these units."""
+        self.scaling = units
+        self.structure = Structure(units.system(self.system), self._spare)
+        self.has_gamma = self.structure.gamma is not None
         self._t = self.structure.size
         s, zeros = self.structure, np.zeros((self._n, self._n))
         free = [Q for Q in s.Q if Q is not None]
@@ -103,8 +116,13 @@ class Problem:
             Constraint(1, np.ones(1), last),
         ]
 
-    def least_gamma(self, p: Scalars, gain: Matrix | None = None) -> Answer | Solution:
+    def least_gamma(
+        self, p: Scalars, gain: Matrix | None = None, tolerance: float = TOLERANCE
+    ) -> Answer | Solution:
         """Minimise gamma (Remark 2); the solver's result if it finds no point."""
+        return self._in_some_units(lambda: self._least_gamma(p, gain, tolerance))
+
+    def _least_gamma(self, p: Scalars, gain: Matrix | None, tolerance: float) -> Answer | Solution:
         gamma = self.structure.gamma
         if gamma is None:
             raise ValueError("expected a system with w and z, got one without")
@@ -112,7 +130,7 @@ class Problem:
         q[gamma.place[0, 0]] = 1.0
         inner = self._inner(p)
         more = self._more(inner, gain, margin=False)
-        solution = self._solve([self._omega(inner, gain), *self._signs, *more], q, TOLERANCE)
+        solution = self._solve([self._omega(inner, gain), *self._signs, *more], q, tolerance)
         if not solution.usable:
             return solution
         return self._answer(solution, inner, gain, 1.0 / self.scaling.a**2)
@@ -122,18 +140,31 @@ class Problem:
         p: Scalars,
         gamma: float | None,
         gain: Matrix | None = None,
-        weights: Array | None = None,
+        near: Answer | None = None,
         tolerance: float = TOLERANCE,
     ) -> Answer | Solution:
-        """Maximise t with Omega <= -t diag(weights), X <= 1000, t <= 1; tr X = n without gamma.
+        """Maximise t with Omega <= -t diag(scale), X <= 1000, t <= 1; tr X = n without gamma.
 
         t > 0: the LMI is feasible at this gamma (within the bound on X), t < 0: it is not.
-        Omega and X in inner units. The solver's result if it finds no point.
+        Omega and X in inner units, the scale of each row that of the answer `near`, or one. The
+        solver's result if it finds no point.
         """
+        return self._in_some_units(lambda: self._margin(p, gamma, gain, near, tolerance))
+
+    def _margin(
+        self,
+        p: Scalars,
+        gamma: float | None,
+        gain: Matrix | None,
+        near: Answer | None,
+        tolerance: float,
+    ) -> Answer | Solution:
         q = np.zeros(self._t + 1)
         q[self._t] = -1.0
         inner = self._inner(p)
-        own = np.ones(self.structure.rows) if weights is None else weights
+        own = np.ones(self.structure.rows)
+        if near is not None and near.units is self.scaling:
+            own = near.scale
         whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
         more = self._more(inner, gain, margin=True)
         solution = self._solve([whole, *self._bounds, *more], q, tolerance, self._trace)
@@ -143,6 +174,21 @@ class Problem:
         return (
             answer if gamma is None else replace(answer, point=replace(answer.point, gamma=gamma))
         )
+
+    def _in_some_units(self, ask: Callable[[], Answer | Solution]) -> Answer | Solution:
+        """Return the answer in the present units, or where that fails in the others."""
+        found = ask()
+        if isinstance(found, Answer) or found.status != "failed" or not self._other_units:
+            return found
+        usual, others = self.scaling, self._other_units
+        self._set_units(others[0])
+        self._other_units = []
+        other = ask()
+        if isinstance(other, Answer) or other.status == "infeasible":
+            return other
+        self._set_units(usual)
+        self._other_units = others
+        return found
 
     def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
         """Return -Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; inner units."""
@@ -220,7 +266,7 @@ class Problem:
         per_unit = np.repeat([units.T, units.T, 1.0 / units.T], len(p.d))
         slopes = factor * per_unit * self._slopes(p, y, solution.Z[0])
         accurate = solution.status == "solved"
-        return Answer(factor * solution.value, point, scale, accurate, slopes)
+        return Answer(factor * solution.value, point, scale, accurate, slopes, units)
 
     def _slopes(self, p: Scalars, y: Array, Z: Array) -> Array:
         """Return the derivatives of <Z, Omega(y; k1, k2, d)>, and so of the optimum."""

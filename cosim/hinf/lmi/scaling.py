@@ -27,6 +27,9 @@ from cosim.models import Delay, DelaySystem
 
 _EXPONENT = 200  # powers of two stay within this: their products must not overflow
 _LARGEST = 1e30
+_SPREAD = 100.0
+_EVEN = 1e3
+"""Largest ratio of balanced units, and of a system's entries, that are taken to be near one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,28 @@ def scaling_of(system: DelaySystem) -> Scaling:
     _, (units, _) = matrix_balance(acts, permute=False, separate=True)
     units = _power(np.asarray(units, dtype=np.float64) / units[z])
     return Scaling(units[x], units[u], float(_power(np.array(1.0 / rate))), a, float(units[p]))
+
+
+def units_of(system: DelaySystem) -> list[Scaling]:
+    """Return the units to solve in: those of `scaling_of`, and the system's own, best first.
+
+    Balancing spreads the units of a long chain of states over decades, and gamma with them,
+    though every number of the system is near one. There the system's own units come first. All
+    have the same time.
+
+    Raises
+    ------
+    InputError : as `scaling_of`.
+    """
+    balanced = scaling_of(system)
+    n, m = system.B.shape
+    own = replace(balanced, state=np.ones(n), input=np.ones(m), a=1.0, c=1.0)
+    spread = float(balanced.state.max() / balanced.state.min())
+    s = system
+    parts = (s.A, s.B, s.C, s.D, s.D2, s.E, s.H, *(M for x in s.delays for M in (x.A, x.H)))
+    entries = np.concatenate([np.abs(M[M != 0]).ravel() for M in parts])
+    even = entries.size and entries.max() < _EVEN * entries.min()
+    return [own, balanced] if even and spread > _SPREAD else [balanced, own]
 
 
 def _rough_gain(system: DelaySystem, flow: Array, rate: float, back: Array) -> float:

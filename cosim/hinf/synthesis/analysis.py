@@ -10,7 +10,7 @@ the nominal loop are given beside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.core import InputError
 from cosim.hinf.certificate import MAX_BOX, MAX_ORDER, covers_smaller
 from cosim.hinf.lmi import not_found, solver_words
-from cosim.hinf.nominal import checked_system, nominal_figures_of
+from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
 from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove
 from cosim.models import DelaySystem
 
@@ -94,7 +94,18 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    nominal_figures = nominal_figures_of(system, K)
+    found = analysed(system, K, gamma, order, nominal_figures_of(system, K))
+    return found if gain is not None else replace(found, K=None)
+
+
+def analysed(
+    system: DelaySystem,
+    K: NDArray[np.float64],
+    gamma: float | None,
+    order: int,
+    nominal_figures: NominalFigures,
+) -> Analysis:
+    """Analyse a gain whose nominal figures are known, as `analyse`."""
     delays = [delay.d for delay in system.delays]
     proof, level, reason = None, None, None
     leasts: list[float] = []
@@ -126,7 +137,7 @@ def analyse(
             break
     return Analysis(
         system=system,
-        K=None if gain is None else K,
+        K=K,
         order=order,
         certified=proof is not None,
         reason=None if proof is not None else reason,

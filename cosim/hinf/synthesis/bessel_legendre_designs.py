@@ -8,7 +8,7 @@ from contextlib import suppress
 from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
-from cosim.hinf.nominal import NominalFigures, one_thread, worst_case_at
+from cosim.hinf.nominal import NominalFigures, WorstCase, one_thread, worst_case_at
 from cosim.hinf.synthesis.analysis import Analysis, analyse
 from cosim.hinf.synthesis.bessel_legendre_loop import Gain, Loop, continue_gain
 from cosim.hinf.synthesis.bessel_legendre_synthesis import bessel_legendre_gain, check_order
@@ -18,12 +18,12 @@ from cosim.hinf.synthesis.greatest_delays import (
     greatest_delay,
     with_delay,
 )
+from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.synthesis import Design, check_achievable, design
 from cosim.models import DelaySystem
 
 _SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
-_BELOW = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 
 
 @one_thread
@@ -36,11 +36,13 @@ def bessel_legendre_design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool = False,
+    starts: Sequence[Gain] | None = None,
 ) -> Design:
     """Design a gain as `synthesis.design` does, proved with the inequality of order N.
 
     Parameters
     ----------
+    starts : gains to start from; None: that of Theorem 2.
     k1, k2 : of the gain of Theorem 2 that the design starts from; not used by the proof.
     order : N. Order 0 covers every constant delay up to the system's, as Theorem 2 does. A
         higher order does so where that can be proved at the same gamma, otherwise it covers
@@ -56,9 +58,10 @@ def bessel_legendre_design(
     check_order(order, system)
     if gain is not None:
         return given_gain_design(system, gain, gamma, order)
-    starts: list[Gain] = []
-    with suppress(NotAchievableError):  # the LMI of order N has other starts as well
-        starts.append(design(system, k1, k2, search=search).K)
+    if starts is None:
+        starts = []
+        with suppress(NotAchievableError):  # the LMI of order N has other starts as well
+            starts = [design(system, k1, k2, search=search).K]
     return as_design(bessel_legendre_gain(system, order, starts, gamma))
 
 
@@ -103,17 +106,21 @@ def bessel_legendre_delay(
     check_order(order, at(start).system)
     passed = continue_gain(at, K, start, limit)
     end, K = passed[-1]
-    tried = [*((end * (1 - share), K) for share in _BELOW), *reversed(passed[:-1])]
-    reason: str | None = None
-    for d, gain in tried:
+
+    def prove(tried: tuple[float, Gain]) -> tuple[GreatestDelay | None, str]:
+        d, gain = tried
         try:
             found = analyse(at(d).system, gain, gamma, order=order)
         except NotAchievableError as error:  # a loop too fast for its roots to be counted
-            reason = error.what
-            continue
-        if found.certified:
-            return GreatestDelay(d, as_design(found), d == limit, None, None)
-        reason = found.reason
+            return None, error.what
+        if not found.certified:
+            return None, str(found.reason)
+        return GreatestDelay(d, as_design(found), d == limit, None, None), ""
+
+    below = [(d, K) for d in delays_below(end, itself=True)]
+    greatest, reason = first_proved([*below, *reversed(passed[:-1])], prove)
+    if greatest is not None:
+        return greatest
     raise NotAchievableError(
         f"no delay could be certified at order {order}",
         where=system.name or None,
@@ -145,8 +152,8 @@ def given_gain_design(
     return as_design(found)
 
 
-def as_design(found: Analysis) -> Design:
-    """Return a certified analysis of a gain as a design."""
+def as_design(found: Analysis, worst_case: WorstCase | None = None) -> Design:
+    """Return the design of a proved gain; `worst_case` where it is known."""
     if found.K is None or found.certificate is None:
         raise ValueError("expected a proved gain, got an analysis without")
     return Design(
@@ -158,6 +165,6 @@ def as_design(found: Analysis) -> Design:
         least_gamma=found.least_gamma,
         certificate=found.certificate,
         order=found.order,
-        worst_case=worst_case_at(found.system, found.K, found.norm_frequency),
+        worst_case=worst_case or worst_case_at(found.system, found.K, found.norm_frequency),
         **{name: getattr(found, name) for name in NominalFigures._fields},
     )

@@ -18,6 +18,7 @@ SCALES = (0.02, 0.1, 0.5, 2.0)
 """Scalar multipliers to start from, in units of the longest delay."""
 
 _SMALLEST_STEP = 1e-3
+_TRIES = 40  # near its end a continuation creeps
 
 
 class Loop:
@@ -68,8 +69,9 @@ def continue_gain(
 
     `loop_at` gives the loop at a value (a delay, a share of all delays); K is feasible at `start`.
     """
-    passed, factor = [(start, K)], 2.0
-    while passed[-1][0] < end and factor > 1 + _SMALLEST_STEP:
+    passed, factor, tries = [(start, K)], 2.0, 0
+    while passed[-1][0] < end and factor > 1 + _SMALLEST_STEP and tries < _TRIES:
+        tries += 1
         at, K = passed[-1]
         there = min(at * factor, end)
         found = loop_at(at).improved_gain(K, loop_at(there))

@@ -30,11 +30,13 @@ from cosim.hinf.lmi import (
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import Analysis, analyse
 from cosim.hinf.synthesis.bessel_legendre_loop import SCALES, Gain, Loop, continue_gain, rounded
+from cosim.hinf.synthesis.ladder import first_proved
 from cosim.models import DelaySystem
 
 _ROUNDS = 25
 _WELL_ABOVE = 1.1  # starting gains have the greatest margin at this multiple of the least gamma
-_ENOUGH = 1e-3  # relative decrease of gamma in a round below which the rounds end
+_ABOVE = 1e-3  # share above the least gamma at which the multipliers of a gain are taken
+_ENOUGH = 2e-4  # relative decrease of gamma in a round below which the rounds end
 _SHORT = 1 / 64  # start of a continuation, as a share of the delays
 
 
@@ -69,18 +71,23 @@ def bessel_legendre_gain(
     else:
         better = [found[1] for K in gains[:1] if (found := stable.improved_gain(K)) is not None]
         gains = [*better, *gains]
-    for K in gains:
-        # the roots of a loop faster than its delay by orders of magnitude cannot be counted
-        with suppress(NotAchievableError):
-            proved = analyse(system, K, gamma, order=order)
-            if proved.certified:
-                return proved
+
+    def prove(K: Gain) -> tuple[Analysis | None, str]:
+        try:
+            found = analyse(system, K, gamma, order=order)
+        except NotAchievableError as error:  # a loop too fast for its roots to be counted
+            return None, error.what
+        return (found, "") if found.certified else (None, str(found.reason))
+
+    proved, reason = first_proved(gains, prove)
+    if proved is not None:
+        return proved
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
     raise NotAchievableError(
         f"no gain could be certified at order {order}",
         where=system.name or None,
         expected=f"an exact proof of {goal}",
-        got=f"{len(gains)} gains, none of them proved"
+        got=f"{len(gains)} gains, none of them proved; of the last, {reason}"
         if gains
         else f"no gain was found from {len(starts)} gains of Theorem 2, {len(SCALES)} scalar "
         f"multipliers and shorter delays: {not_found(words)}",
@@ -170,7 +177,7 @@ def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | Non
     """Return a gain of less gamma, by the multipliers of K, away from the edge; None: none."""
     delays = [delay.d for delay in system.delays]
     analysis = AnalysisLmi(system, K, order, performance=True)
-    found = analysis.margin(delays, (1 + _ENOUGH) * gamma)
+    found = analysis.margin(delays, (1 + _ABOVE) * gamma)
     if found is None:
         return None
     multipliers = multipliers_of(found[1], system)
@@ -179,7 +186,7 @@ def _round(system: DelaySystem, order: int, gamma: float, K: Gain) -> Gain | Non
     if least is None:
         return None
     for share in (0.1, 0.4):
-        level = max(least[0] + share * (gamma - least[0]), (1 + _ENOUGH / 4) * least[0])
+        level = max(least[0] + share * (gamma - least[0]), (1 + _ABOVE / 4) * least[0])
         middle = rounded(lmi.central(multipliers, level))
         if middle is not None and middle[0] > 0:
             return middle[1]

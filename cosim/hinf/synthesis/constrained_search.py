@@ -29,7 +29,7 @@ from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis import synthesis
 from cosim.hinf.synthesis.decay_search import corner_scalars, proved_decay
 from cosim.hinf.synthesis.level_search import Level, best_level, level_of
-from cosim.hinf.synthesis.search import least_gamma, starts
+from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.synthesis import Design, checked_scalars
 from cosim.models import DelaySystem
 
@@ -136,11 +136,15 @@ class ConstrainedSearch:
             problem = self._problem(self._eased(strength), p)
         if problem is None:
             return None, not_found(solve_count)
-        if self._search and problem.has_gamma:
-            better = least_gamma(problem, p)
-            p = p if better is None else better[0]
         try:
-            found = synthesis.design(self._system, p.k1, p.k2, gamma=self._gamma, problem=problem)
+            found = synthesis.design(
+                self._system,
+                p.k1,
+                p.k2,
+                gamma=self._gamma,
+                problem=problem,
+                search=self._search and problem.has_gamma,
+            )
         except NotAchievableError as error:
             return None, error.what if FAILED in error.what else f"{error.what}: {error.got}"
         guarantees, reason = prove_constraints(found, self._design_constraints)

@@ -6,6 +6,8 @@ project's own designs use `cosim.hinf.lmi.assembly` instead.
 
 from __future__ import annotations
 
+import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import InputError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf.lmi import Unknowns, omega, scaling_of, unknowns
 from cosim.hinf.nominal import checked_system
 from cosim.hinf.synthesis.analysis import gain_of
+from cosim.hinf.synthesis.search import starts
 from cosim.hinf.synthesis.synthesis import (
     Design,
     check_achievable,
@@ -150,4 +153,55 @@ def as_cvxpy(
     problem = cp.Problem(objective, constraints)
     return CvxpyLmi(
         **vars(v), system=system, k1=p.k1, k2=p.k2, constraints=constraints, problem=problem
+    )
+
+
+def cvxpy_design(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    gamma: float | None = None,
+    gain: ArrayLike | None = None,
+    search: bool = False,
+) -> Design:
+    """Design a gain by `as_cvxpy` with Clarabel, and prove it by Theorem 2 at the same k1, k2.
+
+    search : also try the fixed starts of a search, and take the best.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no pair k1, k2 gives a gain that can be certified.
+    """
+    import cvxpy as cp  # noqa: PLC0415
+
+    p = checked_scalars(system, k1, k2)
+    statuses: Counter[str] = Counter()
+    best: list[tuple[float, CvxpyLmi]] = []
+    for at in starts(p) if search else [p]:
+        lmi = as_cvxpy(system, at.k1, at.k2, gamma=gamma, gain=gain)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # an inaccurate point is for the proof to judge
+                value = lmi.problem.solve(solver=cp.CLARABEL)
+        except cp.SolverError:
+            statuses["failed"] += 1
+            continue
+        statuses[str(lmi.problem.status)] += 1
+        margin = isinstance(lmi.problem.objective, cp.Maximize)
+        if lmi.X.value is not None and np.isfinite(value) and (not margin or value > 0):
+            best.append((0.0 if margin else float(value), lmi))
+    reason = ""
+    for _, lmi in sorted(best, key=lambda pair: pair[0]):
+        try:
+            return lmi.design(gamma) if gain is None else design(system, lmi.k1, lmi.k2, gain=gain)
+        except (InputError, NotAchievableError) as error:
+            reason = f", but not proved: {error.what}"
+    raise NotAchievableError(
+        "no solution of the plain LMI was found and certified with cvxpy",
+        where=system.name or None,
+        expected="a solution whose gain is proved exactly",
+        got=", ".join(f"{word} at {n} pairs k1, k2" for word, n in statuses.items()) + reason,
+        hint="other k1, k2 or a search for them, a larger gamma",
     )

@@ -51,14 +51,14 @@ def proved_decay(
     reason = ""
     with solver_words() as words:
         for at in corner_scalars(system, rate, p, gain):
-            weights = None
+            near: Answer | None = None
             for _ in range(2):
-                answer = problem.margin(at, None, gain, weights)
+                answer = problem.margin(at, None, gain, near)
                 if not isinstance(answer, Answer) or answer.value <= 0:
                     break
                 decay = Decay(exact(rate), growth, exact_point(system, answer.point, at))
                 failed = decay.failure(system, gain)
                 if failed is None:
                     return decay, ""
-                reason, weights = failed, answer.scale
+                reason, near = failed, answer
     return None, reason or not_found(words)

@@ -1,7 +1,9 @@
 """Design and greatest delay as users call them, for every condition and with constraints.
 
-1. The gain of least gamma without the design constraints (`cosim.hinf.synthesis.synthesis`) is kept
-   if the constraints can be proved for it.
+Without design constraints, the routes of `cosim.hinf.synthesis.routes` are tried. With them:
+
+1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.synthesis`) is kept if
+   they can be proved for it.
 2. Otherwise the gain of least gamma that meets them (`cosim.hinf.synthesis.constrained_search`).
 """
 
@@ -9,15 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal import checked_system, one_thread
-from cosim.hinf.problem import design_constraints_of
+from cosim.hinf.problem import DesignConstraints, design_constraints_of
 from cosim.hinf.synthesis import synthesis
 from cosim.hinf.synthesis.ages_design import ages_are_known, ages_design, of_any_age
-from cosim.hinf.synthesis.analysis import analyse
+from cosim.hinf.synthesis.analysis import analyse, gain_of
 from cosim.hinf.synthesis.bessel_legendre_designs import (
     bessel_legendre_delay,
     bessel_legendre_design,
@@ -29,12 +32,20 @@ from cosim.hinf.synthesis.constrained_search import (
     scalars_of,
     with_guarantees,
 )
+from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.greatest_delays import (
     DELAY_LIMIT,
     GreatestDelay,
     greatest_delay as delay_of_theorem_2,
 )
+from cosim.hinf.synthesis.routes import (
+    Request,
+    designed_by_some_route,
+    none_succeeded,
+    proved_gain,
+)
 from cosim.hinf.synthesis.search import initial_scalars
+from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.synthesis import Design
 from cosim.models import DelaySystem
 
@@ -48,7 +59,8 @@ def design(
     gamma: float | None = None,
     gain: ArrayLike | None = None,
     search: bool | None = None,
-    order: int | None = None,
+    order: int | Literal["auto"] | None = "auto",
+    solver: Literal["clarabel", "cvxpy"] = "clarabel",
     decay: float | None = None,
     gain_limit: float | None = None,
     peak_control: Sequence[float] | float | None = None,
@@ -65,11 +77,13 @@ def design(
     gamma : a bound to meet instead of the least one; the design's own may be lower.
     gain : (m, n) a gain to analyse instead of designing one.
     search : look for better k1, k2 (`cosim.hinf.synthesis.search`), starting from these among
-        others.
-    order : None for Theorem 2; N for the Bessel-Legendre condition of order N, which starts
+        others. None: where neither is given, or nothing is found at those given; False: never.
+    order : "auto" tries every route (`cosim.hinf.synthesis.routes`) and claims the best proof;
+        None for Theorem 2 alone; N for the Bessel-Legendre condition of order N, which starts
         from the gain of Theorem 2 and allows no design constraints. Where more is known of an
         age than its bound, gains of Theorem 2 are analysed with these ages, at order 1 unless
         one is given; with design constraints they count as of any age.
+    solver : "cvxpy" solves the plain LMI of Theorem 2 with cvxpy and Clarabel.
     decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
     peak_control : bound on every |u_i(t)|, one number or one per input, in the units of u;
@@ -99,6 +113,7 @@ def design(
     (True, True, (1, 2))
     """
     system = checked_system(system, control=True)
+    given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
         system,
@@ -108,30 +123,85 @@ def design(
         offset=offset,
         energy=energy,
     )
-    if ages_are_known(system) and not design_constraints.any:
-        return ages_design(system, one, two, order=order, gamma=gamma, gain=gain, search=look)
-    if order is not None:
-        if design_constraints.any:
-            raise InputError(
-                "design constraints are proved with Theorem 2 only",
-                where="order",
-                expected=f"no order, with {describe_constraints(design_constraints)}",
-                got=str(order),
-            )
-        return bessel_legendre_design(
-            system, one, two, order=order, gamma=gamma, gain=gain, search=look
-        )
+    _check_combination(design_constraints, order, solver)
+    if not design_constraints.any:
+        request = Request(system, one, two, given, look or search, gamma)
+        return _unconstrained(request, gain, order, solver, search=look)
+    if gamma is not None:
+        synthesis.check_achievable(gamma, system)
+    synthesis.checked_scalars(system, one, two)
     plain: Design | None = None
     try:
         plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
     except NotAchievableError:
         # without a constraint the best gain may be unbounded
-        if not design_constraints.any or gain is not None:
+        if gain is not None:
             raise
-    start = synthesis.checked_scalars(system, one, two)
+    return _constrained(
+        system, one, two, plain, design_constraints, gamma, gain, look, may_search=search is None
+    )
+
+
+def _unconstrained(
+    request: Request,
+    gain: ArrayLike | None,
+    order: int | Literal["auto"] | None,
+    solver: str,
+    *,
+    search: bool,
+) -> Design:
+    """Design without design constraints, or prove a gain."""
+    system, one, two, gamma = request.system, request.k1, request.k2, request.gamma
+    if ages_are_known(system) and solver != "cvxpy":
+        known = order if isinstance(order, int) else None
+        return ages_design(system, one, two, order=known, gamma=gamma, gain=gain, search=search)
+    if gamma is not None:
+        synthesis.check_achievable(gamma, system)
+    if solver == "cvxpy":
+        return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=search)
+    if isinstance(order, int):
+        return bessel_legendre_design(
+            system, one, two, order=order, gamma=gamma, gain=gain, search=search
+        )
+    synthesis.checked_scalars(system, one, two)
+    if order == "auto":
+        if gain is None:
+            return designed_by_some_route(request)
+        found = proved_gain(system, gain_of(system, gain), gamma)
+        if found is not None:
+            return found
+    return synthesis.design(system, one, two, gamma=gamma, gain=gain, search=search)
+
+
+def _check_combination(
+    design_constraints: DesignConstraints, order: int | str | None, solver: str
+) -> None:
+    """Refuse design constraints with another condition or solver than their own."""
+    if design_constraints.any and (solver == "cvxpy" or order not in ("auto", None)):
+        raise InputError(
+            "design constraints are proved with Theorem 2 only",
+            where="order" if solver == "clarabel" else "solver",
+            expected=f"no {'order' if solver == 'clarabel' else 'other solver'}, with "
+            f"{describe_constraints(design_constraints)}",
+            got=str(order) if solver == "clarabel" else solver,
+        )
+
+
+def _constrained(
+    system: DelaySystem,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    plain: Design | None,
+    design_constraints: DesignConstraints,
+    gamma: float | None,
+    gain: ArrayLike | None,
+    search: bool,  # noqa: FBT001
+    *,
+    may_search: bool,
+) -> Design:
+    """Return the design that meets the constraints: `plain`, or another from k1, k2."""
+    start = synthesis.checked_scalars(system, k1, k2)
     if plain is not None:
-        if not design_constraints.any:
-            return plain
         guarantees, reason = prove_constraints(plain, design_constraints)
         if guarantees is not None:
             return with_guarantees(plain, guarantees)
@@ -143,7 +213,15 @@ def design(
                 got=reason,
             )
         start = scalars_of(plain)
-    return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(plain)
+    errors: list[tuple[str, NotAchievableError]] = []
+    for look in (search, True) if may_search and not search else (search,):
+        try:
+            return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(
+                plain
+            )
+        except NotAchievableError as error:
+            errors.append(("k1, k2 searched" if look else "these k1, k2", error))
+    raise none_succeeded(errors)
 
 
 def greatest_delay(
@@ -155,7 +233,7 @@ def greatest_delay(
     delay_index: int = 0,
     limit: float = DELAY_LIMIT,
     search: bool | None = None,
-    order: int | None = None,
+    order: int | Literal["auto"] | None = None,
 ) -> GreatestDelay:
     """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
 
@@ -169,7 +247,7 @@ def greatest_delay(
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
     order : None for Theorem 2, with a refutation just beyond; N for the Bessel-Legendre
-        condition of order N.
+        condition of order N; "auto" for order 1 where Theorem 2 certifies no delay.
 
     Raises
     ------
@@ -178,13 +256,27 @@ def greatest_delay(
     """
     system = of_any_age(checked_system(system, control=True))
     one, two, look = initial_scalars(system, k1, k2, search)
-    if order is None:
-        return delay_of_theorem_2(
-            system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
-        )
-    return bessel_legendre_delay(
-        system, gamma, one, two, order=order, delay_index=delay_index, limit=limit, search=look
-    )
+    if gamma is not None:
+        synthesis.check_achievable(gamma, system)
+    errors: list[tuple[str, NotAchievableError]] = []
+    for condition in (None, 1) if order == "auto" else (order,):
+        try:
+            if condition is None:
+                return delay_of_theorem_2(
+                    system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
+                )
+            return bessel_legendre_delay(
+                *(system, gamma, one, two),
+                order=condition,
+                delay_index=delay_index,
+                limit=limit,
+                search=look,
+            )
+        except NoGainError:
+            raise
+        except NotAchievableError as error:
+            errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
+    raise none_succeeded(errors)
 
 
 def without_uncertainty(system: DelaySystem) -> DelaySystem:

@@ -31,6 +31,7 @@ from cosim.hinf.lmi import (
 )
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.synthesis.delay_search import search_greatest_delay
+from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
 from cosim.hinf.synthesis.synthesis import (
@@ -46,7 +47,6 @@ DELAY_LIMIT = 20.0
 """Where a search ends [s]."""
 
 _SMALLEST = 1e-6  # shortest delay searched, as a share of the limit
-_BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
 _ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
 _PRECISION = 1e-7  # of the end at fixed k1, k2, relative: that of a margin
 _BEYOND = (1e-3, 1e-2, 0.1, 1.0)
@@ -111,22 +111,28 @@ def greatest_delay(
         there = with_delay(system, delay_index, least.d[delay_index])
         proof = None if search else refute(there, problem, least, gamma)
         raise _none_at_all(system, gamma, least, proof, not_found(words), search=search)
-    shares = (0.0, *_BELOW) if end.d[delay_index] == limit else _BELOW
-    reason = ""
-    for share in shares:
-        d = end.d[delay_index] * (1 - share)
-        at = _replaced(end, delay_index, d)
+    last = end
+
+    def prove(d: float) -> tuple[GreatestDelay | None, str]:
+        at = _replaced(last, delay_index, d)
         there = with_delay(system, delay_index, d)
         found, reason = find_certified_gain(there, problem, at, gamma)
-        if found is not None:
-            beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
-            return GreatestDelay(
-                delay=d,
-                design=design_from_proof(there, *found, None),
-                limit_reached=d == limit,
-                refuted_at=None if beyond is None else beyond[0],
-                refutation=None if beyond is None else beyond[1],
-            )
+        if found is None:
+            return None, reason
+        beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
+        greatest = GreatestDelay(
+            delay=d,
+            design=design_from_proof(there, *found, None),
+            limit_reached=d == limit,
+            refuted_at=None if beyond is None else beyond[0],
+            refutation=None if beyond is None else beyond[1],
+        )
+        return greatest, ""
+
+    longest = end.d[delay_index]
+    greatest, reason = first_proved(delays_below(longest, itself=longest == limit), prove)
+    if greatest is not None:
+        return greatest
     raise NotAchievableError(
         "no delay could be certified",
         where=system.name or None,

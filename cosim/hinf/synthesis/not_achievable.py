@@ -21,7 +21,7 @@ from cosim.hinf.lmi import (
     refute,
     without_performance,
 )
-from cosim.hinf.synthesis.stabilisability import unstabilisable_error
+from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
 from cosim.models import DelaySystem
 
 _OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
@@ -113,7 +113,7 @@ def no_least_gamma(system: DelaySystem, words: Mapping[str, int]) -> NotAchievab
         expected = "an output z that weighs the control as well, by D2"
         hint = "a gamma that is small enough, or a weight on u in D2"
     where, got = system.name or None, "a gamma that tends to zero"
-    return NotAchievableError(what, where=where, expected=expected, got=got, hint=hint)
+    return NoGainError(what, where=where, expected=expected, got=got, hint=hint)
 
 
 def not_certified(

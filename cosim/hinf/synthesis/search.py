@@ -19,35 +19,58 @@ from scipy import optimize
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars, Solution
 from cosim.models import DelaySystem, Matrix
 
+_LARGE = 200
+_VERY_LARGE = 600
+"""Unknowns from which a search spends fewer solves: each takes a second, or ten."""
 _SCALES = (0.05, 0.2, 0.5, 1.0)
 _RATIOS = (-1.0, -0.2)
 MULTIPLES = (1e-4, 1e3)
 """k2 stays within these multiples of 1/d."""
 RATIO_LIMIT = 20.0
 """|k1 / k2| stays within this."""
-_STEPS = 40
+_STEPS_ALONG = 15
+_STEPS = 20
+_STALLED = 4  # solves without progress after which a descent ends
+_PROGRESS = 1e-4  # relative
+_APART = 0.1
 
 Ask = Callable[[Scalars], Answer | None]
 
 
 def least_gamma(
     problem: Problem, p: Scalars, gain: Matrix | None = None
-) -> tuple[Scalars, float] | None:
-    """Return k1, k2 of the least gamma found, and that gamma; None where no start is feasible.
+) -> list[tuple[Scalars, float]]:
+    """Return the k1, k2 that were passed and their least gammas, the best first; [] if none.
 
     `p` has the delays, and k1, k2 to start from beside the fixed starts; with a `gain`, its
-    least gamma is searched.
+    least gamma is searched. The best may lie where the gain grows without bound and nothing can
+    be proved, so the others are kept: each is worse than the one before by `_APART` at least.
     """
+    passed: list[tuple[Scalars, float]] = []
 
     def ask(at: Scalars) -> Answer | None:
-        return _answer(problem.least_gamma(at, gain))
+        answer = _answer(problem.least_gamma(at, gain, ROUGH_TOLERANCE))
+        if answer is not None and answer.value > 0:
+            passed.append((at, answer.value))
+        return answer
 
-    found = _feasible_starts(ask, p)
-    if not found:
-        return None
-    # two descents: the best start may lead to a worse local minimum
-    ends = [_descend(ask, at, sign=1.0) for at, _ in sorted(found, key=lambda x: x[1])[:2]]
-    return min(ends, key=lambda x: x[1])
+    size = problem.structure.size
+    found = _feasible_starts(ask, p, valley=size >= _LARGE)
+    if size >= _VERY_LARGE:
+        found = found[:0]
+    # k1 = -k2 is a narrow valley: first along it, from two starts since the best may lead to a
+    # worse local minimum, then across
+    ends = [
+        _descend(ask, at, sign=1.0, steps=_STEPS_ALONG, ratios=False)
+        for at, _ in sorted(found, key=lambda x: x[1])[:2]
+    ]
+    if ends and size < _LARGE:
+        _descend(ask, min(ends, key=lambda x: x[1])[0], sign=1.0, steps=_STEPS)
+    kept: list[tuple[Scalars, float]] = []
+    for at, value in sorted(passed, key=lambda x: x[1]):
+        if not kept or value > kept[-1][1] * (1 + _APART):
+            kept.append((at, value))
+    return kept
 
 
 def widest_margin(
@@ -103,9 +126,15 @@ def starts(p: Scalars) -> list[Scalars]:
     return [p, *made]
 
 
-def _feasible_starts(ask: Ask, p: Scalars) -> list[tuple[Scalars, float]]:
-    """Return the starts at which the solver has an answer, with its value."""
-    tried = [(at, ask(at)) for at in starts(p)]
+def _feasible_starts(ask: Ask, p: Scalars, *, valley: bool = False) -> list[tuple[Scalars, float]]:
+    """Return the starts at which the solver has an answer, with its value.
+
+    valley : leave out the fixed starts away from k1 = -k2.
+    """
+    own, *fixed = starts(p)
+    if valley:
+        fixed = [at for at in fixed if all(x == -y for x, y in zip(at.k1, at.k2, strict=True))]
+    tried = [(at, ask(at)) for at in (own, *fixed)]
     return [(at, answer.value) for at, answer in tried if answer is not None]
 
 
@@ -114,13 +143,23 @@ class SearchDoneError(Exception):
 
 
 def _descend(
-    ask: Ask, start: Scalars, *, sign: float, enough: float | None = None, steps: int = _STEPS
+    ask: Ask,
+    start: Scalars,
+    *,
+    sign: float,
+    enough: float | None = None,
+    steps: int = 2 * _STEPS,
+    ratios: bool = True,
 ) -> tuple[Scalars, float]:
-    """Minimise sign * value from a feasible start; end early below `enough`."""
+    """Minimise sign * value from a feasible start; end early below `enough`, or without progress.
+
+    ratios : change k1/k2 as well.
+    """
     N = len(start.k2)
     signs = np.sign(start.k2)
     lengths = [d if d > 0 else 1.0 for d in start.d]
     best: list[tuple[Scalars, float]] = []
+    stalled = 0
 
     def scalars(u: Array) -> Scalars:
         k2 = signs * np.exp(u[:N])
@@ -128,10 +167,16 @@ def _descend(
         return replace(start, k1=tuple(map(float, k1)), k2=tuple(map(float, k2)))
 
     def value(u: Array) -> tuple[float, Array]:
+        nonlocal stalled
         at = scalars(u)
         answer = ask(at)
         if answer is None and not best:
             raise SearchDoneError  # the start itself, rounded: at the edge of what can be solved
+        if best and answer is not None:
+            stalled *= sign * answer.value >= best[0][1] - _PROGRESS * abs(best[0][1])
+        stalled += 1
+        if stalled > _STALLED and enough is None:
+            raise SearchDoneError
         if answer is None:
             # a high value makes the line search turn back
             return 10.0 * abs(best[0][1]) + 10.0, np.zeros(2 * N)
@@ -142,7 +187,8 @@ def _descend(
             raise SearchDoneError
         by_k1, by_k2 = sign * answer.slopes[:N], sign * answer.slopes[N : 2 * N]
         k1, k2 = np.array(at.k1), np.array(at.k2)
-        return here, np.concatenate([by_k1 * k1 + by_k2 * k2, by_k1 * k2])
+        across = by_k1 * k2 if ratios else np.zeros(N)
+        return here, np.concatenate([by_k1 * k1 + by_k2 * k2, across])
 
     u = np.concatenate([np.log(np.abs(start.k2)), np.array(start.k1) / np.array(start.k2)])
     bounds = [(math.log(MULTIPLES[0] / d), math.log(MULTIPLES[1] / d)) for d in lengths]

@@ -21,6 +21,10 @@ _RANK = 1e-8  # a singular value below this share of the largest is zero
 _AXIS = 1e-8  # roots this near to the axis, in the system's own units, are on it
 
 
+class NoGainError(NotAchievableError):
+    """No other route leads to a gain either: the cause is the system, not the condition."""
+
+
 def unstabilisable_root(system: DelaySystem) -> complex | None:
     """Return a root [1/s] with Re >= 0 that no gain moves; None if none is found."""
     units = scaling_of(system)
@@ -50,7 +54,7 @@ def unstabilisable_error(system: DelaySystem) -> NotAchievableError | None:
     where = f"{root.real:.6g}" + (f" +- {abs(root.imag):.6g}j" if root.imag else "")
     n = system.A.shape[0]
     what = "no input reaches" if system.B.any() else "there is no input that acts, so none reaches"
-    return NotAchievableError(
+    return NoGainError(
         f"no gain stabilises this system: {what} its root at {where} 1/s",
         where=system.name or None,
         expected=f"rank [s I - sum A_i exp(-s d_i), B] = {n} at every root s with Re s >= 0",

@@ -6,9 +6,10 @@ Steps, for a gain to be designed or a given one:
 2. a little above the least gamma, maximise the margin of the LMI relative to its own scale: a
    point inside the feasible set, where rounding does no harm;
 3. round the gain to a few decimals, which removes the differences of a solver's last digits
-   between machines;
-4. with the rounded gain fixed, maximise the margin again, and prove the result exactly
-   (`cosim.hinf.certificate.certificate`). If the proof fails, go back to step 2 a little higher.
+   between machines, and prove the result exactly (`cosim.hinf.certificate.certificate`);
+4. where that fails, with the rounded gain fixed, maximise the margin again and prove that. If
+   this fails too, go back to step 2 a little higher (`cosim.hinf.synthesis.ladder`), or to other
+   k1, k2 that the search passed.
 
 The gamma of a design is the gamma of its proof.
 """
@@ -31,9 +32,17 @@ from cosim.hinf.certificate import (
     certify,
     covers_smaller,
     gamma_floor,
-    rounded_up,
 )
-from cosim.hinf.lmi import Answer, Problem, Scalars, Scaling, check_size, not_found, solver_words
+from cosim.hinf.lmi import (
+    Answer,
+    Point,
+    Problem,
+    Scalars,
+    Scaling,
+    check_size,
+    not_found,
+    solver_words,
+)
 from cosim.hinf.nominal import (
     NominalFigures,
     WorstCase,
@@ -42,6 +51,7 @@ from cosim.hinf.nominal import (
     worst_case_at,
 )
 from cosim.hinf.synthesis.analysis import check_gamma, gain_of
+from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, levels_above
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
     is_zero_gamma,
@@ -56,7 +66,10 @@ GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
 _NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
-_ABOVE_LEAST = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
+_POINTS = 4  # pairs k1, k2 of a search at which a proof is tried
+_LARGE = 200  # unknowns from which a solve takes a second
+_ROOM = 2  # levels left out there: nearer ones take two solves to prove
+_COARSE = 4  # levels near the least gamma that are left out at all pairs but the best
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,52 +147,99 @@ def design(
     if gamma is not None:
         check_achievable(gamma, system)
     problem = problem or Problem(system)
-    if search:
-        scalars = _searched(problem, scalars, fixed)
-    with solver_words() as words:
-        least = _least(system, problem, scalars, gamma, fixed) if system.has_performance else None
-    levels = _levels(problem, least, gamma)
-    if gamma is not None and least is not None:
-        refusal = gamma_below_least(system, problem, scalars, gamma, least, given=fixed is not None)
-        if refusal is not None:
-            raise refusal
-    elif least is not None and not levels:
-        raise no_least_gamma(system, words)
-    reason = ""
-    for level in levels:
-        found, reason = find_certified_gain(system, problem, scalars, level, fixed, least)
-        if found is not None:
-            return design_from_proof(system, *found, None if least is None else least.value)
-    raise not_certified(system, scalars, levels, reason, given=fixed is not None)
+    points = _searched(problem, scalars, fixed) if search else [scalars]
+    first, *others = (Theorem2(system, problem, p, fixed) for p in points[:_POINTS])
+    for conditions, shares in (
+        ([first], NEAR if problem.structure.size < _LARGE else NEAR[_ROOM:]),
+        (others, NEAR[_COARSE:]),
+        ([first, *others], FAR),
+    ):
+        for condition in conditions:
+            found, _ = first_proved(condition.levels(gamma, shares), condition.prove)
+            if found is not None:
+                return design_from_proof(system, *found, condition.least_gamma)
+    raise first.refusal(gamma)
 
 
-def _least(
-    system: DelaySystem,
-    problem: Problem,
-    p: Scalars,
-    gamma: float | None,
-    gain: NDArray[np.float64] | None,
-) -> Answer | None:
-    """Return the least gamma; None where the solver failed and a gamma is given to try."""
-    answer = problem.least_gamma(p, gain)
-    if isinstance(answer, Answer):
-        return answer
-    if gamma is not None and answer.status == "failed":
-        return None
-    raise no_feasible_gamma(system, p, answer, given=gain is not None)
+class Theorem2:
+    """Theorem 2 at given k1, k2, as a condition: for a gain to be designed or a given one.
 
+    Parameters
+    ----------
+    system, problem : the system, and its LMI.
+    p : k1, k2 and the delays.
+    gain : (m, n) the given gain; None to design one.
+    """
 
-def _levels(problem: Problem, least: Answer | None, gamma: float | None) -> list[float | None]:
-    """Return the gammas to try in turn until one is proved; None stands for stability."""
-    if least is None:
-        return [gamma]
-    above: list[float | None] = []
-    if not is_zero_gamma(problem, least):
-        above += [rounded_up(least.value * (1 + share)) for share in _ABOVE_LEAST]
-    if gamma is None:
-        return above
-    # a proof for less holds for gamma too; far above the least, the LMI is badly scaled
-    return [gamma, *(level for level in above if level is not None and level < gamma)]
+    def __init__(
+        self, system: DelaySystem, problem: Problem, p: Scalars, gain: NDArray[np.float64] | None
+    ) -> None:
+        self._system, self._problem, self._p, self._gain = system, problem, p, gain
+        self._tried: list[float | None] = []
+        self._reason = ""
+        with solver_words() as self._words:
+            self._least = problem.least_gamma(p, gain) if problem.has_gamma else None
+
+    @property
+    def least_gamma(self) -> float | None:
+        """The solver's least gamma; None without w and z, or where it finds none."""
+        return self._least.value if isinstance(self._least, Answer) else None
+
+    def levels(self, gamma: float | None, shares: Sequence[float]) -> list[float | None]:
+        """Return the gammas to try in turn until one is proved; None stands for stability."""
+        if self._least is None:
+            return [] if self._tried else [None]
+        if not isinstance(self._least, Answer):
+            tried = gamma is None or self._least.status != "failed" or gamma in self._tried
+            return [] if tried else [gamma]
+        above: list[float | None] = []
+        if not is_zero_gamma(self._problem, self._least):
+            above += levels_above(self._least.value, shares)
+        if gamma is None:
+            return above
+        if self._is_below(gamma) and self._least.accurate:
+            return []
+        # a proof for less holds for gamma too; far above the least, the LMI is badly scaled
+        own = [] if gamma in self._tried else [gamma]
+        return [*own, *(level for level in above if level is not None and level < gamma)]
+
+    def prove(
+        self, gamma: float | None
+    ) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
+        """Return a gain with variables that prove it at `gamma`, or None and why."""
+        near = self._least if isinstance(self._least, Answer) else None
+        gains = [self._gain]
+        if self._gain is None and near is not None and self._problem.structure.size >= _LARGE:
+            # the gain of the least gamma saves a solve, where it has a margin
+            gains = [gain_at(near.point, self._problem.scaling), None]
+        found = None
+        for gain in gains if self._tried else gains[:1]:
+            found, self._reason = find_certified_gain(
+                self._system, self._problem, self._p, gamma, gain, near
+            )
+            if found is not None:
+                break
+        self._tried.append(gamma)
+        return found, self._reason
+
+    def refusal(self, gamma: float | None) -> NotAchievableError:
+        """Return the error that says why nothing is proved here, after `prove`."""
+        system, problem, p, given = self._system, self._problem, self._p, self._gain is not None
+        least = self._least
+        if least is not None and not isinstance(least, Answer) and not self._tried:
+            return no_feasible_gamma(system, p, least, given=given)
+        if isinstance(least, Answer):
+            if gamma is not None:
+                below = gamma_below_least(system, problem, p, gamma, least, given=given)
+                if below is not None:
+                    return below
+            elif is_zero_gamma(problem, least):
+                return no_least_gamma(system, self._words)
+        return not_certified(system, p, self._tried, self._reason, given=given)
+
+    def _is_below(self, gamma: float) -> bool:
+        least = self.least_gamma
+        return least is not None and gamma < least * (1 - 1e-7)
 
 
 def find_certified_gain(
@@ -192,14 +252,28 @@ def find_certified_gain(
 ) -> tuple[tuple[NDArray[np.float64], Variables] | None, str]:
     """Return a gain with variables that prove it at `gamma`, or None and why.
 
-    near : a solution nearby, whose scale the margin is relative to.
+    A point of great margin is tried as it is, with the rounded gain; then once more with that
+    gain fixed, the margin relative to the scale of the first point.
+
+    near : a solution nearby, whose scale the margin of the first point is relative to.
     """
-    with solver_words() as words:
-        found = _central(problem, p, gamma, gain, near)
-    if found is None:
-        return None, not_found(words)
-    proof = certify(system, *found)
-    return (found, "") if proof.valid else (None, str(proof.reason))
+    if near is not None and gamma is not None and gamma > _NEAR * near.value:
+        near = None
+    reason = ""
+    for _ in range(2 if gain is None or near is None else 1):
+        with solver_words() as words:
+            answer = problem.margin(p, gamma, gain, near)
+        if not isinstance(answer, Answer) or answer.value <= 0:
+            return None, reason or not_found(words)
+        point, near = answer.point, answer
+        if gain is None:
+            gain = gain_at(point, problem.scaling)
+        variables = Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
+        proof = certify(system, gain, variables)
+        if proof.valid:
+            return (gain, variables), ""
+        reason = str(proof.reason)
+    return None, reason
 
 
 def design_from_proof(
@@ -225,46 +299,18 @@ def design_from_proof(
     )
 
 
-def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> Scalars:
-    """Return better k1, k2; those of `p` where none are found."""
+def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> list[Scalars]:
+    """Return better k1, k2, the best first; those of `p` where none are found."""
     if problem.has_gamma:
-        found = least_gamma(problem, p, gain)
-    else:
-        found = widest_margin(problem, p, None, gain)
-    return p if found is None else found[0]
+        return [at for at, _ in least_gamma(problem, p, gain)] or [p]
+    found = widest_margin(problem, p, None, gain)
+    return [p if found is None else found[0]]
 
 
-def _central(
-    problem: Problem,
-    p: Scalars,
-    gamma: float | None,
-    gain: NDArray[np.float64] | None,
-    near: Answer | None,
-) -> tuple[NDArray[np.float64], Variables] | None:
-    """Return a gain and variables with a margin at `gamma`; None where the solver finds none.
-
-    The margin is relative to the scale of the rows: that of a solution nearby, or of a first
-    round.
-    """
-    if near is not None and gamma is not None and gamma > _NEAR * near.value:
-        near = None
-    scale = None if near is None else near.scale
-    for wanted in (gain is None, near is None and gain is not None):
-        if not wanted:
-            continue
-        first = problem.margin(p, gamma, gain, scale)
-        if not isinstance(first, Answer) or first.value <= 0:
-            return None
-        scale = first.scale
-        if gain is None:
-            X, Y = first.point.X, first.point.Y
-            K = np.asarray(np.linalg.solve(X, Y.T).T, dtype=np.float64)
-            gain = rounded_gain(K, problem.scaling)
-    last = problem.margin(p, gamma, gain, scale)
-    if gain is None or not isinstance(last, Answer) or last.value <= 0:
-        return None
-    point = last.point
-    return gain, Variables(point.X, point.Q, point.R, point.eps, p.k1, p.k2, gamma)
+def gain_at(point: Point, units: Scaling) -> NDArray[np.float64]:
+    """Return the rounded K = Y X^-1 of a solution."""
+    K = np.asarray(np.linalg.solve(point.X, point.Y.T).T, dtype=np.float64)
+    return rounded_gain(K, units)
 
 
 def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:

@@ -1,0 +1,50 @@
+"""The ladder of every design and analysis: from what a solver finds up to what is proved.
+
+A solver's optimum lies on the boundary, where nothing can be proved. So each condition is tried
+at levels a little above its least gamma, or below its greatest delay, until one is proved. The
+last levels are far off: where the optimum is approached only as the gain grows without bound,
+a proof needs room, and a proved bound of twice the optimum is better than none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from cosim.hinf.certificate import rounded_up
+
+NEAR = (1e-5, 5e-5, 1e-4, 3e-4, 2e-3, 1e-2, 5e-2)
+"""Shares above a least gamma at which it is proved as a rule."""
+FAR = (0.3, 1.0, 9.0)
+"""Shares tried where none of `NEAR` is proved."""
+BELOW = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2)
+"""Shares below a greatest delay."""
+
+Level = TypeVar("Level")
+Found = TypeVar("Found")
+
+
+def levels_above(least: float, shares: Iterable[float] = NEAR) -> list[float]:
+    """Return the gammas to prove above a least gamma, in the order in which to try them."""
+    return [rounded_up(least * (1 + share)) for share in shares]
+
+
+def delays_below(longest: float, *, itself: bool) -> list[float]:
+    """Return the delays [s] to prove below a greatest one, first `longest` `itself`."""
+    return [longest * (1 - share) for share in ((0.0, *BELOW) if itself else BELOW)]
+
+
+def first_proved(
+    levels: Iterable[Level], prove: Callable[[Level], tuple[Found | None, str]]
+) -> tuple[Found | None, str]:
+    """Return the first proof, or None and why the last level has none.
+
+    levels : what to prove, the best first.
+    prove : returns the proof of a level, or None and the reason.
+    """
+    reason = ""
+    for level in levels:
+        found, reason = prove(level)
+        if found is not None:
+            return found, ""
+    return None, reason
