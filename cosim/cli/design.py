@@ -26,6 +26,7 @@ from cosim.hinf import (
     design_to_json,
     greatest_delay,
     nominal_gamma,
+    with_ages,
     with_delays,
 )
 from cosim.models import DelaySystem
@@ -36,6 +37,21 @@ SystemArgument = Annotated[
 DelaysOption = Annotated[
     str | None,
     typer.Option(help="Delays in seconds, such as 0.5,1.25, instead of those of the system."),
+]
+LeastAgesOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Least age of each delay in seconds, such as 0,0.5: what is proved then holds for "
+        "ages between it and the delay, however they vary."
+    ),
+]
+SampledOption = Annotated[
+    bool,
+    typer.Option(
+        "--sampled",
+        help="The age of the feedback grows at rate one, from its least age to its delay at most, "
+        "until the next sample is used.",
+    ),
 ]
 DelayLimitOption = Annotated[
     float, typer.Option(help="Largest delay that --max-delay tries, in seconds.")
@@ -83,6 +99,8 @@ def design(
         typer.Option(help="cvxpy: solve the plain LMI of Theorem 2 with cvxpy and Clarabel."),
     ] = Solver.CLARABEL,
     delays: DelaysOption = None,
+    least_ages: LeastAgesOption = None,
+    sampled: SampledOption = False,
     max_delay: Annotated[
         bool,
         typer.Option(
@@ -152,6 +170,9 @@ def design(
     system = named.system
     if delays is not None:
         system = with_delays(system, numbers("--delays", delays))
+    if least_ages is not None or sampled:
+        least = None if least_ages is None else numbers("--least-ages", least_ages)
+        system = with_ages(system, least, sampled=sampled)
     scalars = (
         named.k1 if k1 is None else numbers("--k1", k1),
         named.k2 if k2 is None else numbers("--k2", k2),
@@ -274,6 +295,8 @@ def analyse(
         float | None, typer.Option(help="Prove this gamma instead of finding the least one.")
     ] = None,
     delays: DelaysOption = None,
+    least_ages: LeastAgesOption = None,
+    sampled: SampledOption = False,
     max_delay: Annotated[
         bool,
         typer.Option(
@@ -298,6 +321,9 @@ def analyse(
     system = named.system
     if delays is not None:
         system = with_delays(system, numbers("--delays", delays))
+    if least_ages is not None or sampled:
+        least = None if least_ages is None else numbers("--least-ages", least_ages)
+        system = with_ages(system, least, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
     greatest: CertifiedDelay | None = None
     with progress() as report_progress:

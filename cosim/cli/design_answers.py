@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay
+from cosim.models import DelaySystem
 
 
 def design_json(
@@ -46,7 +47,7 @@ def design_json(
         "limit_reached": None if greatest is None else greatest.limit_reached,
         "refuted_at": None if greatest is None else greatest.refuted_at,
         "refutation": None if refutation is None else str(refutation),
-        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
+        "terms": _terms(found.system),
         "least_gamma": found.least_gamma,
         "gamma_nominal": nominal,
         "paid_for_uncertainty": price,
@@ -75,10 +76,21 @@ def analysis_json(
         "up_to_delays": found.covers_smaller_delays if found.certified else None,
         "limit_reached": None if greatest is None else greatest.limit_reached,
         "not_certified_at": None if greatest is None else greatest.not_certified_at,
-        "terms": [{"feedback": d.feedback, "any_age": d.any_age} for d in found.system.delays],
+        "terms": _terms(found.system),
         "least_gamma": found.least_gamma,
         **_nominal_figures(found),
     }
+
+
+def _terms(system: DelaySystem) -> list[dict[str, Any]]:
+    """Return what each delay is; least_age, rate and sampled where they are known of an age."""
+    return [
+        {"feedback": x.feedback, "any_age": x.any_age}
+        | ({"least_age": x.least_age} if x.ages_are_known else {})
+        | ({"rate": x.rate} if x.rate is not None else {})
+        | ({"sampled": True} if x.sampled else {})
+        for x in system.delays
+    ]
 
 
 def _nominal_figures(found: Design | Analysis) -> dict[str, Any]:

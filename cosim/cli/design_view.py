@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -40,7 +41,7 @@ def design_view(
         )
     _nominal_rows(facts, design)
     if design.order is not None:
-        facts.add_row("condition", _condition(design.order), "")
+        facts.add_row("condition", _condition(design.certificate["claim"]), "")
     for row in _guarantees(design.guarantees):
         facts.add_row(*row)
     for i, delay in enumerate(design.system.delays):
@@ -48,7 +49,7 @@ def design_view(
         facts.add_row(
             f"delay {i + 1}",
             f"{delay.d:g} s",
-            _age(delay, covers_smaller_delays=design.covers_smaller_delays) + scalars,
+            _age(delay, design) + scalars,
         )
     if greatest is not None:
         facts.add_row("greatest delay", f"{greatest.delay:.6g} s", _end(greatest))
@@ -89,7 +90,8 @@ def analysis_view(
     else:
         head = Text.assemble(("not certified", "bold yellow"), f": {what}\n  {analysis.reason}")
     facts = facts_table()
-    facts.add_row("condition", _condition(analysis.order), "")
+    proof = analysis.certificate or {"claim": {"order": analysis.order}}
+    facts.add_row("condition", _condition(proof["claim"]), "")
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
         facts.add_row("gamma", gamma, "certified: exact rational proof for this gain")
@@ -98,7 +100,7 @@ def analysis_view(
         facts.add_row(
             f"delay {i + 1}",
             f"{delay.d:g} s",
-            _age(delay, covers_smaller_delays=analysis.covers_smaller_delays),
+            _age(delay, analysis),
         )
     if greatest is not None and greatest.d is not None:
         end = _LIMIT_REACHED
@@ -108,11 +110,20 @@ def analysis_view(
     return Group(head, facts)
 
 
-def _age(delay: Delay, *, covers_smaller_delays: bool) -> str:
-    if delay.any_age:
+def _age(delay: Delay, found: Design | Analysis) -> str:
+    """Say which ages a proof covers, or was looked for."""
+    if not delay.any_age:
+        kind = "any constant up to this" if found.covers_smaller_delays else "exactly this constant"
+    elif found.certificate is None or "hypotheses" not in found.certificate["claim"]:
         kind = "any age up to this"
     else:
-        kind = "any constant up to this" if covers_smaller_delays else "exactly this constant"
+        span = f"from {delay.least_age:g} s to this" if delay.least_age > 0 else "up to this"
+        if delay.sampled:
+            kind = f"sampled: grows at rate one, {span}"
+        elif delay.rate is not None:
+            kind = f"any age {span}, rate at most {delay.rate:g}"
+        else:
+            kind = f"any age {span}"
     return kind + (", the control acts through this delay" if delay.feedback else "")
 
 
@@ -129,6 +140,8 @@ def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
         if upper is not None:
             above = f"norm + {upper - norm:.1e}"
             facts.add_row("  at most", above, "proved in ball arithmetic, and so is stability")
+    if any(delay.sampled for delay in found.system.delays):
+        facts.add_row("  nominal loop", "", "a sampled age stands there with its mean, a constant")
     abscissa = number(found.abscissa, 6, "1/s")
     facts.add_row("abscissa", abscissa, "computed: rightmost root, nominal loop")
     if found.abscissa is not None and found.abscissa < 0.0:
@@ -146,8 +159,13 @@ def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
             )
 
 
-def _condition(order: int) -> str:
-    return "Theorem 1" if order == 0 else f"Bessel-Legendre, order {order}"
+def _condition(claim: dict[str, Any]) -> str:
+    """Name the condition behind a claim."""
+    if "order" not in claim:
+        return "Theorem 2"
+    if "hypotheses" in claim:
+        return f"ages as they are, order {claim['order']}"
+    return "Theorem 1" if claim["order"] == 0 else f"Bessel-Legendre, order {claim['order']}"
 
 
 def _end(greatest: GreatestDelay) -> str:
@@ -171,7 +189,7 @@ def certificate_view(
     )
     facts = facts_table()
     facts.add_row("claim", claim["property"], "")
-    facts.add_row("condition", _condition(claim["order"]) if "order" in claim else "Theorem 2", "")
+    facts.add_row("condition", _condition(claim), "")
     if claim["gamma"] is not None:
         facts.add_row(
             "gamma", f"{float(Fraction(claim['gamma'])):.7g}", "rounded here, exact in the file"
@@ -180,7 +198,11 @@ def certificate_view(
         facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
     for i, delay in enumerate(claim["delays"], 1):
         acts = ", the control acts through this delay" if delay["feedback"] else ""
-        facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{acts}")
+        known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
+        more = f" ({', '.join(known)})" if known else ""
+        facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")
+    for i, text in enumerate(claim.get("hypotheses", ()), 1):
+        facts.add_row(f"hypothesis {i}", "", text)
     facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
     for name, more in claim.get("guarantees", {}).items():
         exact = more.get("rate", more.get("bound", more.get("bounds")))

@@ -65,6 +65,7 @@ from .synthesis import (
     design_to_json as design_to_json,
     greatest_delay as greatest_delay,
     nominal_gamma as nominal_gamma,
+    with_ages as with_ages,
     with_delays as with_delays,
     without_uncertainty as without_uncertainty,
 )

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -63,7 +63,17 @@ class Delay:
     H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
     feedback : the control acts through this delay, u = K x(t-d).
     any_age : design for every time-varying delay tau(t) <= d, however fast it varies
-        (Q = 0 in the functional), instead of the constant delay d.
+        (Q = 0 in the functional), instead of the constant delay d. True wherever the age varies:
+        what is proved for any age up to d holds for the ages below as well.
+    least_age : the age is never less than this [s], least_age <= tau(t) <= d; 0 <= least_age < d.
+    rate : the age is Lipschitz continuous with |tau'| <= rate; None: it may jump.
+    sampled : the age is least_age when a message is put in use and grows at rate one until the
+        next one is, when it is at most d: x(t-tau) is x(s_k) from s_k + least_age on, with
+        s_{k+1} - s_k <= d - least_age, the instants s_k arbitrary otherwise.
+
+    Raises
+    ------
+    ValueError : names the argument, what was expected and what was got.
     """
 
     d: float
@@ -71,6 +81,9 @@ class Delay:
     H: Matrix
     feedback: bool
     any_age: bool
+    least_age: float
+    rate: float | None
+    sampled: bool
 
     def __init__(
         self,
@@ -79,9 +92,27 @@ class Delay:
         H: ArrayLike | None = None,
         feedback: bool = False,  # noqa: FBT001, FBT002 - fields of a record
         any_age: bool = False,  # noqa: FBT001, FBT002
+        *,
+        least_age: float = 0.0,
+        rate: float | None = None,
+        sampled: bool = False,
     ) -> None:
         if not (math.isfinite(d) and d >= 0):
             raise ValueError(f"delay d: expected a finite number of seconds >= 0, got {d}")
+        varies = any_age or sampled or rate is not None
+        if not 0 <= least_age <= d or (least_age == d and d > 0):
+            raise ValueError(
+                f"least_age: expected at least 0 and less than d = {d}, got {least_age}"
+            )
+        if least_age > 0 and not varies:
+            raise ValueError(
+                "least_age: expected an age that varies (any_age, rate or sampled), "
+                "got a constant delay"
+            )
+        if rate is not None and not (math.isfinite(rate) and rate >= 0):
+            raise ValueError(f"rate: expected a finite bound of |tau'|, >= 0, got {rate}")
+        if rate is not None and sampled:
+            raise ValueError("rate: expected none with sampled (the age jumps), got both")
         matrix = _matrix("A of a delay", A, None, None)
         n = matrix.shape[0]
         object.__setattr__(self, "d", float(d))
@@ -89,7 +120,23 @@ class Delay:
         right = np.zeros((0, n)) if H is None else H
         object.__setattr__(self, "H", _matrix("H of a delay", right, None, n))
         object.__setattr__(self, "feedback", bool(feedback))
-        object.__setattr__(self, "any_age", bool(any_age))
+        object.__setattr__(self, "any_age", bool(varies))
+        object.__setattr__(self, "least_age", float(least_age))
+        object.__setattr__(self, "rate", None if rate is None else float(rate))
+        object.__setattr__(self, "sampled", bool(sampled))
+
+    @property
+    def ages_are_known(self) -> bool:
+        """Whether more is said of an age that varies than its bound d."""
+        return self.d > 0 and (self.least_age > 0 or self.rate is not None or self.sampled)
+
+    @property
+    def constant_age(self) -> float:
+        """The constant [s] in its place in the nominal loop: d, or the mean of a sampled age.
+
+        A sampled age cannot stay at d, and a loop may be stable that is not with d for ever.
+        """
+        return (self.least_age + self.d) / 2 if self.sampled else self.d
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -178,10 +225,7 @@ class DelaySystem:
         for key, shape in zip(values, shapes, strict=True):
             matrix = given[key] if key in given else _matrix(key, np.zeros(shape), *shape)
             object.__setattr__(self, key, matrix)
-        complete = tuple(
-            Delay(x.d, x.A, x.H if x.H.size else np.zeros((r, n)), x.feedback, x.any_age)
-            for x in delays
-        )
+        complete = tuple(x if x.H.size else replace(x, H=np.zeros((r, n))) for x in delays)
         object.__setattr__(self, "delays", complete)
         object.__setattr__(self, "name", name)
 

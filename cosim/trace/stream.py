@@ -83,7 +83,8 @@ class McapStream:
         self._chunk = OpenChunk()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
+        self._chunks = 0
+        self._chunk_indexes = bytearray()  # as they are written: a long trace has many
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = defaultdict(int)
@@ -194,13 +195,15 @@ class McapStream:
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.CHUNK_INDEX, ()),
             (Opcode.ATTACHMENT_INDEX, self._attachments),
             (Opcode.METADATA_INDEX, self._metadata),
         ):
             begin = builder.count
             for record in records:
                 record.write(builder)
+            if opcode == Opcode.CHUNK_INDEX:
+                builder.write(self._chunk_indexes)
             offsets.append(SummaryOffset(opcode, start + begin, builder.count - begin))
         offset_start = start + builder.count
         for offset in offsets:
@@ -229,7 +232,7 @@ class McapStream:
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunks,
             message_count=sum(self._counts.values()),
             message_end_time=self._last,
             message_start_time=self._first or 0,
@@ -287,7 +290,8 @@ class McapStream:
             builder.finish_record()  # type: ignore[no-untyped-call]
         indexes = builder.end()  # type: ignore[no-untyped-call]
         self._write(indexes)
-        self._chunks.append(
+        self._chunks += 1
+        self._chunk_indexes += _bytes_of(
             ChunkIndex(
                 message_start_time=chunk.first,
                 message_end_time=chunk.last,

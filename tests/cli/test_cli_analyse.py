@@ -125,3 +125,51 @@ def test_an_analysis_is_no_design(folder: Path) -> None:
     data["figures"] = {}
     with pytest.raises(InputError, match="not a design"):
         design_from_json(data, where="a.json")
+
+
+NETWORKED = """
+[system]
+A = [[0, 1], [0, -0.1]]
+B = [[0], [0.1]]
+[[system.delays]]
+d = 1.3
+feedback = true
+"""
+
+
+def test_ages_from_the_file_and_from_the_command_line(folder: Path) -> None:
+    """A sampled feedback bears what an age of any variation does not; both say which it was."""
+    (folder / "file.toml").write_text(
+        NETWORKED + "sampled = true\nleast_age = 0.2\n", encoding="utf-8"
+    )
+    (folder / "plain.toml").write_text(NETWORKED + "any_age = true\n", encoding="utf-8")
+    words = ("--gain", "[[-3.75, -11.5]]", "--order", "1")
+    options = ("--least-ages", "0.2", "--sampled")
+    one = cosim("analyse", "file.toml", *words, "--save", "a.json", "--json", cwd=folder).json
+    other = cosim("analyse", "plain.toml", *words, *options, "--json", cwd=folder).json
+    age = {"feedback": True, "any_age": True, "least_age": 0.2, "sampled": True}
+    for found in (one, other):
+        assert found["certified"] is True
+        assert found["terms"] == [age]
+    assert cosim("analyse", "plain.toml", *words, "--json", cwd=folder).json["certified"] is False
+    seen = cosim("certificate", "check", "a.json", cwd=folder)
+    assert seen.code == 0
+    assert "ages as they are, order 1" in seen.out
+    assert "hypothesis 3" in seen.out
+    assert "sampled: grows at rate one" in cosim("analyse", "file.toml", *words, cwd=folder).out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--least-ages", "0.2,0.3"), "the least ages do not fit the system"),
+        (("--least-ages", "1.3"), "less than d"),
+        (("--least-ages", "0.2"), "constant delay"),
+    ],
+)
+def test_impossible_ages_are_refused(folder: Path, options: tuple[str, ...], message: str) -> None:
+    """With what was expected."""
+    (folder / "plain.toml").write_text(NETWORKED, encoding="utf-8")
+    found = cosim("analyse", "plain.toml", *options, cwd=folder)
+    assert found.code == 2
+    assert message in found.err

@@ -24,7 +24,7 @@ from solver_points import Array, benchmark, random_system
 from cosim.core.errors import InputError
 from cosim.hinf import analyse, auv_system, certified_delay, check_certificate, close, hinf_norm
 from cosim.hinf.certificate.analysis_certificate import _variables
-from cosim.hinf.certificate.analysis_proof import ExactAnalysis, _loop, minus_phi
+from cosim.hinf.certificate.analysis_proof import ExactAnalysis, exact_loop, minus_phi
 from cosim.hinf.certificate.rational import exact, exact_matrix, first_bad_pivot
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -193,19 +193,22 @@ def test_a_loop_that_needs_its_delay() -> None:
     assert check_certificate(found.analysis.certificate).valid
 
 
-def test_any_age_is_theorem_1_at_every_order_and_without_Q() -> None:
+def test_any_age_is_theorem_1_at_order_0_and_without_Q() -> None:
     """x' = -x(t-tau(t)), tau <= d: known to be stable up to 3/2, and not beyond.
 
-    The claim never says "exactly" there, and a Q in the certificate is refused.
+    The claim never says "exactly" there, and a Q in the certificate is refused. From order 1 on
+    it is a certificate of ages, which reaches further.
     """
-    for d, order in ((0.99, 0), (0.99, 3)):
+    for d, order, message in ((0.99, 0, "does not fit"), (1.33, 3, "no key 'Q'")):
         system = DelaySystem([[0.0]], delays=[Delay(d, [[-1.0]], any_age=True)])
         found = analyse(system, order=order)
         assert found.certified
+        assert analyse(system).certified is (order == 0)
+        assert found.covers_smaller_delays
         data: Any = json.loads(json.dumps(found.certificate))
         assert "any" in data["claim"]["delays"][0]["age"]
         data["variables"]["Q"] = [[["1"]]]
-        with pytest.raises(InputError, match="does not fit"):
+        with pytest.raises(InputError, match=message):
             check_certificate(data)
     system = DelaySystem([[0.0]], delays=[Delay(1.51, [[-1.0]], any_age=True)])
     assert not analyse(system, order=3).certified
@@ -298,7 +301,7 @@ def test_phi_is_the_derivative_of_the_functional() -> None:
     v = ExactAnalysis(
         N, fractions[0], (fractions[1],), (fractions[2],), flint.fmpq(1, 2), flint.fmpq(3)
     )
-    lower, names = minus_phi(_loop(system, K, [N]), v)
+    lower, names = minus_phi(exact_loop(system, K, [N]), v)
     Phi = np.zeros((len(lower), len(lower)))
     for i, row in enumerate(lower):
         for j, entry in enumerate(row):
@@ -346,7 +349,7 @@ def test_a_box_of_delays_is_proved_at_its_corners() -> None:
     proof = check_certificate(found.certificate)
     assert [delay["age"] for delay in proof.claim["delays"]] == ["constant, up to d"] * 2
     v = _variables(system, json.loads(json.dumps(found.certificate))["variables"])
-    loop = _loop(system, K, [1, 1])
+    loop = exact_loop(system, K, [1, 1])
     for shares in ((0, 0), (0, 1), (1, 1), (0.3, 0.8), (0.5, 0.5), (0.9, 0.1)):
         d = [exact(share * x.d) for share, x in zip(shares, system.delays, strict=True)]
         lower, _ = minus_phi(replace(loop, d=d), v)

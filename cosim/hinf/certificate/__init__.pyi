@@ -1,3 +1,23 @@
+from .ages_certificate import (
+    ages_to_json as ages_to_json,
+    exact_ages as exact_ages,
+)
+from .ages_proof import (
+    MAX_CORNERS as MAX_CORNERS,
+    ages_proved as ages_proved,
+    corners_of as corners_of,
+)
+from .ages_terms import (
+    AgeFunctional as AgeFunctional,
+    AgesVariables as AgesVariables,
+    AgeTerms as AgeTerms,
+    choices as choices,
+    is_symmetric_unknown as is_symmetric_unknown,
+    late_delays as late_delays,
+    rows_of as rows_of,
+    state_blocks as state_blocks,
+    unknowns_of as unknowns_of,
+)
 from .analysis_certificate import (
     analysis_to_json as analysis_to_json,
     exact_analysis as exact_analysis,

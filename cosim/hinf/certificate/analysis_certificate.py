@@ -97,7 +97,7 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
-    gain = _gain(data["K"], system)
+    gain = gain_from_json(data["K"], system)
     v = _variables(system, data["variables"])
     claim = analysis_claim(system, v)
     if data["claim"] != claim:
@@ -113,7 +113,13 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     return analysis_proved(system, gain, v)
 
 
-def _gain(rows: Any, system: DelaySystem) -> Matrix:
+def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:
+    """Read K (m, n) of a certificate; [] where there is no control.
+
+    Raises
+    ------
+    InputError : not a matrix, or of another shape.
+    """
     n, m = system.B.shape
     if rows == [] and m == 0:
         return np.zeros((0, n))
@@ -123,9 +129,13 @@ def _gain(rows: Any, system: DelaySystem) -> Matrix:
     return gain
 
 
-def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
-    known_keys(data, "variables", _VARIABLES, required=_REQUIRED)
-    order = data["order"]
+def order_from_json(order: Any) -> int:
+    """Read the order of a certificate.
+
+    Raises
+    ------
+    InputError : no integer, or out of range.
+    """
     if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= MAX_ORDER:
         raise InputError(
             "not an order",
@@ -133,6 +143,28 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
             expected=f"an integer from 0 to {MAX_ORDER}",
             got=format_value(order),
         )
+    return order
+
+
+def check_null(name: str, value: Any, *, expected: bool) -> None:
+    """Refuse a value where null is `expected`, and null where a value is.
+
+    Raises
+    ------
+    InputError : naming the variable.
+    """
+    if (value is None) != expected:
+        raise InputError(
+            "does not fit the system",
+            where=f"variables.{name}",
+            expected="null" if expected else "a value",
+            got="null" if value is None else "a value",
+        )
+
+
+def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
+    known_keys(data, "variables", _VARIABLES, required=_REQUIRED)
+    order = order_from_json(data["order"])
     n, orders = system.A.shape[0], orders_of(system, order)
     late = [delay for delay in system.delays if delay.d > 0]
     for name in ("Q", "R"):
@@ -143,19 +175,12 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
                 expected=f"a list of {len(late)}",
                 got=format_value(data[name]),
             )
-    missing = [data["Q"][j] is None for j in range(len(late))]
-    checks = [(f"Q[{j}]", missing[j], delay.any_age) for j, delay in enumerate(late)]
-    checks.append(("eps", data["eps"] is None, not system.E.size))
+    checks = [(f"Q[{j}]", data["Q"][j], delay.any_age) for j, delay in enumerate(late)]
+    checks.append(("eps", data["eps"], not system.E.size))
     if not system.has_performance:
-        checks.append(("gamma", data["gamma"] is None, True))
-    for name, absent, expected in checks:
-        if absent != expected:
-            raise InputError(
-                "does not fit the system",
-                where=f"variables.{name}",
-                expected="null" if expected else "a value",
-                got="null" if absent else "a value",
-            )
+        checks.append(("gamma", data["gamma"], True))
+    for name, value, expected in checks:
+        check_null(name, value, expected=expected)
     rows = n * (1 + sum(orders))
     return ExactAnalysis(
         order=order,

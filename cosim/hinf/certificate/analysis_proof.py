@@ -88,7 +88,7 @@ class ExactAnalysis:
 
 
 @dataclass(frozen=True)
-class _Loop:
+class ExactLoop:
     """The closed loop, exactly: one entry of A, H, D for x(t) and for every positive delay."""
 
     A: list[Any]
@@ -162,7 +162,7 @@ def _failure(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> str | None:
             expected=f"at most {MAX_BOX} numbers",
             got=str(len(v.lower or ())),
         )
-    loop = _loop(system, gain, orders)
+    loop = exact_loop(system, gain, orders)
     positive = [(f"Q[{j}]", Q) for j, Q in enumerate(v.Q) if Q is not None]
     positive += [(f"R[{j}]", R) for j, R in enumerate(v.R)]
     positive.append(("P, with what Q adds to it,", _functional(loop, v)))
@@ -191,7 +191,8 @@ def _corners(upper: list[Any], lower: tuple[Any, ...] | None) -> list[list[Any]]
     return [list(corner) for corner in itertools.product(*ends)]
 
 
-def _loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> _Loop:
+def exact_loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> ExactLoop:
+    """Return the loop with u = K x(t-d_f), its doubles exactly, delays of zero in x(t)."""
     K = exact_matrix(gain)
     BK, D2K = exact_matrix(system.B) * K, exact_matrix(system.D2) * K
     n, p = system.A.shape[0], system.D.shape[0]
@@ -207,7 +208,7 @@ def _loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> _Loop:
             D.append(out)
         else:
             A[0], H[0], D[0] = A[0] + own, H[0] + exact_matrix(delay.H), D[0] + out
-    return _Loop(
+    return ExactLoop(
         A,
         H,
         D,
@@ -219,7 +220,7 @@ def _loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> _Loop:
     )
 
 
-def _functional(loop: _Loop, v: ExactAnalysis) -> Any:
+def _functional(loop: ExactLoop, v: ExactAnalysis) -> Any:
     """P + diag(0, (2k+1)/dj Qj): V is at least this form, by Bessel's inequality on Qj."""
     n, whole = loop.A[0].nrows(), flint.fmpq_mat(v.P)
     row = n
@@ -237,7 +238,7 @@ def _add(whole: Any, row: int, column: int, block: Any) -> None:
 
 
 def minus_phi(  # noqa: C901 - one table, read from top to bottom
-    loop: _Loop, v: ExactAnalysis
+    loop: ExactLoop, v: ExactAnalysis
 ) -> tuple[list[list[Any]], list[str]]:
     """Return the lower triangle of -Phi, and the block name of every row.
 

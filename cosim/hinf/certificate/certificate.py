@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError
+from cosim.hinf.certificate.ages_certificate import AGES, check_ages
 from cosim.hinf.certificate.analysis_certificate import KIND, check_analysis
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
@@ -53,6 +54,7 @@ from cosim.models import DelaySystem, Matrix
 
 _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     KIND: check_analysis,
+    AGES: check_ages,
     REFUTATION: check_refutation,
     FLOOR: check_gamma_floor,
 }
@@ -110,7 +112,8 @@ def certificate_to_json(
 def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
-    With `"kind": "analysis"` it is one of `analysis_certificate`, with "refutation" or "gamma
+    With `"kind": "analysis"` it is one of `analysis_certificate`, with "ages" one of
+    `ages_certificate`, with "refutation" or "gamma
     floor" one of `refutation_certificate`, without a kind one of Theorem 2. Other top-level
     keys than those of the module's docstring are notes, which are not checked.
 

@@ -3,7 +3,8 @@
     {"name": "paper", "A": [[...]], "B": ..., "delays": [{"d": 0.3, "A": ..., "H": ...,
      "feedback": false, "any_age": false}]}
 
-A matrix without entries is left out; its shape follows from the others.
+A delay whose age is known better has `least_age`, `rate` or `sampled` beside them. A matrix
+without entries is left out; its shape follows from the others.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from cosim.models import Delay, DelaySystem, Matrix
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""
 
+_FLAGS = ("feedback", "any_age", "sampled")
+_HINTS = {"sampled": "the longest interval between two samples is d - least_age"}
+
 
 def system_to_json(system: DelaySystem) -> dict[str, Any]:
     """Return `system` as JSON values; `system_from_json` gives the same doubles back."""
@@ -26,6 +30,9 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
         {"d": x.d, "A": x.A.tolist()}
         | ({"H": x.H.tolist()} if x.H.size else {})
         | {"feedback": x.feedback, "any_age": x.any_age}
+        | ({"least_age": x.least_age} if x.least_age else {})
+        | ({} if x.rate is None else {"rate": x.rate})
+        | ({"sampled": True} if x.sampled else {})
         for x in system.delays
     ]
     return {"name": system.name, **matrices, "delays": delays}
@@ -51,9 +58,10 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
 
 def delay_from(data: Any, where: str, n: int) -> Delay:
     """Read one delayed term from its table; an absent A is the zero matrix (n, n)."""
-    known_keys(data, where, ("d", "A", "H", "feedback", "any_age"), required=("d",))
+    known = ("d", "A", "H", *_FLAGS, "least_age", "rate")
+    known_keys(data, where, known, required=("d",))
     flags = {}
-    for key in ("feedback", "any_age"):
+    for key in _FLAGS:
         flags[key] = data.get(key, False)
         if not isinstance(flags[key], bool):
             raise InputError(
@@ -61,12 +69,16 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
                 where=f"{where}.{key}",
                 expected="true or false",
                 got=format_value(flags[key]),
+                hint=_HINTS.get(key),
             )
     A = matrix_from_rows(data["A"], f"{where}.A") if "A" in data else np.zeros((n, n))
     H = matrix_from_rows(data["H"], f"{where}.H") if "H" in data else None
     d = number(data["d"], f"{where}.d")
+    ages: dict[str, Any] = {
+        k: number(data[k], f"{where}.{k}") for k in ("least_age", "rate") if k in data
+    }
     try:
-        return Delay(d, A, H, **flags)
+        return Delay(d, A, H, **flags, **ages)
     except ValueError as error:
         raise InputError(str(error), where=where) from error
 
@@ -167,6 +179,9 @@ def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
     kinds = [[(d.d, d.feedback, d.any_age) for d in system.delays] for system in (one, other)]
     if kinds[0] != kinds[1]:
         return f"delays (d, feedback, any_age): {kinds[0]} and {kinds[1]}"
+    ages = [[(d.least_age, d.rate, d.sampled) for d in system.delays] for system in (one, other)]
+    if ages[0] != ages[1]:
+        return f"delays (least_age, rate, sampled): {ages[0]} and {ages[1]}"
     pairs = {key: (getattr(one, key), getattr(other, key)) for key in MATRICES}
     for i, (a, b) in enumerate(zip(one.delays, other.delays, strict=True), 1):
         pairs |= {f"A{i}": (a.A, b.A), f"H{i}": (a.H, b.H)}

@@ -1,3 +1,5 @@
+from .ages_lmi import AgesLmi as AgesLmi
+from .ages_synthesis_lmi import AgesSynthesisLmi as AgesSynthesisLmi
 from .analysis_lmi import AnalysisLmi as AnalysisLmi
 from .assembly import Scalars as Scalars
 from .bessel_legendre_lmi import (

@@ -23,7 +23,7 @@ from scipy.linalg import matrix_balance
 
 from cosim.core import InputError
 from cosim.hinf.lmi.svec import Array
-from cosim.models import DelaySystem
+from cosim.models import Delay, DelaySystem
 
 _EXPONENT = 200  # powers of two stay within this: their products must not overflow
 _LARGEST = 1e30
@@ -57,7 +57,9 @@ class Scaling:
             E=c * rows * system.E,
             H=system.H * S / c,
             delays=tuple(
-                replace(x, d=x.d / T, A=rows * x.A * S, H=x.H * S / c) for x in system.delays
+                # what else is known of an age is not used here: it is one of any age
+                Delay(x.d / T, rows * x.A * S, x.H * S / c, x.feedback, x.any_age)
+                for x in system.delays
             ),
         )
 

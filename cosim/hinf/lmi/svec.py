@@ -56,6 +56,24 @@ def product(left: Array, right: Array, *, weight: float = 1.0) -> Array:
     return weight * np.concatenate(parts).T
 
 
+def products(left: Array, right: Array, *, weight: float = 1.0) -> Array:
+    """Return the svec columns of `weight` (left'V right + right'V'left) by V_ab, any V.
+
+    Parameters
+    ----------
+    left, right : (a, s), (b, s), for V of a rows and b columns.
+
+    Returns
+    -------
+    (s (s+1)/2, a b), the columns by the entries of V row by row.
+    """
+    parts = []
+    for row in left:
+        outer = row[None, :, None] * right[:, None, :]
+        parts.append(svec(outer + np.swapaxes(outer, 1, 2)))
+    return weight * np.concatenate(parts).T
+
+
 def symmetric(values: Array, size: int) -> Array:
     """Return the symmetric matrix V whose entries V_ab, a <= b, are `values`."""
     matrix = np.zeros((size, size))

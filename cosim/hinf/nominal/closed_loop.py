@@ -232,6 +232,8 @@ class Terms(NamedTuple):
 def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     """Return A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, d_0 = 0 first.
 
+    A sampled age stands there with its mean (`Delay.constant_age`).
+
     Raises
     ------
     InputError : as `close`.
@@ -244,4 +246,4 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
     A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
     D = [M + on_output if phi else M for M, phi in zip(open_D, acts, strict=True)]
-    return Terms(A, D, [0.0, *(delay.d for delay in system.delays)])
+    return Terms(A, D, [0.0, *(delay.constant_age for delay in system.delays)])

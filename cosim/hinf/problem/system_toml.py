@@ -14,6 +14,9 @@ Any number of delays: in place of A1, H1, d one table each::
     A = [[...]]         # zero where absent; likewise H
     feedback = true     # u = K x(t-d)
     any_age = true      # every time-varying delay up to d
+    least_age = 0.5     # and never less than this
+    rate = 0.1          # the age is continuous, |age'| <= rate
+    sampled = true      # the age is least_age, grows at rate one, is at most d at the next sample
 
 Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional
 settings of a design, k1 and k2 one number per delay, with its constraints

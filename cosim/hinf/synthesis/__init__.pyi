@@ -23,6 +23,7 @@ from .gain_design import (
 from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,
+    with_ages as with_ages,
     with_delays as with_delays,
 )
 from .synthesis import Design as Design

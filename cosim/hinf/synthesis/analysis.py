@@ -1,8 +1,8 @@
 """Certify the least gamma, or the stability, of a given gain or of the system without control.
 
 As in `cosim.hinf.synthesis.synthesis`: the solver's least gamma, then a little above it a point
-of great margin, then the exact proof (`analysis_proof`); where that fails, a little higher.
-Order 0 is Theorem 1, higher orders are the Bessel-Legendre conditions (`analysis_lmi`).
+of great margin, then the exact proof; where that fails, a little higher. The conditions
+(`conditions`) are tried in turn, the sharpest first.
 
 "Not certified" is a result, not an error: the conditions are sufficient only. The figures of
 the nominal loop are given beside it.
@@ -10,7 +10,6 @@ the nominal loop are given beside it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,16 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import (
-    MAX_BOX,
-    MAX_ORDER,
-    analysis_proved,
-    analysis_to_json,
-    covers_smaller,
-    exact_analysis,
-)
-from cosim.hinf.lmi import AnalysisLmi, not_found, solver_words
+from cosim.hinf.certificate import MAX_BOX, MAX_ORDER, covers_smaller
+from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
+from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove
 from cosim.models import DelaySystem
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -88,7 +81,9 @@ def analyse(
     gamma : a bound to prove instead of the least one.
     order : 0 for Theorem 1, which covers every constant delay up to the system's; N > 0 for the
         Bessel-Legendre condition of order N, which covers exactly these delays, or every one up
-        to them if that can be proved at the same gamma (`Analysis.covers_smaller_delays`).
+        to them if that can be proved at the same gamma (`Analysis.covers_smaller_delays`). Ages
+        are taken as they are from order 1 on, and at any order where more is known of one than
+        its bound (`cosim.hinf.synthesis.conditions`).
 
     Raises
     ------
@@ -113,35 +108,42 @@ def analysed(
     """Analyse a gain whose nominal figures are known, as `analyse`."""
     least, proof, reason = None, None, None
     delays = [delay.d for delay in system.delays]
-    levels: list[float | None] = [gamma]
-    if nominal_figures.abscissa >= 0:
-        levels, reason = [], _unstable(nominal_figures.abscissa)
+    proof, level, reason = None, None, None
+    leasts: list[float] = []
+    if nominal_figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays):
+        conditions = []
+        reason = _unstable(nominal_figures.abscissa)
     else:
-        lmi = AnalysisLmi(system, K, order, performance=system.has_performance)
+        conditions = conditions_of(system, K, order, performance=system.has_performance)
+    floor = float(np.linalg.norm(system.D1, 2))
+    reference = max(floor, nominal_figures.exact_norm or 0.0) or 1.0
+    for condition in conditions:
+        levels: list[float | None] = [gamma]
         if system.has_performance:
-            floor = float(np.linalg.norm(system.D1, 2))
             with solver_words() as words:
-                least = lmi.least_gamma(
-                    delays, max(floor, nominal_figures.exact_norm or 0.0) or 1.0
-                )
+                least = condition.least_gamma(delays, reference)
+            leasts += [] if least is None else [least]
             if gamma is None and least is None:
-                levels, reason = [], f"no gamma was found: {not_found(words)}"
-            elif gamma is None and least is not None:
+                reason = reason or f"no gamma was found: {not_found(words)}"
+                continue
+            if gamma is None and least is not None:
                 levels = [float(f"{least * (1 + share):.7g}") for share in _ABOVE_LEAST]
-    level = None
-    for level in levels:
-        proof, reason = _proof(system, K, lmi, delays, level)
+        for level in levels:
+            proof, why_not = prove(condition, system, K, delays, level)
+            if proof is not None:
+                proof = widened(system, K, condition, level) or proof
+                break
+            reason = why_not
         if proof is not None:
-            proof = widened(system, K, lmi, level) or proof
             break
     return Analysis(
         system=system,
         K=K,
         order=order,
         certified=proof is not None,
-        reason=reason,
+        reason=None if proof is not None else reason,
         gamma=None if proof is None else level,
-        least_gamma=least,
+        least_gamma=leasts[-1] if leasts else None,
         certificate=proof,
         **nominal_figures._asdict(),
     )
@@ -169,50 +171,41 @@ class Prover:
     ) -> None:
         self._K, self._gamma = K, gamma
         self.reason: str | None = None
-        self._lmi = AnalysisLmi(system, K, order, performance=gamma is not None)
+        self._conditions = conditions_of(system, K, order, performance=gamma is not None)
 
     def proof(self, system: DelaySystem) -> dict[str, Any] | None:
-        """Return the certificate of `system`, other delays of the same loop; None without one."""
+        """Return the certificate of `system`, other delays of the same loop; None without one.
+
+        The first condition that proves one is kept for the other delays.
+        """
         delays = [delay.d for delay in system.delays]
-        found, self.reason = _proof(system, self._K, self._lmi, delays, self._gamma)
-        return found
+        reasons = []
+        for condition in self._conditions:
+            found, reason = prove(condition, system, self._K, delays, self._gamma)
+            if found is not None:
+                self._conditions = [condition]
+                return found
+            reasons.append(reason)
+        self.reason = reasons[0]
+        return None
 
     def widened(self, system: DelaySystem) -> dict[str, Any] | None:
         """Return a certificate for every delay up to the system's, as `widened`; None without."""
-        return widened(system, self._K, self._lmi, self._gamma)
+        return widened(system, self._K, self._conditions[0], self._gamma)
 
 
 def widened(
-    system: DelaySystem, K: NDArray[np.float64], lmi: AnalysisLmi, gamma: float | None
+    system: DelaySystem, K: NDArray[np.float64], condition: Condition, gamma: float | None
 ) -> dict[str, Any] | None:
     """Return a certificate for every constant delay up to the system's; None without one.
 
     Also None at order 0, where the certificate of these delays covers smaller ones.
     """
     box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
-    if lmi.order == 0 or not 0 < box <= MAX_BOX:
+    if condition.order == 0 or not 0 < box <= MAX_BOX:
         return None
     delays = [delay.d for delay in system.delays]
-    return _proof(system, K, lmi, delays, gamma, down_to_zero=True)[0]
-
-
-def _proof(
-    system: DelaySystem,
-    K: NDArray[np.float64],
-    lmi: AnalysisLmi,
-    delays: Sequence[float],
-    gamma: float | None,
-    *,
-    down_to_zero: bool = False,
-) -> tuple[dict[str, Any] | None, str | None]:
-    """The certificate, or why there is none."""
-    with solver_words() as words:
-        found = lmi.central(delays, gamma, down_to_zero=down_to_zero)
-    if found is None:
-        return None, not_found(words)
-    exact = exact_analysis(system, found)
-    proof = analysis_proved(system, K, exact)
-    return (analysis_to_json(system, K, exact) if proof.valid else None), proof.reason
+    return prove(condition, system, K, delays, gamma, down_to_zero=True)[0]
 
 
 def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:

@@ -57,16 +57,7 @@ def bessel_legendre_design(
         check_achievable(gamma, system)
     check_order(order, system)
     if gain is not None:
-        found = analyse(system, gain, gamma, order=order)
-        if not found.certified:
-            raise NotAchievableError(
-                f"this gain could not be certified at order {order}",
-                where=system.name or None,
-                expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
-                got=found.reason,
-                hint=hint_after(str(found.reason), "a larger gamma, another order"),
-            )
-        return as_design(found)
+        return given_gain_design(system, gain, gamma, order)
     if starts is None:
         starts = []
         with suppress(NotAchievableError):  # the LMI of order N has other starts as well
@@ -137,6 +128,28 @@ def bessel_legendre_delay(
         got=reason,
         hint="another order, a larger gamma",
     )
+
+
+def given_gain_design(
+    system: DelaySystem, gain: ArrayLike, gamma: float | None, order: int
+) -> Design:
+    """Return the design of a given gain: its analysis, which must be certified.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : it is not.
+    """
+    found = analyse(system, gain, gamma, order=order)
+    if not found.certified:
+        raise NotAchievableError(
+            f"this gain could not be certified at order {order}",
+            where=system.name or None,
+            expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
+            got=found.reason,
+            hint=hint_after(str(found.reason), "a larger gamma, another order"),
+        )
+    return as_design(found)
 
 
 def as_design(found: Analysis, worst_case: WorstCase | None = None) -> Design:

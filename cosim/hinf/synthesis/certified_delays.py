@@ -93,7 +93,10 @@ def certified_delay(
             # some loops need their delay
             search.climb(order, limit, start=system.delays[delay_index].d, step=_STEP)
     else:
-        search.climb(order, limit, start=0.0, step=2.0)
+        # an age is greater than its least value
+        least = system.delays[delay_index].least_age
+        start = least + _FIRST * (limit - least) if least else 0.0
+        search.climb(order, limit, start=start, step=2.0)
     search.widen()
     done = search.d is not None and search.d >= limit
     system_at_d = system if search.d is None else search.at(search.d)

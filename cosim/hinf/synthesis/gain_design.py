@@ -19,6 +19,7 @@ from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal import checked_system, one_thread
 from cosim.hinf.problem import DesignConstraints, design_constraints_of
 from cosim.hinf.synthesis import synthesis
+from cosim.hinf.synthesis.ages_design import ages_are_known, ages_design, of_any_age
 from cosim.hinf.synthesis.analysis import analyse, gain_of
 from cosim.hinf.synthesis.bessel_legendre_designs import (
     bessel_legendre_delay,
@@ -80,6 +81,8 @@ def design(
     order : "auto" tries every route (`cosim.hinf.synthesis.routes`) and claims the best proof;
         None for Theorem 2 alone; N for the Bessel-Legendre condition of order N, which starts
         from the gain of Theorem 2 and allows no design constraints.
+        Where more is known of an age than its bound, gains of Theorem 2 are analysed with these
+        ages, at order 1 unless one is given; with design constraints they count as of any age.
     solver : "cvxpy" solves the plain LMI of Theorem 2 with cvxpy and Clarabel.
     decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
@@ -125,29 +128,23 @@ def design(
         synthesis.check_achievable(gamma, system)
     if solver == "cvxpy":
         return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=look)
+    if ages_are_known(system) and not design_constraints.any:
+        known = None if order == "auto" else order
+        return ages_design(system, one, two, order=known, gamma=gamma, gain=gain, search=look)
     if isinstance(order, int):
         return bessel_legendre_design(
             system, one, two, order=order, gamma=gamma, gain=gain, search=look
         )
     synthesis.checked_scalars(system, one, two)
+    found: Design | None = None
     if order == "auto" and not design_constraints.any:
-        own_search = look or (None if search is None else search)
         if gain is None:
-            return designed_by_some_route(Request(system, one, two, given, own_search, gamma))
-        found = proved_gain(system, gain_of(system, gain), gamma)
-        if found is not None:
-            return found
-    plain: Design | None = None
-    try:
-        plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
-    except NotAchievableError:
-        # without a constraint the best gain may be unbounded
-        if not design_constraints.any or gain is not None:
-            raise
-    if plain is not None and not design_constraints.any:
-        return plain
-    return _constrained(
-        system, one, two, plain, design_constraints, gamma, gain, look, may_search=search is None
+            asked = Request(system, one, two, given, look or search, gamma)
+            found = designed_by_some_route(asked)
+        else:
+            found = proved_gain(system, gain_of(system, gain), gamma)
+    return found or _by_theorem_2(
+        system, one, two, design_constraints, gamma, gain, look, may_search=search is None
     )
 
 
@@ -165,11 +162,10 @@ def _check_combination(
         )
 
 
-def _constrained(
+def _by_theorem_2(
     system: DelaySystem,
     k1: Sequence[float],
     k2: Sequence[float],
-    plain: Design | None,
     design_constraints: DesignConstraints,
     gamma: float | None,
     gain: ArrayLike | None,
@@ -177,7 +173,16 @@ def _constrained(
     *,
     may_search: bool,
 ) -> Design:
-    """Return the design that meets the constraints: `plain`, or another from k1, k2."""
+    """Return the design of Theorem 2, or where it fails the constraints one that meets them."""
+    plain: Design | None = None
+    try:
+        plain = synthesis.design(system, k1, k2, gamma=gamma, gain=gain, search=search)
+    except NotAchievableError:
+        # without a constraint the best gain may be unbounded
+        if not design_constraints.any or gain is not None:
+            raise
+    if plain is not None and not design_constraints.any:
+        return plain
     start = synthesis.checked_scalars(system, k1, k2)
     if plain is not None:
         guarantees, reason = prove_constraints(plain, design_constraints)
@@ -220,6 +225,7 @@ def greatest_delay(
     system : the delays other than `delay_index` are kept.
     gamma : bound of the gain from w to z; None, for stability, without w and z.
     k1, k2 : one number per delay; where searched, the first start. Without both, a search.
+        What else is known of an age than its bound is not used: the proof is about any age.
     delay_index : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
@@ -231,7 +237,7 @@ def greatest_delay(
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    system = checked_system(system, control=True)
+    system = of_any_age(checked_system(system, control=True))
     one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:
         synthesis.check_achievable(gamma, system)

@@ -280,3 +280,42 @@ def with_delays(system: DelaySystem, lengths: Sequence[float]) -> DelaySystem:
     except ValueError as error:
         raise InputError(str(error), where="delays") from error
     return replace(system, delays=delays)
+
+
+def with_ages(
+    system: DelaySystem, least_ages: Sequence[float] | None = None, *, sampled: bool = False
+) -> DelaySystem:
+    """Return the same system with more that is known of its ages.
+
+    Parameters
+    ----------
+    least_ages : least age of each delay [s], 0 where nothing is known or the delay is constant.
+    sampled : the age of the feedback is a sampled one.
+
+    Raises
+    ------
+    InputError : not one number per delay, no feedback over a delay, or an impossible age.
+    """
+    least = [x.least_age for x in system.delays] if least_ages is None else list(least_ages)
+    if len(least) != len(system.delays):
+        raise InputError(
+            "the least ages do not fit the system",
+            where="least_ages",
+            expected=f"{len(system.delays)} numbers of seconds",
+            got=str(least),
+        )
+    if sampled and system.immediate_feedback:
+        raise InputError(
+            "the feedback has no age that could be sampled",
+            where="sampled",
+            expected="a delay that is the feedback",
+            got="feedback without a delay",
+        )
+    try:
+        delays = tuple(
+            replace(x, least_age=a, sampled=x.sampled or (sampled and x.feedback))
+            for a, x in zip(least, system.delays, strict=True)
+        )
+    except ValueError as error:
+        raise InputError(str(error), where="least_ages") from error
+    return replace(system, delays=delays)

@@ -1,0 +1,184 @@
+"""The LMI that designs a gain for ages as they are.
+
+The functional is that of `ages_forms`. As in `bessel_legendre_lmi`, x' is kept as a row r, tied to
+the loop by a multiplier (Finsler's lemma, the descriptor method of Fridman):
+
+    2 (x + b r)'U (sum_i A_i x(t - tau_i) + B K x(t - tau_f) + C w + E p - r)
+
+is added to V'. With every row x = X xh but those of w and p, U'X = I and Y = K X, the matrices of
+the functional become ones of the same shape and signs, and the whole is linear in them, X (n, n;
+not symmetric) and Y, with z, q by Schur complements and p = eh ph, eh = 1/eps:
+
+    Phi + He (xh + b rh)'(sum_i A_i X xh_i + B Y xh_f + C w + eh E ph - X rh)
+        + He z'(D X xh + D2 Y xh_f + D1 w) - gamma (w'w + z'z)
+        + He h'(sum_i H_i X xh_i) - eh (h'h + ph'ph) < 0.
+
+The scalar b [s], one multiplier for x and x' alike, is what is lost beside the analysis, which the
+gain goes through next. Without parts: K may connect all states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cosim.hinf.certificate import AgeFunctional, rows_of, state_blocks, unknowns_of
+from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
+from cosim.hinf.lmi.analysis_lmi import own_units
+from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.svec import Array, svec
+from cosim.models import DelaySystem
+
+_FLOOR = 1e-3  # the margin of the positive matrices beside that of Phi, relative
+_TOLERANCE = 1e-8
+_BOUND = 1e3  # largest of the positive matrices in the search for a margin, in own units
+
+
+class AgesSynthesisLmi:
+    """The LMI of one system at one order.
+
+    Parameters
+    ----------
+    system : Eq. (7), with a positive delay.
+    order : N.
+    functionals : by delay, of those that hold for it.
+    K : (m, n) a gain of about the expected size: it sets the units.
+    reference : a gamma of about the expected size; None for stability alone.
+    """
+
+    def __init__(
+        self,
+        system: DelaySystem,
+        order: int,
+        functionals: Sequence[AgeFunctional],
+        K: Array,
+        reference: float | None,
+    ) -> None:
+        self._reference = reference
+        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
+        open_A = [system.A, *(delay.A for delay in system.delays)]
+        loop = [M + phi * system.B @ K for M, phi in zip(open_A, acts, strict=True)]
+        back, self._T = own_units(loop)
+        if reference is not None:
+            back = back / (float(np.linalg.norm(self._T * back[:, None] * system.C, 2)) or 1.0)
+        self._back, self._acts, size = back, acts, reference or 1.0
+        self._A = [self._T * back[:, None] * M / back for M in open_A]
+        self._B = self._T * back[:, None] * system.B
+        self._C = self._T * back[:, None] * system.C
+        self._E = self._T * back[:, None] * system.E
+        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        self._D, self._D1, self._D2 = system.D / back / size, system.D1 / size, system.D2 / size
+        late = [
+            LateAge(i, own, x.d / self._T, x.least_age / self._T, x.rate or 0.0)
+            for i, (own, x) in enumerate(zip(functionals, system.delays, strict=True))
+            if x.d > 0
+        ]
+        self._places = {x.index: f"x{j}" for j, x in enumerate(late)}
+        own = tuple(x.functional for x in late)
+        performance = reference is not None
+        rows = rows_of(system, order, own, gamma=performance) | {"r": len(back)}
+        rows |= {"z": system.D.shape[0]} if performance else {}
+        rows |= {"h": system.H.shape[0]} if system.E.size else {}
+        blocks = state_blocks(system, order, own)
+        self._forms = PartOfLoop(0, order, late, {}, rows, blocks)
+        n, m = self._B.shape
+        shapes = {"gain X": (n, n), "gain Y": (m, n), "0 P": (len(blocks) * n,) * 2}
+        for j, names in enumerate(unknowns_of(system, order, own, gamma=performance)):
+            for name, (height, width) in names.items():
+                shapes[f"0 {j} {name}"] = (sum(rows.values()) if name == "Y" else height, width)
+        shapes |= {"eps": (1, 1)} if system.E.size else {}
+        self._at, self._width = {}, 0
+        for name, shape in shapes.items():
+            self._at[name] = slice(self._width, self._width + count_of(name, shape))
+            self._width = self._at[name].stop
+
+    @property
+    def rows(self) -> int:
+        """Rows of Phi at the corner that has most."""
+        return max(int(self._forms.rows_at(c)["x"].shape[1]) for c in self._forms.corners())
+
+    def least_gamma(self, b: float) -> tuple[float, Array] | None:
+        """Return the solver's least gamma with the multiplier b [s], and its gain; None: none."""
+        phi, positive = self._constraints(b, None)
+        cost = np.zeros(self._width + 1)
+        cost[-1] = 1.0
+        found = solve([*phi, *positive], cost, tolerance=_TOLERANCE)
+        gain = self._gain(found.y) if found.usable else None
+        if gain is None or self._reference is None or not found.y[-1] > 0:
+            return None
+        return float(self._reference * found.y[-1]), gain
+
+    def central(self, b: float, gamma: float | None) -> tuple[float, Array] | None:
+        """Return the greatest margin at `gamma` and its gain; None if the solver finds none."""
+        phi, positive = self._constraints(b, gamma or 1.0)
+        last = np.zeros((1, self._width + 1))
+        last[0, -1] = 1.0
+        bounded = [c.less(svec(np.eye(c.size))) for c in phi]
+        bounded += [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
+        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
+        solution = solve(
+            [*bounded, *free, Constraint(1, np.ones(1), -last)], -last[0], tolerance=_TOLERANCE
+        )
+        gain = self._gain(solution.y) if solution.usable else None
+        return None if gain is None else (float(solution.y[-1]), gain)
+
+    def _gain(self, v: Array) -> Array | None:
+        """Return K = Y X^-1 in the system's own units; None where X is singular."""
+        n, m = self._B.shape
+        X, Y = v[self._at["gain X"]].reshape(n, n), v[self._at["gain Y"]].reshape(m, n)
+        if not np.linalg.cond(X) < 1e12:
+            return None
+        return np.asarray(np.linalg.solve(X.T, Y.T).T * self._back)
+
+    def _constraints(
+        self, b: float, gamma: float | None
+    ) -> tuple[list[Constraint], list[Constraint]]:
+        """-Phi at every corner, and the others; gamma last among the unknowns where it is None."""
+        width = self._width + (gamma is None)
+        phi = []
+        for corner in self._forms.corners():
+            at = self._forms.rows_at(corner)
+            form = Form(at["x"].shape[1])
+            self._forms.add_functional(form, at, at["r"], corner)
+            self._tie(form, at, at["x"] + b / self._T * at["r"])
+            own = form.constraint(self._at, width)
+            whole = Constraint(own.size, -own.constant, -own.columns)
+            if "z" in at:
+                supplied = svec(at["w"].T @ at["w"] + at["z"].T @ at["z"])
+                if gamma is None:
+                    whole.columns[:, -1] += supplied
+                else:
+                    share = gamma / (self._reference or 1.0)
+                    whole = Constraint(own.size, whole.constant + share * supplied, whole.columns)
+            phi.append(whole)
+        positive = [form.constraint(self._at, width) for form in self._forms.positive()]
+        if "eps" in self._at:
+            one = Form(1)
+            one.multiple("eps", np.eye(1))
+            positive.append(one.constraint(self._at, width))
+        return phi, positive
+
+    def _tie(self, form: Form, at: dict[str, Array], M: Array) -> None:
+        """Add the loop, z and q."""
+        on = [at["x"], *(at[self._places.get(i, "x")] for i in range(len(self._A) - 1))]
+        acting = next(x for x, acts in zip(on, self._acts, strict=True) if acts)
+        for A, x in zip(self._A, on, strict=True):
+            form.twice("gain X", A.T @ M, x)
+        form.twice("gain X", M, at["r"], -1.0)
+        form.twice("gain Y", self._B.T @ M, acting)
+
+        def symmetrised(left: Array, right: Array) -> Array:
+            half = left.T @ right
+            return half + half.T
+
+        if "h" in at:
+            p, h = at["p"], at["h"]
+            form.multiple("eps", symmetrised(M, self._E @ p) - p.T @ p - h.T @ h)
+            for H, x in zip(self._H, on, strict=True):
+                form.twice("gain X", H.T @ h, x)
+        if "z" in at:
+            w, z = at["w"], at["z"]
+            form.constant = symmetrised(M, self._C @ w) + symmetrised(z, self._D1 @ w)
+            form.twice("gain X", self._D.T @ z, at["x"])
+            form.twice("gain Y", self._D2.T @ z, acting)

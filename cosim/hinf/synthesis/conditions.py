@@ -1,0 +1,100 @@
+"""The sufficient conditions under which a given gain is analysed, and their proofs.
+
+Each is an LMI with a greatest margin and an exact proof of the point found:
+
+* Theorem 1 and the Bessel-Legendre conditions (`AnalysisLmi`), where an age that varies counts
+  as one of any age from zero to its bound;
+* those of ages as they are (`AgesLmi`): an interval, a bounded rate, sampled. They are used from
+  order 1 on, and at every order where more is known of an age than its bound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from cosim.hinf.certificate import (
+    MAX_CORNERS,
+    AgeFunctional,
+    AgesVariables,
+    ages_proved,
+    ages_to_json,
+    analysis_proved,
+    analysis_to_json,
+    choices,
+    exact_ages,
+    exact_analysis,
+)
+from cosim.hinf.lmi import AgesLmi, AnalysisLmi, not_found, solver_words
+from cosim.models import DelaySystem
+
+MOST_ROWS = 60
+"""Rows of -Phi, in its largest part, above which a looped functional is not tried.
+
+Its unknowns grow with the square of the rows: with 60 a solve takes about a minute.
+"""
+
+Condition = AgesLmi | AnalysisLmi
+
+
+def conditions_of(
+    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
+) -> list[Condition]:
+    """Return the conditions that are worth a try at this order, the sharpest first."""
+    ages = any(x.ages_are_known or (order > 0 and x.any_age and x.d > 0) for x in system.delays)
+    plain = AnalysisLmi(system, K, order, performance=performance)
+    if not ages:
+        return [plain]
+    found: list[Condition] = []
+    tried: list[tuple[AgeFunctional, ...]] = []
+    most = max(len(choices(x)) for x in system.delays)
+    for level in range(most):
+        own = tuple(choices(x)[min(level, len(choices(x)) - 1)] for x in system.delays)
+        if own in tried:
+            continue
+        tried.append(own)
+        condition = AgesLmi(system, K, order, own, performance=performance)
+        rows = condition.largest_part([x.d for x in system.delays])
+        large = "looped" in own and rows > MOST_ROWS
+        if not large and _corners(system, order, own, down_to_zero=False) <= MAX_CORNERS:
+            found.append(condition)
+    return [*found, plain]
+
+
+def _corners(
+    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
+) -> int:
+    """Return how many corners Phi has."""
+    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
+    each["constant"] = 2 if down_to_zero else 1
+    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)
+
+
+def prove(
+    condition: Condition,
+    system: DelaySystem,
+    K: NDArray[Any],
+    delays: Sequence[float],
+    gamma: float | None,
+    *,
+    down_to_zero: bool = False,
+) -> tuple[dict[str, Any] | None, str | None]:
+    """Return the certificate at `delays`, those of `system`, or None and why there is none."""
+    if isinstance(condition, AgesLmi):
+        count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
+        if count > MAX_CORNERS:
+            return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
+    with solver_words() as words:
+        point = condition.central(delays, gamma, down_to_zero=down_to_zero)
+    if point is None:
+        return None, not_found(words)
+    if isinstance(point, AgesVariables):
+        ages = exact_ages(system, point)
+        proof = ages_proved(system, K, ages)
+        return (ages_to_json(system, K, ages) if proof.valid else None), proof.reason
+    exact = exact_analysis(system, point)
+    proof = analysis_proved(system, K, exact)
+    return (analysis_to_json(system, K, exact) if proof.valid else None), proof.reason
