@@ -9,7 +9,7 @@ import pytest
 from hostile.expected import RUN_CALLS, Expectation, Row, rows
 from hostile.judged import departures
 from hostile.runs import Interrupt, run_row
-from hostile.test_hostile_runs import share_of
+from shared import share_of
 
 SAMPLE = (
     Row("segfault", "step", "2.0"),

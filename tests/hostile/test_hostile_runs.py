@@ -7,20 +7,18 @@ trace, nothing left behind, and exit(0) is no success.
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hostile.expected import RUN_CALLS, VERSIONS, Expectation, Row, rows
 from hostile.hostile_fmu import FAULTS
 from hostile.judged import departures
 from hostile.runs import STEPS, Interrupt, run_row
+from shared import share_of
 from study.deadly import DEADLY, U, folder, truth
 
 from cosim.study.table import read_table
@@ -47,12 +45,6 @@ SAMPLE = (
 def test_fault_is_named_and_nothing_is_lost_or_left(tmp_path: Path, row: Row) -> None:
     """A few rows of the table."""
     assert departures(run_row(row, tmp_path)) == []
-
-
-def share_of(members: Iterable[Any]) -> list[Any]:
-    """All of them, or with SHARE=K/N in the environment the K-th of every N."""
-    first, number = map(int, os.environ.get("SHARE", "0/1").split("/"))
-    return [*members][first::number]
 
 
 @pytest.mark.slow
