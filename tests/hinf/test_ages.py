@@ -451,7 +451,8 @@ PERFORMANCE = {"C": [[0], [1]], "D": [[1, 0], [0, 0]], "D2": [[0], [0.1]]}
 @pytest.mark.parametrize(
     ("age", "d", "best"),
     [
-        ({"sampled": True}, 3.0, 10.6),  # Theorem 2, for any age up to 3 s or shorter: 15.6
+        # Theorem 2, for any age up to 3 s or shorter: 15.6
+        pytest.param({"sampled": True}, 3.0, 10.6, marks=pytest.mark.slow),
         pytest.param({"any_age": True, "least_age": 0.5}, 1.2, 5.8, marks=pytest.mark.slow),  # 7.4
         pytest.param({"rate": 0.1}, 1.2, 6.0, marks=pytest.mark.slow),  # 6.9
     ],

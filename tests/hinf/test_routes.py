@@ -54,6 +54,7 @@ def test_a_limit_on_the_gain_uses_the_same_ladder() -> None:
     assert check_certificate(found.certificate).valid
 
 
+@pytest.mark.slow
 def test_the_vehicle_over_three_seconds(tmp_path: Path) -> None:
     """The solver fails at the k1, k2 of the file; a search from there certifies a gain."""
     late = ("design", "auv", "--delays", "0.5,3.0", "--json")
@@ -102,6 +103,7 @@ def test_a_design_analyses_its_own_gain() -> None:
     assert check_certificate(found.certificate).valid
 
 
+@pytest.mark.slow
 def test_a_search_of_the_vehicle_spends_few_solves() -> None:
     """Below 3.41 within 40 solves, of which each takes a quarter of a second."""
     system = auv_system()

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cosim.fmu import FmuDescription
     from cosim.master import System
 
-SYSTEMS = 90
+SYSTEMS = 40
 HISTORY = 8
 
 

@@ -105,7 +105,7 @@ def test_key_is_checked_and_in_the_schema() -> None:
 ISOLATE = ("--set", "components.pump.isolate=true")
 
 
-@pytest.mark.parametrize("victim", ["command", "child"])
+@pytest.mark.parametrize("victim", [pytest.param("command", marks=pytest.mark.slow), "child"])
 def test_nothing_is_left_when_the_master_is_killed(tmp_path: Path, victim: str) -> None:
     """SIGKILL for the command or for its child, while the isolated slave hangs in a step."""
     scratch = tmp_path / "scratch"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from cli.shell import SCENARIOS
 from fed import Release, blocks_of_one, fed, random_blocks
 from master.scalar import scalar_fmu
 from random_runs import RandomRuns
-from shared import fmu_store
+from shared import fmu_store, share_of
 
 from cosim.hinf import AuvDesignSettings, auv_system
 from cosim.master import Run, System
@@ -170,7 +171,15 @@ def verdicts(system: System, run: Run, parts: list[AssertionPart]) -> list[Any]:
     ]
 
 
-@pytest.mark.parametrize("seed", range(SYSTEMS))
+def some(members: Iterable[Any], number: int) -> list[Any]:
+    """Every so many as they are; the others, or a share of them, as slow ones."""
+    given = [*members]
+    left = [one for i, one in enumerate(given) if i % number]
+    slow = [pytest.param(one, marks=pytest.mark.slow) for one in share_of(left)]
+    return [*given[::number], *slow]
+
+
+@pytest.mark.parametrize("seed", some(range(SYSTEMS), 8))
 def test_blocks_of_random_systems(random_runs: RandomRuns, seed: int) -> None:
     """One block, blocks of one point, random blocks, and whole arrays: the same figures.
 
@@ -203,7 +212,9 @@ def without_time(outcome: Outcome) -> dict[str, Any]:
     return replace(outcome, wall_s=0.0).to_json()
 
 
-@pytest.mark.parametrize("name", [*builtin_names(), *VALID], ids=lambda name: Path(name).stem)
+@pytest.mark.parametrize(
+    "name", [*some(builtin_names(), 5), *VALID], ids=lambda name: Path(name).stem
+)
 def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Outcomes of runs that are measured in one block, and point by point, are the same.
 
