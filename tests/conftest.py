@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 import shared
+from arithmetic import is_usual
 from hypothesis import settings
 
 if TYPE_CHECKING:
@@ -49,6 +50,13 @@ def nothing_shared_is_written() -> Iterator[None]:
     yield
     written = shared.what_was_written()
     assert not written, f"changed by a test; write to tmp_path instead: {', '.join(written)}"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def arithmetic_is_as_before() -> Iterator[None]:
+    """No test leaves another rounding mode behind: the next ones would fail for its sake."""
+    yield
+    assert is_usual(), "foreign code has changed this process's arithmetic: see cosim.fmu"
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,22 @@
 
 #if defined(__SSE2__) || defined(_M_X64)
 #include <xmmintrin.h>
-static uint64_t modes(void) { return _mm_getcsr() & 0xFFC0u; }
-static void restore(uint64_t saved) { _mm_setcsr((unsigned)saved); }
+#if defined(__GNUC__) /* the x87 unit too: C libraries take their rounding mode (strtod) from it */
+static uint16_t word_of_x87(void) {
+    uint16_t word;
+    __asm__ volatile("fnstcw %0" : "=m"(word));
+    return word;
+}
+static void set_word_of_x87(uint16_t word) { __asm__ volatile("fldcw %0" : : "m"(word)); }
+#else
+static uint16_t word_of_x87(void) { return 0; }
+static void set_word_of_x87(uint16_t word) { (void)word; }
+#endif
+static uint64_t modes(void) { return (uint64_t)word_of_x87() << 16 | (_mm_getcsr() & 0xFFC0u); }
+static void restore(uint64_t saved) {
+    _mm_setcsr((unsigned)saved & 0xFFC0u);
+    set_word_of_x87((uint16_t)(saved >> 16));
+}
 #elif defined(__aarch64__)
 static uint64_t modes(void) {
     uint64_t found;

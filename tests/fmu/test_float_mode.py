@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import platform
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from arithmetic import is_usual, keeps_tiny_numbers, reads_to_nearest, rounds_to_nearest
 from foreign.steered import CALLS, VERSIONS, parameters, steered_fmu
 
 from cosim.fmu import FmuDescription, FmuSlave, describe_fmu
@@ -16,20 +18,10 @@ pytestmark = pytest.mark.skipif(
     reason="the FMU knows how to change the arithmetic of these processors only",
 )
 Fmus = dict[tuple[str, str], FmuDescription]
-ONE, TEN, TINY = 1.0, 10.0, 5e-324
 
 
 def silent(_level: str, _message: str, _category: str) -> None:
     """Ignore messages."""
-
-
-def usual() -> bool:
-    """Whether this process rounds to nearest (0.1, upwards) and keeps tiny numbers."""
-    return rounds_to_nearest() and TINY * TEN > 0.0
-
-
-def rounds_to_nearest() -> bool:
-    return (ONE / TEN).hex() == "0x1.999999999999ap-4"
 
 
 @pytest.fixture(scope="module")
@@ -61,24 +53,24 @@ def calls_of(slave: FmuSlave) -> list[tuple[str, Callable[[], object]]]:
 @pytest.mark.parametrize("version", VERSIONS)
 def test_arithmetic_is_as_before_after_every_call(steered: Fmus, version: str, what: str) -> None:
     """Each call of a slave's life in turn changes it; no number computed here notices."""
-    assert usual()
+    assert is_usual()
     slave = FmuSlave(steered[version, "steered"], "it", silent)
     slave.set_start(parameters("nothing", 0, arithmetic=CALLS.index(what)))
-    assert usual(), "after setting parameters"
+    assert is_usual(), "after setting parameters"
     for name, call in calls_of(slave):
         call()
-        assert usual(), f"after {name}"
+        assert is_usual(), f"after {name}"
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_arithmetic_is_as_before_after_instantiation_and_reset(steered: Fmus, version: str) -> None:
     """Both at the ends of a slave's life."""
     with FmuSlave(steered[version, "changes"], "it", silent):
-        assert usual()
+        assert is_usual()
     with FmuSlave(steered[version, "steered"], "it", silent) as slave:
         slave.initialise(parameters("nothing", 0, arithmetic=CALLS.index("reset")), 0.0, 1.0)
         slave.reset()
-        assert usual()
+        assert is_usual()
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -90,14 +82,12 @@ def test_arithmetic_is_as_before_after_loading_and_unloading(version: str, tmp_p
     )
     described = describe_fmu(steered_fmu(tmp_path, version, more=loaded))
     with FmuSlave(described, "it", silent):
-        assert usual()
-    assert usual()
+        assert is_usual()
+    assert is_usual()
 
 
 def test_fmu_does_change_it(steered: Fmus) -> None:
     """Called at its address, by nobody who restores anything; else these tests would be vain."""
-    import ctypes  # noqa: PLC0415 - here alone
-
     from cosim.fmu.float_mode import call_with_own_float_mode  # noqa: PLC0415
 
     with FmuSlave(steered["2.0", "steered"], "it", silent) as slave:
@@ -106,9 +96,9 @@ def test_fmu_does_change_it(steered: Fmus) -> None:
             ctypes.c_int, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int
         )(slave.address("step"))
 
-        def unguarded() -> tuple[bool, bool]:
+        def unguarded() -> tuple[bool, bool, bool]:
             step(slave.component, 0.0, 0.25, 1)
-            return rounds_to_nearest(), TINY * TEN > 0.0
+            return rounds_to_nearest(), reads_to_nearest(), keeps_tiny_numbers()
 
-        assert call_with_own_float_mode(unguarded) == (False, False)
-        assert usual()
+        assert call_with_own_float_mode(unguarded) == (False, False, False)
+        assert is_usual()

@@ -25,7 +25,11 @@ typedef unsigned Reference;
 
 static void change_arithmetic(void) {
 #if defined(__x86_64__)
+    unsigned short x87;
     _mm_setcsr(_mm_getcsr() | 0x8000 | 0x2000 | 0x0040); /* flush to zero, down, denormals are zero */
+    __asm__ volatile("fnstcw %0" : "=m"(x87));
+    x87 |= 0x0400; /* down there too, as fesetround does */
+    __asm__ volatile("fldcw %0" : : "m"(x87));
 #elif defined(__aarch64__)
     uint64_t word;
     __asm__ volatile("mrs %0, fpcr" : "=r"(word));
