@@ -79,6 +79,7 @@ from .proof import (
 from .rational import (
     exact as exact,
     exact_matrix as exact_matrix,
+    exact_symmetric as exact_symmetric,
     first_bad_pivot as first_bad_pivot,
     norm_is_below as norm_is_below,
     rounded_up as rounded_up,
@@ -104,3 +105,4 @@ from .system_json import (
     number as number,
     system_from_json as system_from_json,
 )
+from .theorem import theorem_of as theorem_of

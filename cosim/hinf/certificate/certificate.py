@@ -33,6 +33,7 @@ from cosim.hinf.certificate.proof import (
     Variables,
     claim_of,
     exact_variables,
+    judged,
     proved,
 )
 from cosim.hinf.certificate.rational import exact_matrix, matrix_from_text, matrix_to_text
@@ -49,7 +50,8 @@ from cosim.hinf.certificate.system_json import (
     system_from_json,
     system_to_json,
 )
-from cosim.hinf.certificate.variables_json import asymmetric, variables_from_json, variables_to_json
+from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
 from cosim.models import DelaySystem, Matrix
 
 _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
@@ -100,8 +102,10 @@ def certificate_to_json(
     v = exact_variables(system, variables)
     more = guarantees or Guarantees()
     texts, Y = variables_to_json(v), matrix_to_text(exact_matrix(gain) * v.X)
+    claim = claim_of(system, v.gamma) | more.claim()
     return {
-        "claim": claim_of(system, v.gamma) | more.claim(),
+        "theorem": theorem_of(claim),
+        "claim": claim,
         "system": system_to_json(system),
         "variables": {"X": texts.pop("X"), "Y": Y, **texts},
         "K": gain.tolist(),
@@ -145,17 +149,13 @@ def check_certificate(data: Any) -> CertificateCheck:
     v, Y = _variables_from_json(system, data["variables"])
     more = guarantees_from_json(data, system)
     claim = claim_of(system, v.gamma) | more.claim()
-    name = asymmetric(v)
-    reason: str | None
-    if data["claim"] != claim:
-        reason = "the claim is not the one that system and variables make"
-    elif name is not None:
-        reason = f"{name} is not symmetric"
-    elif exact_matrix(gain) * v.X != Y:
-        reason = "Y is not K X"
-    else:
-        reason = proved(system, gain, v).reason or more.failure(system, gain)
-    return CertificateCheck(valid=reason is None, reason=reason, claim=claim)
+
+    def reason() -> str | None:
+        if exact_matrix(gain) * v.X != Y:
+            return "Y is not K X"
+        return proved(system, gain, v).reason or more.failure(system, gain)
+
+    return judged(data, claim, v.matrices(), reason)
 
 
 def read_certificate(path: str | Path) -> Any:

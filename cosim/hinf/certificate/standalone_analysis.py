@@ -6,8 +6,8 @@ and V > 0. An analysis of order N is one with constant delays; of order 0 where 
 and then without Q.
 """
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call"
-# ruff: noqa: ANN001, ANN201, ANN202, B905, C901, D103, PLR
+# mypy: ignore-errors
+# ruff: noqa: ANN001, ANN201, ANN204, B905, C901, D102, D103, N817
 
 from fractions import Fraction as F
 from itertools import combinations, product
@@ -57,7 +57,7 @@ class Term:
             self.at[name] = sn.matrix(table[name], *shape)
             if name not in ("M", "X_b", "Y"):
                 need(self.at[name] == self.at[name].T, f"{name} is not symmetric")
-            if name in "Q R S S_1 S_2 Z W N".split():
+            if name not in ("M", "X_b", "Y", "U", "X_a"):
                 sn.positive(self.at[name], n, name)
         if "M" in self.at:  # [Zh M; M' Zh] > 0
             self.Zh = self.at["Z"] + 3 * self.at["Z"].at(n, n) if self.order else self.at["Z"]
@@ -226,13 +226,13 @@ def analysis_proved(c, s):
         for x, weight in ((z, gamma and 1 / gamma), (o["w"], gamma and -gamma)):
             o.add(x, x, (weight or 0) / F(2))
         sn.positive(-1 * o.matrix, o.n, "-Phi")
-    claims = {j: age_claim(s, t, w, ages) for j, t, w in zip(late, terms, words)}
+    claims = {j: age_claim(s, t, w) for j, t, w in zip(late, terms, words)}
     exact = {"age": EXACTLY} if not ages and order and "lower" not in v else {}
     delays = [claims.get(j, {} if s.varies[j] else exact) for j in range(1, len(s.d))]
     return gamma, delays, {"order": order}
 
 
-def age_claim(s, term, constant, ages):
+def age_claim(s, term, constant):
     if term.kind == "constant":
         return {} if s.varies[term.j] else {"age": constant}
     least = {"least_age": term.a}

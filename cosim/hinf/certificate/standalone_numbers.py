@@ -44,7 +44,7 @@ class M(dict[tuple[int, int], Any]):
         return product
 
     @property
-    def T(self) -> M:  # noqa: N802
+    def T(self) -> M:
         """The transpose."""
         return M({(j, i): x for (i, j), x in self.items()})
 
@@ -182,7 +182,9 @@ class Loop:
         self.delays = system.get("delays", [])
         for x in self.delays:
             values(x, "d", "A H feedback any_age sampled least_age rate")
-        tables, size, at = [system, *self.delays], {}, {}
+        tables = [system, *self.delays]
+        size: dict[str, int] = {}
+        at: dict[tuple[str, int], M] = {}
         for names in ("A nn", "B nm", "C nq", "D pn", "D1 pq", "D2 pm", "E ns", "H rn"):
             key, letters = names.split()
             for i, table in enumerate(tables):
