@@ -24,6 +24,7 @@ from cosim.hinf import (
     certified_delay,
     design as make_design,
     design_to_json,
+    gain_remark,
     greatest_delay,
     nominal_gamma,
     with_ages,
@@ -233,10 +234,15 @@ def design(
     kept = None if refutation is None else save_refutation
     if kept is not None:
         write_json(kept, refutation)
+    limited = found.guarantees.gain_limit is not None
+    remark = None if limited else gain_remark(found.system, found.K)
     answer(
         as_json,
-        lambda: design_json(name, found, greatest, save, kept, nominal, named.weights),
-        lambda: design_view(name, found, greatest, nominal),
+        lambda: (
+            design_json(name, found, greatest, save, kept, nominal, named.weights)
+            | {"remark": remark}
+        ),
+        lambda: design_view(name, found, greatest, nominal, remark),
     )
 
 
@@ -314,8 +320,11 @@ def analyse(
     """Analyse the loop with a given gain, or the system without control, and prove the result.
 
     The result is the least gamma that can be certified for every admissible uncertainty, or
-    stability if the system has no w and z. A bound that is not certified may still hold; the
-    exit code is 0 in both cases.
+    stability if the system has no w and z. The verdict is "certified", "unstable" (a root of the
+    nominal loop is proved to have a positive real part) or "undecided": a bound that is not
+    certified may still hold, and a root on the imaginary axis decides nothing.
+
+    Exit code 0: there is a verdict, whichever; 2: bad input.
     """
     named, own_gain = named_problem(name)
     system = named.system

@@ -6,12 +6,14 @@ from .certificate import (
     certificate_from_bytes as certificate_from_bytes,
     certificate_hash as certificate_hash,
     check_certificate as check_certificate,
+    differences as differences,
     first_bad_pivot as first_bad_pivot,
     first_difference as first_difference,
     matrix_from_rows as matrix_from_rows,
     minus_omega as minus_omega,
     read_certificate as read_certificate,
     system_from_json as system_from_json,
+    theorem_of as theorem_of,
 )
 from .nominal import (
     ClosedLoop as ClosedLoop,
@@ -63,6 +65,7 @@ from .synthesis import (
     design as design,
     design_from_json as design_from_json,
     design_to_json as design_to_json,
+    gain_remark as gain_remark,
     greatest_delay as greatest_delay,
     nominal_gamma as nominal_gamma,
     with_ages as with_ages,

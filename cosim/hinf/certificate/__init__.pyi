@@ -98,6 +98,7 @@ from .system_json import (
     MATRICES as MATRICES,
     assembled as assembled,
     delay_from as delay_from,
+    differences as differences,
     first_difference as first_difference,
     format_value as format_value,
     known_keys as known_keys,

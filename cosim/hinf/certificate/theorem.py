@@ -48,10 +48,7 @@ def theorem_of(claim: dict[str, Any]) -> list[str]:
     )
     if not claim["property"].startswith("stability"):
         return [*texts, f"conclusion: {claim['property']}"]
-    texts.append(
-        "conclusion: w = 0 and any continuous initial function on [-max d, 0]: x(t) -> 0, "
-        "uniformly in the ages and in F"
-    )
+    texts.append("conclusion: w = 0 and any continuous initial function on [-max d, 0]: x(t) -> 0")
     if claim["gamma"] is not None:
         texts.append(_GAIN)
     more = claim.get("guarantees", {}).values()

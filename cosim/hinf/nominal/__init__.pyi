@@ -8,6 +8,10 @@ from .from_control import (
     frequency_response as frequency_response,
     to_control as to_control,
 )
+from .instability import (
+    Verdict as Verdict,
+    verdict_of as verdict_of,
+)
 from .nominal_figures import (
     NominalFigures as NominalFigures,
     nominal_figures_of as nominal_figures_of,

@@ -20,6 +20,7 @@ from .gain_design import (
     nominal_gamma as nominal_gamma,
     without_uncertainty as without_uncertainty,
 )
+from .gain_remark import gain_remark as gain_remark
 from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,

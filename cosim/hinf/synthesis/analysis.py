@@ -11,7 +11,7 @@ the nominal loop are given beside it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.core import InputError
 from cosim.hinf.certificate import MAX_BOX, MAX_ORDER, covers_smaller
 from cosim.hinf.lmi import not_found, solver_words
-from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
+from cosim.hinf.nominal import (
+    NominalFigures,
+    Verdict,
+    checked_system,
+    nominal_figures_of,
+    verdict_of,
+)
 from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove
 from cosim.models import DelaySystem
 
@@ -63,6 +69,15 @@ class Analysis:
     def covers_smaller_delays(self) -> bool:
         """Whether the proof covers every delay up to the system's, not exactly these alone."""
         return self.certificate is not None and covers_smaller(self.certificate["claim"])
+
+    @property
+    def verdict(self) -> Literal["certified"] | Verdict:
+        """What is decided: "certified", "unstable" (proved for the nominal loop), "undecided"."""
+        if self.certified:
+            return "certified"
+        if self.abscissa < 0 or any(delay.sampled for delay in self.system.delays):
+            return "undecided"
+        return verdict_of(self.system, gain_of(self.system, self.K), self.abscissa)[0]
 
 
 def analyse(
@@ -111,7 +126,7 @@ def analysed(
     leasts: list[float] = []
     if nominal_figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays):
         conditions = []
-        reason = _unstable(nominal_figures.abscissa)
+        reason = verdict_of(system, K, nominal_figures.abscissa)[1]
     else:
         conditions = conditions_of(system, K, order, performance=system.has_performance)
     floor = float(np.linalg.norm(system.D1, 2))
@@ -146,10 +161,6 @@ def analysed(
         certificate=proof,
         **nominal_figures._asdict(),
     )
-
-
-def _unstable(abscissa: float) -> str:
-    return f"the nominal loop is not stable: its rightmost root has real part {abscissa:.6g}"
 
 
 class Prover:
