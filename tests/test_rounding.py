@@ -10,7 +10,7 @@ from cosim.core import at_least, at_most
 
 def test_a_bound_is_rounded_to_its_side() -> None:
     """The text of an upper bound is never below it, that of a lower bound never above."""
-    draw = random.Random(1)
+    draw = random.Random(1)  # noqa: S311 - numbers to round
     for _ in range(300):
         value = draw.uniform(-1, 1) * 10.0 ** draw.randint(-30, 30)
         for digits in (2, 5, 7):

@@ -90,7 +90,7 @@ def analysis_view(
             (f"not certified, {analysis.verdict}", "bold yellow"), f": {what}\n  {analysis.reason}"
         )
     facts = facts_table()
-    proof = analysis.certificate or {"claim": {"order": analysis.order}}
+    proof = analysis.certificate or {"claim": {"property": "", "order": analysis.order}}
     facts.add_row("condition", condition_of(proof["claim"]), "")
     if analysis.certified:
         gamma = "stability only" if analysis.gamma is None else at_most(analysis.gamma)
@@ -161,6 +161,8 @@ def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
 
 def condition_of(claim: dict[str, Any]) -> str:
     """Name the condition behind a claim."""
+    if "nominal loop" in claim["property"]:
+        return "level of the norm, argument principle, ball arithmetic"
     if "order" not in claim:
         return "Theorem 2"
     if "hypotheses" in claim:

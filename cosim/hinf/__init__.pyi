@@ -27,6 +27,7 @@ from .nominal import (
     gain_at as gain_at,
     hinf_norm as hinf_norm,
     nominal_figures_of as nominal_figures_of,
+    norm_certificate as norm_certificate,
     norm_proved as norm_proved,
     one_thread as one_thread,
     spectral_abscissa as spectral_abscissa,

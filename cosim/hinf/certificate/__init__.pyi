@@ -70,6 +70,14 @@ from .guarantees import (
     Guarantees as Guarantees,
     guarantees_from_json as guarantees_from_json,
 )
+from .norm_certificate import norm_to_json as norm_to_json
+from .norm_proof import (
+    MAX_STEPS as MAX_STEPS,
+    NORM_BITS as NORM_BITS,
+    NormPoint as NormPoint,
+    NormProof as NormProof,
+    bend as bend,
+)
 from .proof import (
     CertificateCheck as CertificateCheck,
     Variables as Variables,

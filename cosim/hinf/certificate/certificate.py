@@ -28,6 +28,7 @@ from cosim.hinf.certificate.ages_certificate import AGES, check_ages
 from cosim.hinf.certificate.analysis_certificate import KIND, check_analysis
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
+from cosim.hinf.certificate.norm_certificate import NORM, check_norm
 from cosim.hinf.certificate.proof import (
     CertificateCheck,
     Variables,
@@ -59,6 +60,7 @@ _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     AGES: check_ages,
     REFUTATION: check_refutation,
     FLOOR: check_gamma_floor,
+    NORM: check_norm,
 }
 """Checks of certificates by kind; a gain proved by Theorem 2 has no kind."""
 
@@ -117,7 +119,7 @@ def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "ages" one of
-    `ages_certificate`, with "refutation" or "gamma
+    `ages_certificate`, with "norm" one of `norm_certificate`, with "refutation" or "gamma
     floor" one of `refutation_certificate`, without a kind one of Theorem 2. Other top-level
     keys than those of the module's docstring are notes, which are not checked.
 

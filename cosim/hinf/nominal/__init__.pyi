@@ -21,7 +21,10 @@ from .norm import (
     gain_at as gain_at,
     hinf_norm as hinf_norm,
 )
-from .norm_proof import norm_proved as norm_proved
+from .norm_proof import (
+    norm_certificate as norm_certificate,
+    norm_proved as norm_proved,
+)
 from .roots import (
     characteristic_roots as characteristic_roots,
     spectral_abscissa as spectral_abscissa,

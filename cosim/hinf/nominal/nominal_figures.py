@@ -18,7 +18,7 @@ from cosim.hinf.nominal.roots import characteristic_roots
 from cosim.hinf.nominal.threads import one_thread
 from cosim.models import DelaySystem
 
-_BEYOND_DOUBLES = (OverflowError, ZeroDivisionError, np.linalg.LinAlgError)
+_BEYOND_DOUBLES = (ArithmeticError, np.linalg.LinAlgError)
 """What numbers far from one, or a root all but on the axis, end a computation with."""
 
 # relative distances of the bounds tried: for a flat gain a close bound takes too long
@@ -63,7 +63,7 @@ def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
     abscissa = float(roots[0].real)
     peak = None
     if system.has_performance:
-        with suppress(*_BEYOND_DOUBLES):
+        with suppress(*_BEYOND_DOUBLES), np.errstate(over="raise", invalid="raise"):
             peak = hinf_norm(loop, roots)
     finite = peak is not None and math.isfinite(peak.frequency)
     margins = None

@@ -109,7 +109,14 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    found = analysed(system, K, gamma, order, nominal_figures_of(system, K))
+    figures = nominal_figures_of(system, K)
+    try:
+        with np.errstate(over="raise", invalid="raise"):
+            found = analysed(system, K, gamma, order, figures)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        reason = f"numbers that leave the range of doubles ({error}): choose other units"
+        nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
+        found = Analysis(system, K, order, False, reason, **nothing, **figures._asdict())  # noqa: FBT003
     return found if gain is not None else replace(found, K=None)
 
 
