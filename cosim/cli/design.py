@@ -252,7 +252,7 @@ def design(
         as_json,
         lambda: (
             design_json(name, found, greatest, save, kept, nominal, named.weights)
-            | {"remark": remark}
+            | {"remark": remark, "norm_certificate": norm_file}
         ),
         lambda: design_view(name, found, greatest, nominal, remark),
     )
