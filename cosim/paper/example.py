@@ -52,15 +52,15 @@ def solve_example(report_progress: Progress) -> Example:
     system, k1, k2 = printed.system(), (printed.K1,), (printed.K2,)
     K = [printed.PRINTED_K]
     report_progress("section 5, design", 0.0)
-    least = design(system, k1, k2)
+    least = design(system, k1, k2, order=None)
     report_progress("section 5, search", 0.3)
-    searched = design(system, k1, k2, search=True)
+    searched = design(system, k1, k2, search=True, order=None)
     report_progress("section 5, the printed gain", 0.7)
     return Example(
         system,
         least,
         searched,
-        design(system, k1, k2, gain=K),
+        design(system, k1, k2, gain=K, order=None),
         analyse(system, K),
         analyse(system, K, order=ORDER),
     )

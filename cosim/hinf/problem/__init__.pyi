@@ -10,6 +10,10 @@ from .design_constraints import (
     design_constraints_of as design_constraints_of,
 )
 from .envelope import Envelope as Envelope
+from .modem import (
+    SOUND_SPEED as SOUND_SPEED,
+    Modem as Modem,
+)
 from .system_toml import (
     BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
     Delay as Delay,

@@ -26,4 +26,11 @@ from .greatest_delays import (
     with_ages as with_ages,
     with_delays as with_delays,
 )
+from .message_ages import (
+    AgeLimit as AgeLimit,
+    AgeRow as AgeRow,
+    Assumption as Assumption,
+    MessageAges as MessageAges,
+    message_ages as message_ages,
+)
 from .synthesis import Design as Design
