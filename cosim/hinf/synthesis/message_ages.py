@@ -37,7 +37,7 @@ Assumption = Literal["any", "sampled", "constant"]
 ASSUMPTIONS: tuple[Assumption, ...] = ("any", "sampled", "constant")
 
 _SHARES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
-_OF_MARGIN = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
+_OF_PACE = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 _PRECISION = 2e-3  # of the limits, relative
 
 
@@ -136,7 +136,7 @@ def message_ages(
     system : Eq. (7). Where the control acts through no delay, one is added; k1, k2 are then
         searched.
     k1, k2 : one number per delay; without both, they are searched.
-    ages : greatest ages to compute [s]; None: shares of the present one, or of the delay margin.
+    ages : greatest ages to compute [s]; None: shares of the present one, or of the pace of the system.
     gain : (m, n) a gain to keep; None: one is designed for each age.
     gamma : a bound to meet.
     assumption : what is known of the age; None: what the system says, else "any".
@@ -160,8 +160,7 @@ def message_ages(
         )
         least_age = least_age or known.least_age
     if ages is None:
-        report_progress("delay margin", 0.0)
-        ages = _ages(system, index, k1, k2, gain, least_age)
+        ages = _ages(system, index, least_age)
     ages = _checked(ages, least_age)
     rows = []
     for number, age in enumerate(ages):
@@ -237,32 +236,15 @@ def _checked(ages: Sequence[float], least_age: float) -> list[float]:
     return sorted(set(ages))
 
 
-def _ages(
-    system: DelaySystem,
-    index: int,
-    k1: Sequence[float] | None,
-    k2: Sequence[float] | None,
-    gain: ArrayLike | None,
-    least_age: float,
-) -> list[float]:
-    """Return ages worth a look: about the present one, or below the margin of fresh messages."""
+def _ages(system: DelaySystem, index: int, least_age: float) -> list[float]:
+    """Return ages worth a look: about the present one, or else of the pace of the system."""
     present = system.delays[index].d
     if present > 0.0:
-        # whole steps between least and greatest stay recognisable
         return [least_age + share * (present - least_age) for share in _SHARES]
-    K = design(system, k1, k2).K if gain is None else gain_of(system, gain)
-    margin = delay_margin(system, K)[index]
-    if margin is None:
-        # no age destabilises the nominal loop: its own pace is the measure
-        slowest = -1.0 / spectral_abscissa(close(system, K))
-        if slowest <= 0.0:
-            raise NotAchievableError(
-                "the nominal loop is not stable even with fresh messages",
-                where=system.name or None,
-                expected="a gain that stabilises it",
-            )
-        margin = max(slowest, *(x.d for x in system.delays))
-    return [float(f"{share * margin:.2g}") for share in _OF_MARGIN]
+    A = system.A + sum(delay.A for delay in system.delays)
+    fastest = float(np.abs(np.linalg.eigvals(A)).max())
+    pace = 1.0 / (fastest or float(np.linalg.norm(A, 2)) or 1.0)
+    return [least_age + float(f"{share * pace:.2g}") for share in _OF_PACE]
 
 
 def _row(
