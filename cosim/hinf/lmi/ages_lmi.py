@@ -30,7 +30,7 @@ from cosim.hinf.certificate import (
     state_blocks,
     unknowns_of,
 )
-from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop
+from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
 from cosim.hinf.lmi.conic import Constraint
 from cosim.hinf.lmi.loop_lmi import Constraints, LoopLmi
 from cosim.hinf.lmi.svec import Array, svec, symmetric
@@ -106,6 +106,10 @@ class AgesLmi(LoopLmi[AgesVariables]):
         """Return the most rows that -Phi has in one part."""
         return max(sum(self._sizes(part, delays).values()) for part in self._parts)
 
+    def unknowns(self, delays: Sequence[float]) -> int:
+        """Return the number of unknowns."""
+        return sum(count_of(name, shape) for name, shape in self._unknowns(delays).items())
+
     def _matrices(self, part: _Part) -> dict[str, list[Array]]:
         """Return the loop's matrices, cut to one part."""
         inside, outputs = np.ix_(part.states, part.states), (slice(None), part.states)
@@ -170,11 +174,8 @@ class AgesLmi(LoopLmi[AgesVariables]):
     ) -> Constraints:
         places: dict[str, slice] = {}
         width = 0
-        for name, (rows, columns) in self._unknowns(delays).items():
-            square = is_symmetric_unknown(name.split()[-1])
-            places[name] = slice(
-                width, width + (rows * (rows + 1) // 2 if square else rows * columns)
-            )
+        for name, shape in self._unknowns(delays).items():
+            places[name] = slice(width, width + count_of(name, shape))
             width = places[name].stop
         width += not fixed
         phi, positive = [], []

@@ -72,6 +72,10 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         self.order = order
         self._any_age = [delay.any_age for delay in system.delays]
 
+    def unknowns(self, delays: Sequence[float]) -> int:
+        """Return the number of unknowns."""
+        return sum(size * (size + 1) // 2 for size in self._unknowns(delays).values())
+
     def _constraints(
         self,
         delays: Sequence[float],

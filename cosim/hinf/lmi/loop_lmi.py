@@ -102,6 +102,10 @@ class LoopLmi(ABC, Generic[Variables]):
         self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
         self._D1 = system.D1
 
+    @abstractmethod
+    def unknowns(self, delays: Sequence[float]) -> int:
+        """Return the number of unknowns, a measure of what a solve costs."""
+
     def least_gamma(self, delays: Sequence[float], reference: float) -> float | None:
         """Return the solver's least gamma near `reference`; None if it finds no point."""
         phi, positive = self._constraints(delays, reference, fixed=False)
