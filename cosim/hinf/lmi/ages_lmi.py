@@ -4,11 +4,8 @@ The inequalities are those of `cosim.hinf.certificate.ages_proof`, which proves 
 the functional; docs/theory.md derives them. For u = K x with K given they are linear in all
 unknowns, and affine in every age, so that Phi < 0 at the corners is enough.
 
-**Parts of a loop.** Where states, w and p fall into parts that no matrix connects (z'z and q'q
-included), a change of sign of one part changes nothing. The mean of a solution over all such
-changes is a solution at the same gamma and eps, with matrices that do not connect the parts
-either. So nothing is lost by one small LMI for each part, tied by gamma and eps alone: the four
-axes of the vehicle are solved in seconds instead of minutes.
+One small LMI for each part of the loop (`parts`), tied by gamma and eps alone: the four axes of
+the vehicle are solved in seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -19,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from cosim.hinf.certificate import (
     AgeFunctional,
@@ -78,29 +74,12 @@ class AgesLmi(LoopLmi[AgesVariables]):
 
     def _separated(self) -> list[_Part]:
         """Return the parts that no matrix connects."""
-        n, s = self._E.shape
-        q = self._C.shape[1] if self._performance else 0
-        links = np.zeros((n + q + s, n + q + s))
-        links[:n, :n] = sum(np.abs(A) for A in self._A)
-        links[:n, n + q :] = np.abs(self._E)
-        outputs = [self._H]
-        if q:
-            links[:n, n : n + q] = np.abs(self._C)
-            outputs.append([*self._D, self._D1])
-        for maps in outputs:
-            columns = [np.arange(n)] * len(self._A)
-            columns += [np.arange(n, n + q)] * (len(maps) - len(self._A))
-            whole, places = np.hstack(maps), np.concatenate(columns)
-            np.add.at(links, (places[:, None], places), np.abs(whole.T @ whole))
-        count, label = connected_components(links != 0, directed=False)
-        parts = []
-        for own in range(count):
-            members = np.flatnonzero(label == own)
-            w = members[(members >= n) & (members < n + q)] - n
-            part = _Part(members[members < n], w, members[members >= n + q] - n - q)
-            if part.states.size or part.w.size:  # a column of E that is zero adds nothing
-                parts.append(part)
-        return parts
+        x, w, p = (self._part[name] for name in "xwp")
+        w = w if self._performance else w[:0]
+        return [  # a column of E that is zero adds nothing
+            _Part(*(np.flatnonzero(label == own) for label in (x, w, p)))
+            for own in np.unique(np.concatenate([x, w]))
+        ]
 
     def largest_part(self, delays: Sequence[float]) -> int:
         """Return the most rows that -Phi has in one part."""

@@ -42,7 +42,7 @@ from scipy.linalg import block_diag
 
 from cosim.hinf.certificate import AnalysisVariables
 from cosim.hinf.lmi.conic import Constraint
-from cosim.hinf.lmi.loop_lmi import Constraints, LoopLmi
+from cosim.hinf.lmi.loop_lmi import Constraints, Labelled, LoopLmi
 from cosim.hinf.lmi.svec import Array, product, svec, symmetric
 
 if TYPE_CHECKING:
@@ -71,6 +71,14 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         super().__init__(system, K, performance=performance)
         self.order = order
         self._any_age = [delay.any_age for delay in system.delays]
+
+    def _labels(self, delays: Sequence[float]) -> Labelled:
+        x, times = self._part["x"], self._times(delays)
+        rows = [x] * (1 + len(times) + sum(self._orders()[i] for i, _, _ in times))
+        rows += [self._part["w"]] * self._performance + [self._part["p"]]
+        sizes = self._unknowns(delays).values()
+        positive = [np.tile(x, size // len(x)) if size % len(x) == 0 else None for size in sizes]
+        return np.concatenate(rows), positive
 
     def unknowns(self, delays: Sequence[float]) -> int:
         """Return the number of unknowns."""

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 from scipy.linalg import matrix_balance
 
-from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.conic import Constraint, Solution, solve
+from cosim.hinf.lmi.parts import Labels, parts_of, solve_in_parts
 from cosim.hinf.lmi.svec import Array, svec
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ Variables = TypeVar("Variables")
 Multiplier = TypeVar("Multiplier")
 Constraints = tuple[list[Constraint], list[Constraint]]
 """-Phi at every corner; the other matrices, which are positive."""
+Labelled = tuple[Labels, list[Labels | None]]
 
 
 def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
@@ -49,7 +51,12 @@ def _acting(system: DelaySystem) -> list[bool]:
 
 
 def _widest_margin(
-    constraints: Constraints, bound: float, accept: Callable[[Array], bool], *, enough: float
+    constraints: Constraints,
+    bound: float,
+    accept: Callable[[Array], bool],
+    *,
+    enough: float,
+    labels: Labelled | None = None,
 ) -> tuple[float, Array] | None:
     """Return the greatest margin and its point, which `accept` accepts; None if there is none.
 
@@ -65,7 +72,7 @@ def _widest_margin(
     for _ in range(2):
         whole = [c.less(svec(np.diag(s))) for c, s in zip(phi, scales, strict=True)]
         bounded = [*whole, *floors, *free, Constraint(1, np.ones(1), -last)]
-        solution = solve(bounded, -last[0], tolerance=_TOLERANCE)
+        solution = _solved(constraints, bounded, -last[0], labels)
         if not solution.usable or not accept(solution.y[:-1]):
             break
         found = float(solution.y[-1]), solution.y[:-1]
@@ -75,6 +82,19 @@ def _widest_margin(
         greatest = max(float(s.max()) for s in scales)
         scales = [s / greatest for s in scales]
     return found
+
+
+def _solved(
+    constraints: Constraints, asked: Sequence[Constraint], q: Array, labels: Labelled | None
+) -> Solution:
+    """Minimise q'y over `asked`: -Phi, the positive matrices once or twice, and others."""
+    if labels is None:
+        return solve(asked, q, tolerance=_TOLERANCE)
+    phi, positive = constraints
+    rows = [*(labels[0] for _ in phi), *labels[1]]
+    rows += labels[1] if len(asked) > len(phi) + len(positive) else ()
+    rows += [None] * (len(asked) - len(rows))
+    return solve_in_parts(asked, rows, q, tolerance=_TOLERANCE)
 
 
 class LoopLmi(ABC, Generic[Variables]):
@@ -101,6 +121,11 @@ class LoopLmi(ABC, Generic[Variables]):
         on_output = system.D2 @ K
         self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
         self._D1 = system.D1
+        links = [("x", "x", A) for A in self._A] + [("x", "w", self._C), ("x", "p", self._E)]
+        links += [("q", "x", H) for H in self._H]
+        if performance:
+            links += [*(("z", "x", D) for D in self._D), ("z", "w", self._D1)]
+        self._part = parts_of(links)
 
     @abstractmethod
     def unknowns(self, delays: Sequence[float]) -> int:
@@ -111,7 +136,7 @@ class LoopLmi(ABC, Generic[Variables]):
         phi, positive = self._constraints(delays, reference, fixed=False)
         cost = np.zeros(phi[0].columns.shape[1])
         cost[-1] = 1.0
-        found = solve([*phi, *positive], cost, tolerance=_TOLERANCE)
+        found = _solved((phi, positive), [*phi, *positive], cost, self._labels(delays))
         if not (found.usable and found.value > 0):
             return None
         return float(reference * np.sqrt(found.value))
@@ -134,10 +159,17 @@ class LoopLmi(ABC, Generic[Variables]):
         if gamma is not None and self._C.any():
             bound *= max(1.0, gamma / float(np.linalg.norm(self._C, 2)) ** 2)
         constraints = self._constraints(delays, gamma or 1.0, fixed=True, down_to_zero=down_to_zero)
-        found = _widest_margin(constraints, bound, lambda _: True, enough=-np.inf)
+        found = _widest_margin(
+            constraints, bound, lambda _: True, enough=-np.inf, labels=self._labels(delays)
+        )
         if found is None:
             return None
         return found[0], self._variables(found[1], delays, gamma, down_to_zero=down_to_zero)
+
+    def _labels(self, delays: Sequence[float]) -> Labelled | None:
+        """Return the parts of the rows of -Phi, and of the positive matrices; None: uncut."""
+        del delays
+        return None
 
     @abstractmethod
     def _constraints(
