@@ -51,6 +51,9 @@ from .problem import (
     parse_toml as parse_toml,
     system_by_name as system_by_name,
     weighted as weighted,
+    with_ages as with_ages,
+    with_delays as with_delays,
+    without_uncertainty as without_uncertainty,
 )
 from .synthesis import (
     DELAY_LIMIT as DELAY_LIMIT,
@@ -72,7 +75,4 @@ from .synthesis import (
     greatest_delay as greatest_delay,
     message_ages as message_ages,
     nominal_gamma as nominal_gamma,
-    with_ages as with_ages,
-    with_delays as with_delays,
-    without_uncertainty as without_uncertainty,
 )

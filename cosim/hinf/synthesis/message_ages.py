@@ -315,8 +315,5 @@ def _limit(
 ) -> AgeLimit:
     """Return the greatest certified age of a row's gain under one assumption."""
     at = _at(system, index, row.age, assumption, least_age)
-    order = 0 if assumption == "any" and not least_age else 1
-    found = certified_delay(
-        at, row.K, gamma, delay_index=index, order=order, limit=limit, precision=_PRECISION
-    )
+    found = certified_delay(at, row.K, gamma, delay_index=index, limit=limit, precision=_PRECISION)
     return AgeLimit(assumption, found.d, found.limit_reached)
