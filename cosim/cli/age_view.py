@@ -128,7 +128,7 @@ def _table(found: MessageAges) -> Table:
         title_style="bold",
         box=box.SIMPLE_HEAD,
         caption="gamma: certified, uncertainty included; norm, control (from w to u), margin: "
-        "exact, of the nominal loop with this constant age",
+        "exact, of the nominal loop with this constant age (sampled: with its mean)",
         caption_justify="left",
     )
     for column in ("age [s]", "gamma", "norm", "control", "|K|", "margin [s]"):
@@ -179,17 +179,19 @@ def draw_ages(name: str, found: MessageAges, target: Path) -> Path:
             above.set_yscale("log")
         above.legend(loc="upper left", frameon=False)
         above.set_title(f"{name}: what the age of the messages costs", loc="left")
+        above.set_title(f"lines: limits of the gain for {found.age:.4g} s", loc="right", fontsize=8)
         below.set(xlabel="greatest age of a message [s]", ylabel="control per disturbance")
         below.set_ylim(bottom=0.0)
         for limit in found.limits:
             if limit.age is not None and not limit.limit_reached:
+                exact = limit.assumption == "exact"
                 for axis in (above, below):
-                    exact = limit.assumption == "exact"
                     axis.axvline(limit.age, color=_GREY, lw=0.9, ls="-" if exact else ":")
                 below.text(
-                    *(limit.age, 0.04, f" {_NAMES[limit.assumption]} {limit.age:.4g} s"),
+                    *(limit.age, 0.04, f"{_NAMES[limit.assumption]} {limit.age:.4g} s"),
                     transform=below.get_xaxis_transform(),
-                    rotation=90, fontsize=7, va="bottom", ha="right", color=_GREY,
+                    rotation=90, fontsize=7, va="bottom", color=_GREY,
+                    ha="left" if exact else "right",
                 )  # fmt: skip
         try:
             return save_picture(figure, target)

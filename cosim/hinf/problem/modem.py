@@ -20,7 +20,7 @@ SOUND_SPEED = 1500.0
 """Of sea water, rounded [m/s]."""
 PER_HOUR = 1.0
 """Longer runs of losses that are accepted in an hour, on average, where none is given."""
-_MOST_LOSSES = 10_000
+_MOST_LOSSES = 1000
 
 
 @dataclass(frozen=True)

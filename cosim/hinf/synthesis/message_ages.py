@@ -22,13 +22,12 @@ from cosim.core import InputError, NotAchievableError, Progress, silent
 from cosim.hinf.nominal import (
     checked_system,
     close,
-    delay_margin,
     hinf_norm,
     one_thread,
-    spectral_abscissa,
 )
-from cosim.hinf.synthesis.analysis import analyse, gain_of
+from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_delay
+from cosim.hinf.synthesis.designs import Design
 from cosim.hinf.synthesis.gain_design import design
 from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
 from cosim.models import Delay, DelaySystem
@@ -50,10 +49,10 @@ class AgeRow:
     age : greatest age [s].
     K : (m, n) the gain; None if none was found.
     gamma : certified; None without a proof (or without w and z).
-    exact_norm : of the nominal loop with this constant age.
-    control : exact norm from w to u: control (thrust) per disturbance.
+    exact_norm : of the nominal loop with this constant age; of a sampled age, with its mean.
+    control : exact norm from w to u of the same loop: control (thrust) per disturbance.
     margin : constant age at which this gain's nominal loop loses stability [s]; None: never.
-    stable : whether the nominal loop is stable at this constant age.
+    stable : whether the nominal loop is stable.
     reason : why there is no proof; None with one.
     """
 
@@ -136,7 +135,7 @@ def message_ages(
     system : Eq. (7). Where the control acts through no delay, one is added; k1, k2 are then
         searched.
     k1, k2 : one number per delay; without both, they are searched.
-    ages : greatest ages to compute [s]; None: shares of the present one, or of the pace of the system.
+    ages : greatest ages to compute [s]; None: about the present one, or of the system's pace.
     gain : (m, n) a gain to keep; None: one is designed for each age.
     gamma : a bound to meet.
     assumption : what is known of the age; None: what the system says, else "any".
@@ -256,52 +255,40 @@ def _row(
     gamma: float | None,
 ) -> AgeRow:
     """Design, or prove, at one age."""
-    certified: float | None = None
-    reason: str | None = None
-    K = None if gain is None else gain_of(system, gain)
+    age, reason = system.delays[index].d, None
+    found: Design | Analysis
     try:
         found = design(system, k1, k2, gamma=gamma, gain=gain)
-        K, certified = found.K, found.gamma
     except NotAchievableError as error:
-        reason = error.what
-        if K is not None:
-            again = analyse(system, K, gamma if system.has_performance else None)
-            reason, certified = again.reason, again.gamma
-    age = system.delays[index].d
-    if K is None:
-        return AgeRow(age, None, None, None, None, None, stable=False, reason=reason)
-    exact, control = _norms(_at(system, index, age, "constant", 0.0), K)
-    stable = exact is not None
+        if gain is None:
+            return AgeRow(age, None, None, None, None, None, stable=False, reason=error.what)
+        found = analyse(system, gain, gamma if system.has_performance else None)
+        reason = None if found.certified else found.reason
+    stable = found.abscissa is not None and found.abscissa < 0.0
+    margins = found.delay_margin if stable else None
+    K = gain_of(system, found.K)
     return AgeRow(
         age=age,
         K=K,
-        gamma=certified,
-        exact_norm=exact if system.has_performance else None,
-        control=control,
-        margin=_margin(system, index, K),
+        gamma=found.gamma,
+        exact_norm=found.exact_norm,
+        control=_norm(_with_control_as_z(system), K) if stable else None,
+        margin=None if margins is None else margins[index],
         stable=stable,
         reason=reason,
     )
 
 
-def _norms(system: DelaySystem, K: NDArray[np.float64]) -> tuple[float | None, float | None]:
-    """Return the exact norms from w to z and from w to u; None each if the loop is not stable."""
-    n, m = system.B.shape
-    q = system.C.shape[1]
-    to_control = replace(
-        system, D=np.zeros((m, n)), D1=np.zeros((m, q)), D2=np.eye(m), name=system.name
-    )
-    norms = [hinf_norm(close(one, K)) for one in (system, to_control)]
-    return tuple(None if one is None else one.value for one in norms)  # type: ignore[return-value]
+def _norm(system: DelaySystem, K: NDArray[np.float64]) -> float | None:
+    """Return the exact norm from w to z of a stable loop; None without w or z."""
+    found = hinf_norm(close(system, K)) if system.has_performance else None
+    return None if found is None else found.value
 
 
-def _margin(system: DelaySystem, index: int, K: NDArray[np.float64]) -> float | None:
-    """Return the constant age at which stability is lost, sought from a stable one."""
-    at = system.delays[index].constant_age
-    try:
-        return delay_margin(_at(system, index, at, "constant", 0.0), K)[index]
-    except NotAchievableError:
-        return None
+def _with_control_as_z(system: DelaySystem) -> DelaySystem:
+    """Return the system with z = u."""
+    (n, m), q = system.B.shape, system.C.shape[1]
+    return replace(system, D=np.zeros((m, n)), D1=np.zeros((m, q)), D2=np.eye(m))
 
 
 def _limit(
