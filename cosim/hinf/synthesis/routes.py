@@ -38,7 +38,6 @@ from cosim.hinf.synthesis.ages_gains import (
 )
 from cosim.hinf.synthesis.analysis import best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
-from cosim.hinf.synthesis.conditions import affordable_orders
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
@@ -123,8 +122,7 @@ def analysed_again(found: Design) -> Design:
     figures = NominalFigures(**{name: getattr(found, name) for name in NominalFigures._fields})
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
-    orders = affordable_orders(found.system, found.K)
-    again = best_analysis(found.system, found.K, None, orders, figures)
+    again = best_analysis(found.system, found.K, None, "auto", figures)
     if not again.certified:
         return found
     best = preferred([found, design_of_analysis(again, found.worst_case)])
