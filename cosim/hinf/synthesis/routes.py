@@ -116,8 +116,8 @@ def designed_by_some_route(asked: Request, order: int = AGES_ORDER) -> Design:
 
 
 def analysed_again(found: Design) -> Design:
-    """Return the design with the best proof of its gain that is affordable."""
-    if found.gamma is None or found.abscissa is None or found.order not in (None, 0):
+    """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
+    if found.gamma is None or found.abscissa is None or found.order is not None:
         return found
     figures = NominalFigures(**{name: getattr(found, name) for name in NominalFigures._fields})
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
@@ -141,7 +141,7 @@ def _routes(asked: Request) -> Iterator[Route]:
     def proposed(found: Sequence[Design], *, order: int, continued: bool) -> Design:
         starts = [one.K for one in found]
         gains = bessel_legendre_gains(s, order, starts, gamma, continued=continued)
-        return proved_by_analysis(s, gains, gamma, order)
+        return proved_by_analysis(s, gains, gamma, "auto")
 
     def for_stability(found: Sequence[Design]) -> Design:
         del found
