@@ -65,9 +65,9 @@ def _errors(report: Report) -> Table:
     table.add_column("error", style="bold", ratio=5)
     table.add_column("printed", ratio=6)
     table.add_column("shows in", justify="right", ratio=2)
-    for error, shown in report.errors.items():
+    for error, claims in report.errors.items():
         printed = rows[error].printed if error in rows else _NONE
-        table.add_row(error, printed, f"{len(shown)} claim{'s' if len(shown) > 1 else ''}")
+        table.add_row(error, printed, f"{len(claims)} claim{'s' if len(shown) > 1 else ''}")
     return table
 
 

@@ -1,3 +1,10 @@
+from .ages_of_messages import (
+    AgeLimit as AgeLimit,
+    AgeRow as AgeRow,
+    Assumption as Assumption,
+    MessageAges as MessageAges,
+    message_ages as message_ages,
+)
 from .analysis import (
     Analysis as Analysis,
     analyse as analyse,
@@ -23,11 +30,4 @@ from .gain_design import (
 from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,
-)
-from .message_ages import (
-    AgeLimit as AgeLimit,
-    AgeRow as AgeRow,
-    Assumption as Assumption,
-    MessageAges as MessageAges,
-    message_ages as message_ages,
 )
