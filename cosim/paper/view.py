@@ -67,7 +67,7 @@ def _errors(report: Report) -> Table:
     table.add_column("shows in", justify="right", ratio=2)
     for error, claims in report.errors.items():
         printed = rows[error].printed if error in rows else _NONE
-        table.add_row(error, printed, f"{len(claims)} claim{'s' if len(shown) > 1 else ''}")
+        table.add_row(error, printed, f"{len(claims)} claim{'s' if len(claims) > 1 else ''}")
     return table
 
 
