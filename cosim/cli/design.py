@@ -246,8 +246,8 @@ def design(
     if kept is not None:
         write_json(kept, refutation)
     norm_file = _save_norm(save_norm, found)
-    limited = found.guarantees.gain_limit is not None
-    remark = None if limited else gain_remark(found.system, found.K)
+    has_limit = found.guarantees.gain_limit is not None
+    remark = None if has_limit else gain_remark(found.system, found.K)
     answer(
         as_json,
         lambda: (

@@ -80,7 +80,7 @@ def test_a_certificate_is_proved_from_its_file(
     assert "[dA_0 ... dA_N] = E F(t) [H_0 ... H_N]" in " ".join(out.split())
 
 
-def test_a_certificate_is_held_against_a_system(
+def test_a_certificate_is_compared_with_a_system(
     cosim: Run, certificate: Any, tmp_path: Path
 ) -> None:
     """The same system: exit 0. One last bit of one entry, or a delay: exit 1, and where."""
