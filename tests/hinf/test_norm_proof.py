@@ -10,9 +10,10 @@ import pytest
 
 from cosim.core.errors import InputError
 from cosim.hinf import auv_system
+from cosim.hinf.certificate import NormProof
 from cosim.hinf.nominal.closed_loop import close
 from cosim.hinf.nominal.norm import gain_at, hinf_norm
-from cosim.hinf.nominal.norm_proof import _Proof, norm_proved
+from cosim.hinf.nominal.norm_proof import norm_proved
 from cosim.hinf.nominal.roots import roots_right_of
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -42,20 +43,20 @@ def test_an_interval_is_covered_up_to_both_ends(side: int) -> None:
     """About a point on a flank, below the level; at one end, nearer to the peak, above it."""
     loop = free([[0, 1], [-1, -0.2]], C=[[0], [1]], D=[[1, 0]])
     level = gain_at(close(*loop), 1 + side * 0.02)
-    proof = _Proof(*loop, float(level))
-    point = proof._at(1 + side * 0.03)
-    assert proof._covers(point, 0.005)
-    assert not proof._covers(point, 0.0101)
+    proof = NormProof(*loop, float(level))
+    point = proof.point(1 + side * 0.03)
+    assert proof.covers(point, 0.005)
+    assert not proof.covers(point, 0.0101)
 
 
 def test_an_interval_is_covered_where_the_phase_is_bounded() -> None:
     """Whatever the level: no longer than rho = h L1 |S| allows, with sqrt(2) asin(rho) < pi/2."""
     loop = free([[0, 1], [-1, -0.2]], C=[[0], [1]], D=[[1, 0]])
-    proof = _Proof(*loop, 1e12)
-    point = proof._at(0.5)
+    proof = NormProof(*loop, 1e12)
+    point = proof.point(0.5)
     longest = 0.999 * math.sin(math.pi / 2 / math.sqrt(2)) / float(proof.L1 * point.sizes[0])
-    assert proof._covers(point, 0.999 * longest)
-    assert not proof._covers(point, 1.001 * longest)
+    assert proof.covers(point, 0.999 * longest)
+    assert not proof.covers(point, 1.001 * longest)
 
 
 @pytest.mark.parametrize(("b", "d"), [(0.5, 1.0), (0.9, 3.0), (0.5, 40.0)])
