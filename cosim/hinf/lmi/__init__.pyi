@@ -28,6 +28,7 @@ from .problem import (
 from .refutation import refute as refute
 from .scaling import (
     Scaling as Scaling,
+    units_of as units_of,
     check_size as check_size,
     scaling_of as scaling_of,
 )

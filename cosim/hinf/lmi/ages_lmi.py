@@ -77,9 +77,9 @@ class AgesLmi:
     ) -> None:
         self.order, self._system, self._performance = order, system, performance
         self.functionals = tuple(functionals)
-        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
+        chosen, BK = system.selections, system.B @ K
         A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
+        loop = [M + BK * S if S.any() else M for M, S in zip(A, chosen, strict=True)]
         back, self._T = own_units(loop)
         self._back = back
         self._A = [self._T * back[:, None] * M / back for M in loop]
@@ -87,7 +87,7 @@ class AgesLmi:
         self._E = self._T * back[:, None] * system.E
         self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
         on_output = system.D2 @ K
-        self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
+        self._D = [((i == 0) * system.D + on_output * S) / back for i, S in enumerate(chosen)]
         self._D1 = system.D1
         self._parts = self._separated()
 

@@ -89,9 +89,9 @@ class AnalysisLmi:
     def __init__(self, system: DelaySystem, K: Array, order: int, *, performance: bool) -> None:
         self.order, self._performance = order, performance
         self._any_age = [delay.any_age for delay in system.delays]
-        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
+        chosen, BK = system.selections, system.B @ K
         A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
+        loop = [M + BK * S if S.any() else M for M, S in zip(A, chosen, strict=True)]
         back, self._T = own_units(loop)
         self._balance = np.diag(back)
         self._A = [self._T * back[:, None] * M / back for M in loop]
@@ -99,7 +99,7 @@ class AnalysisLmi:
         self._E = self._T * back[:, None] * system.E
         self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
         on_output = system.D2 @ K
-        self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
+        self._D = [((i == 0) * system.D + on_output * S) / back for i, S in enumerate(chosen)]
         self._D1 = system.D1
 
     def least_gamma(self, delays: Sequence[float], reference: float) -> float | None:

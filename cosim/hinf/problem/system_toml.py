@@ -12,13 +12,15 @@ Any number of delays: in place of A1, H1, d one table each::
     [[system.delays]]
     d = 1.25
     A = [[...]]         # zero where absent; likewise H
-    feedback = true     # u = K x(t-d)
+    feedback = true     # u = K x(t-d); or one truth value per state: [true, false]
     any_age = true      # every time-varying delay up to d
     least_age = 0.5     # and never less than this
     rate = 0.1          # the age is continuous, |age'| <= rate
     sampled = true      # the age is least_age, grows at rate one, is at most d at the next sample
 
-Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2), and
+`feedback`, one truth value per state: which are fed back at once. A state that is fed back
+nowhere is not measured; its column of K is zero. Optional
 settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.problem.design_constraints`)::
 
@@ -132,7 +134,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design"), required=("system",))
     table, place = data["system"], f"{where}: system"
-    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights")
+    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights", "feedback")
     known_keys(table, place, keys, required=("A",))
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None

@@ -46,6 +46,7 @@ from cosim.hinf.synthesis.routes import (
 )
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
+from cosim.hinf.synthesis.structured_design import refuse_structure, structured_design
 from cosim.hinf.synthesis.synthesis import Design
 from cosim.models import DelaySystem
 
@@ -113,6 +114,14 @@ def design(
     (True, True, (1, 2))
     """
     system = checked_system(system, control=True)
+    if system.is_structured:
+        asked = (k1, k2, search, decay, gain_limit, peak_control, offset, energy)
+        if any(x is not None for x in asked) or order is None or solver == "cvxpy":
+            refuse_structure(
+                system, "Theorem 2", "leave out k1, k2, search, solver and design constraints"
+            )
+        own = order if isinstance(order, int) else None
+        return structured_design(system, order=own, gamma=gamma, gain=gain)
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -255,6 +264,9 @@ def greatest_delay(
     NotAchievableError : no delay at all can be certified.
     """
     system = of_any_age(checked_system(system, control=True))
+    refuse_structure(
+        system, "the greatest delay of a design", "design a gain, then analyse it with max delay"
+    )
     one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:
         synthesis.check_achievable(gamma, system)
