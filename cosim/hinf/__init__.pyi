@@ -49,6 +49,9 @@ from .problem import (
     parse_toml as parse_toml,
     system_by_name as system_by_name,
     weighted as weighted,
+    with_ages as with_ages,
+    with_delays as with_delays,
+    without_uncertainty as without_uncertainty,
 )
 from .synthesis import (
     DELAY_LIMIT as DELAY_LIMIT,
@@ -65,7 +68,4 @@ from .synthesis import (
     design_to_json as design_to_json,
     greatest_delay as greatest_delay,
     nominal_gamma as nominal_gamma,
-    with_ages as with_ages,
-    with_delays as with_delays,
-    without_uncertainty as without_uncertainty,
 )

@@ -61,7 +61,7 @@ def solve_example(report_progress: Progress) -> Example:
         least,
         searched,
         design(system, k1, k2, gain=K),
-        analyse(system, K),
+        analyse(system, K, order=0),
         analyse(system, K, order=ORDER),
     )
 

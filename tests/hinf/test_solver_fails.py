@@ -30,7 +30,7 @@ from cosim.hinf.lmi.peak_lmi import proved_peak_control
 from cosim.hinf.lmi.solver_status import FAILED, count, not_found, solver_words, status_of
 from cosim.hinf.problem.design_constraints import design_constraints_of
 from cosim.hinf.synthesis.decay_search import proved_decay
-from cosim.hinf.synthesis.synthesis import checked_scalars
+from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.models import paper_example
 
 PRINTED = [list(paper_example.PRINTED_K)]

@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.hinf.nominal import nominal_figures_of
+from cosim.hinf.problem import with_delay
 from cosim.hinf.synthesis.analysis import (
     Analysis,
-    Prover,
+    Order,
     check_gamma,
-    check_order_of_analysis,
     gain_of,
+    orders_asked,
 )
-from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay, with_delay
+from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove, widened
+from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay
 from cosim.models import DelaySystem
 
 _STEP = 1.1
@@ -60,7 +62,7 @@ def certified_delay(
     gamma: float | None = None,
     *,
     delay_index: int = 0,
-    order: int = 0,
+    order: Order = "auto",
     limit: float = DELAY_LIMIT,
 ) -> CertifiedDelay:
     """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
@@ -71,7 +73,7 @@ def certified_delay(
     gain : (m, n) K; None for u = 0.
     gamma : bound of the gain from w to z; None for stability alone.
     delay_index : index of the delay.
-    order : of the Bessel-Legendre inequality, 0 for Theorem 1.
+    order : of the Bessel-Legendre inequality, 0 for Theorem 1; "auto": the greatest affordable.
     limit : where the search stops [s].
 
     Raises
@@ -80,14 +82,15 @@ def certified_delay(
     """
     K = gain_of(system, gain)
     check_delay(system, delay_index, limit)
-    check_order_of_analysis(order)
+    order = orders_asked(system, K, order)[-1]
     if gamma is not None:
         check_gamma(gamma, system)
     search = _Search(system, K, gamma, delay_index)
     if order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
-        search.climb(order, limit, start=search.d or 0.0, step=_STEP)
-        if search.d is not None and search.order != order:
+        if search.d != limit:
+            search.climb(order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.d != limit and search.order != order:
             search.climb(0, limit, start=search.d, step=_STEP)
         if search.d is None:
             # some loops need their delay
@@ -142,23 +145,31 @@ class _Search:
     def widen(self) -> None:
         """Replace the proof by one for every delay up to the greatest, where there is one."""
         if self.d is not None:
-            prover = Prover(self._system, self._K, self.order, self._gamma)
-            self.certificate = prover.widened(self.at(self.d)) or self.certificate
+            condition = self._conditions(self.order)[0]
+            wide = widened(condition, self.at(self.d), self._K, self._gamma)
+            self.certificate = wide or self.certificate
+
+    def _conditions(self, order: int) -> list[Condition]:
+        return conditions_of(self._system, self._K, order, performance=self._gamma is not None)
 
     def climb(
         self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
     ) -> None:
         """Go up from `start` until a proof fails or the limit is reached, then bisect."""
-        prover = Prover(self._system, self._K, order, self._gamma)
+        conditions = self._conditions(order)
         self.failed = None
 
         def certified(d: float) -> bool:
-            proof = prover.proof(self.at(d))
-            if proof is None:
-                self.failed, self.reason = d, prover.reason
-            else:
-                self.d, self.order, self.certificate = d, order, proof
-            return proof is not None
+            reasons = []
+            for condition in conditions:
+                proof, reason = prove(condition, self.at(d), self._K, self._gamma)
+                if proof is not None:
+                    conditions[:] = [condition]  # kept for the other delays
+                    self.d, self.order, self.certificate = d, order, proof
+                    return True
+                reasons.append(reason)
+            self.failed, self.reason = d, reasons[0]
+            return False
 
         d = min(start, limit)
         if d != self.d and not certified(d):

@@ -1,11 +1,13 @@
 """The sufficient conditions under which a given gain is analysed, and their proofs.
 
-Each is an LMI with a greatest margin and an exact proof of the point found:
+Each is an LMI with a least gamma, a greatest margin and an exact proof of the point found:
 
 * Theorem 1 and the Bessel-Legendre conditions (`AnalysisLmi`), where an age that varies counts
   as one of any age from zero to its bound;
 * those of ages as they are (`AgesLmi`): an interval, a bounded rate, sampled. They are used from
   order 1 on, and at every order where more is known of an age than its bound.
+
+Theorem 2 is a further one, with a gain that it designs (`cosim.hinf.synthesis.theorem_2`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate import (
+    MAX_BOX,
     MAX_CORNERS,
     AgeFunctional,
     AgesVariables,
@@ -36,6 +39,9 @@ MOST_ROWS = 60
 
 Its unknowns grow with the square of the rows: with 60 a solve takes about a minute.
 """
+_MOST_UNKNOWNS = 240
+"""Unknowns of an LMI up to which an order is affordable: a few seconds at most."""
+_ORDERS = (1, 2)
 
 Condition = AgesLmi | AnalysisLmi
 
@@ -64,29 +70,32 @@ def conditions_of(
     return [*found, plain]
 
 
-def _corners(
-    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
-) -> int:
-    """Return how many corners Phi has."""
-    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
-    each["constant"] = 2 if down_to_zero else 1
-    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)
+def affordable_orders(system: DelaySystem, K: NDArray[Any]) -> list[int]:
+    """Return the orders at which an analysis of K takes a few seconds at most; 0 always."""
+    late = [x for x in system.delays if x.d > 0]
+    orders, delays = [0], [x.d for x in system.delays]
+    for order in _ORDERS if any(not x.any_age for x in late) else _ORDERS[:1] if late else ():
+        first = conditions_of(system, K, order, performance=system.has_performance)[0]
+        # each order gains less than the one before
+        if order * first.unknowns(delays) <= _MOST_UNKNOWNS:
+            orders.append(order)
+    return orders
 
 
 def prove(
     condition: Condition,
     system: DelaySystem,
     K: NDArray[Any],
-    delays: Sequence[float],
     gamma: float | None,
     *,
     down_to_zero: bool = False,
-) -> tuple[dict[str, Any] | None, str | None]:
-    """Return the certificate at `delays`, those of `system`, or None and why there is none."""
+) -> tuple[dict[str, Any] | None, str]:
+    """Return the certificate at the delays of `system`, or None and why there is none."""
     if isinstance(condition, AgesLmi):
         count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
+    delays = [x.d for x in system.delays]
     with solver_words() as words:
         point = condition.central(delays, gamma, down_to_zero=down_to_zero)
     if point is None:
@@ -94,7 +103,29 @@ def prove(
     if isinstance(point, AgesVariables):
         ages = exact_ages(system, point)
         proof = ages_proved(system, K, ages)
-        return (ages_to_json(system, K, ages) if proof.valid else None), proof.reason
+        return (ages_to_json(system, K, ages) if proof.valid else None), str(proof.reason)
     exact = exact_analysis(system, point)
     proof = analysis_proved(system, K, exact)
-    return (analysis_to_json(system, K, exact) if proof.valid else None), proof.reason
+    return (analysis_to_json(system, K, exact) if proof.valid else None), str(proof.reason)
+
+
+def widened(
+    condition: Condition, system: DelaySystem, K: NDArray[Any], gamma: float | None
+) -> dict[str, Any] | None:
+    """Return a certificate for every constant delay up to the system's; None without one.
+
+    Also None at order 0, where the certificate of these delays covers smaller ones.
+    """
+    box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
+    if condition.order == 0 or not 0 < box <= MAX_BOX:
+        return None
+    return prove(condition, system, K, gamma, down_to_zero=True)[0]
+
+
+def _corners(
+    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
+) -> int:
+    """Return how many corners Phi has."""
+    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
+    each["constant"] = 2 if down_to_zero else 1
+    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)

@@ -2,7 +2,7 @@
 
 Without design constraints, the routes of `cosim.hinf.synthesis.routes` are tried. With them:
 
-1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.synthesis`) is kept if
+1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.theorem_2`) is kept if
    they can be proved for it.
 2. Otherwise the gain of least gamma that meets them (`cosim.hinf.synthesis.constrained_search`).
 """
@@ -10,21 +10,23 @@ Without design constraints, the routes of `cosim.hinf.synthesis.routes` are trie
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import suppress
 from typing import Literal
 
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf.nominal import checked_system, one_thread
-from cosim.hinf.problem import DesignConstraints, design_constraints_of
-from cosim.hinf.synthesis import synthesis
-from cosim.hinf.synthesis.ages_design import ages_are_known, ages_design, of_any_age
-from cosim.hinf.synthesis.analysis import analyse, gain_of
-from cosim.hinf.synthesis.bessel_legendre_designs import (
-    bessel_legendre_delay,
-    bessel_legendre_design,
+from cosim.hinf.problem import (
+    DesignConstraints,
+    ages_are_known,
+    design_constraints_of,
+    of_any_age,
+    without_uncertainty,
 )
+from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis.analysis import Order, analyse
+from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
 from cosim.hinf.synthesis.constrained_search import (
     ConstrainedSearch,
     describe_constraints,
@@ -33,21 +35,23 @@ from cosim.hinf.synthesis.constrained_search import (
     with_guarantees,
 )
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
+from cosim.hinf.synthesis.designs import (
+    Design,
+    check_achievable,
+    given_gain_design,
+    proved_by_analysis,
+)
 from cosim.hinf.synthesis.greatest_delays import (
     DELAY_LIMIT,
     GreatestDelay,
+    bessel_legendre_delay,
     greatest_delay as delay_of_theorem_2,
 )
-from cosim.hinf.synthesis.routes import (
-    Request,
-    designed_by_some_route,
-    none_succeeded,
-    proved_gain,
-)
+from cosim.hinf.synthesis.not_achievable import none_succeeded
+from cosim.hinf.synthesis.routes import AGES_ORDER, Request, designed_by_some_route
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
-from cosim.hinf.synthesis.structured_design import refuse_structure, structured_design
-from cosim.hinf.synthesis.synthesis import Design
+from cosim.hinf.synthesis.structured_gains import refuse_structure, structured_design
 from cosim.models import DelaySystem
 
 
@@ -120,8 +124,9 @@ def design(
             refuse_structure(
                 system, "Theorem 2", "leave out k1, k2, search, solver and design constraints"
             )
-        own = order if isinstance(order, int) else None
-        return structured_design(system, order=own, gamma=gamma, gain=gain)
+        if gamma is not None:
+            check_achievable(gamma, system)
+        return structured_design(system, "auto" if order is None else order, gamma, gain)
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -133,15 +138,19 @@ def design(
         energy=energy,
     )
     _check_combination(design_constraints, order, solver)
-    if not design_constraints.any:
-        request = Request(system, one, two, given, look or search, gamma)
-        return _unconstrained(request, gain, order, solver, search=look)
     if gamma is not None:
-        synthesis.check_achievable(gamma, system)
-    synthesis.checked_scalars(system, one, two)
+        check_achievable(gamma, system)
+    if isinstance(order, int):
+        check_order(order, system)
+    if not design_constraints.any:
+        asked = Request(system, one, two, given, look or search, gamma)
+        if gain is None:
+            return _designed(asked, order, solver, search=look)
+        return _proved(asked, gain, order, solver, search=look)
+    theorem_2.checked_scalars(system, one, two)
     plain: Design | None = None
     try:
-        plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
+        plain = theorem_2.design(system, one, two, gamma=gamma, gain=gain, search=look)
     except NotAchievableError:
         # without a constraint the best gain may be unbounded
         if gain is not None:
@@ -151,35 +160,42 @@ def design(
     )
 
 
-def _unconstrained(
-    request: Request,
-    gain: ArrayLike | None,
-    order: int | Literal["auto"] | None,
-    solver: str,
-    *,
-    search: bool,
+def _designed(asked: Request, order: Order | None, solver: str, *, search: bool) -> Design:
+    """Design a gain without design constraints."""
+    system, one, two, gamma = asked.system, asked.k1, asked.k2, asked.gamma
+    if solver == "cvxpy":
+        return cvxpy_design(system, one, two, gamma=gamma, search=search)
+    if ages_are_known(system):
+        return designed_by_some_route(asked, order if isinstance(order, int) else AGES_ORDER)
+    theorem_2.checked_scalars(system, one, two)
+    if order == "auto":
+        return designed_by_some_route(asked)
+    if order is None:
+        return theorem_2.design(system, one, two, gamma=gamma, search=search)
+    starts = []
+    with suppress(NotAchievableError):  # there are other starts as well
+        starts = [theorem_2.design(system, one, two, search=search).K]
+    gains = bessel_legendre_gains(system, order, starts, gamma)
+    return proved_by_analysis(system, gains, gamma, order)
+
+
+def _proved(
+    asked: Request, gain: ArrayLike, order: Order | None, solver: str, *, search: bool
 ) -> Design:
-    """Design without design constraints, or prove a gain."""
-    system, one, two, gamma = request.system, request.k1, request.k2, request.gamma
-    if ages_are_known(system) and solver != "cvxpy":
-        known = order if isinstance(order, int) else None
-        return ages_design(system, one, two, order=known, gamma=gamma, gain=gain, search=search)
-    if gamma is not None:
-        synthesis.check_achievable(gamma, system)
+    """Prove a given gain without design constraints."""
+    system, one, two, gamma = asked.system, asked.k1, asked.k2, asked.gamma
     if solver == "cvxpy":
         return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=search)
-    if isinstance(order, int):
-        return bessel_legendre_design(
-            system, one, two, order=order, gamma=gamma, gain=gain, search=search
-        )
-    synthesis.checked_scalars(system, one, two)
-    if order == "auto":
-        if gain is None:
-            return designed_by_some_route(request)
-        found = proved_gain(system, gain_of(system, gain), gamma)
-        if found is not None:
-            return found
-    return synthesis.design(system, one, two, gamma=gamma, gain=gain, search=search)
+    if ages_are_known(system):
+        own = order if isinstance(order, int) else AGES_ORDER
+        return given_gain_design(system, gain, gamma, own)
+    if order is not None:
+        try:
+            return given_gain_design(system, gain, gamma, order)
+        except NotAchievableError:
+            if order != "auto":
+                raise
+    return theorem_2.design(system, one, two, gamma=gamma, gain=gain, search=search)
 
 
 def _check_combination(
@@ -209,7 +225,7 @@ def _constrained(
     may_search: bool,
 ) -> Design:
     """Return the design that meets the constraints: `plain`, or another from k1, k2."""
-    start = synthesis.checked_scalars(system, k1, k2)
+    start = theorem_2.checked_scalars(system, k1, k2)
     if plain is not None:
         guarantees, reason = prove_constraints(plain, design_constraints)
         if guarantees is not None:
@@ -269,7 +285,7 @@ def greatest_delay(
     )
     one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:
-        synthesis.check_achievable(gamma, system)
+        check_achievable(gamma, system)
     errors: list[tuple[str, NotAchievableError]] = []
     for condition in (None, 1) if order == "auto" else (order,):
         try:
@@ -291,12 +307,6 @@ def greatest_delay(
     raise none_succeeded(errors)
 
 
-def without_uncertainty(system: DelaySystem) -> DelaySystem:
-    """Return the nominal system: E and every H removed."""
-    delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
-    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
-
-
 def nominal_gamma(found: Design) -> float | None:
     """Return the least certified gamma of the same K, k1, k2 or order, without uncertainty.
 
@@ -316,4 +326,4 @@ def nominal_gamma(found: Design) -> float | None:
     nominal = without_uncertainty(found.system)
     if found.order is not None:
         return analyse(nominal, found.K, order=found.order).gamma
-    return synthesis.design(nominal, found.k1, found.k2, gain=found.K).gamma
+    return theorem_2.design(nominal, found.k1, found.k2, gain=found.K).gamma
