@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -12,7 +13,7 @@ from rich.text import Text
 from cosim.cli.terminal import facts_table, number
 from cosim.fmu import ControllerFmu, PlantFmu
 from cosim.hinf import Analysis, CertificateCheck, CertifiedDelay, Design, GreatestDelay, Guarantees
-from cosim.models import Delay
+from cosim.models import Delay, DelaySystem
 from cosim.replay import EmbeddedCertificate
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
@@ -44,6 +45,7 @@ def design_view(
         facts.add_row("condition", _condition(design.certificate["claim"]), "")
     for row in _guarantees(design.guarantees):
         facts.add_row(*row)
+    _feedback_rows(facts, design.system)
     for i, delay in enumerate(design.system.delays):
         scalars = f"; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}" if design.k2 else ""
         facts.add_row(
@@ -124,7 +126,35 @@ def _age(delay: Delay, found: Design | Analysis) -> str:
             kind = f"any age {span}, rate at most {delay.rate:g}"
         else:
             kind = f"any age {span}"
-    return kind + (", the control acts through this delay" if delay.feedback else "")
+    return kind + _acts(delay.feedback)
+
+
+def _acts(feedback: bool | Sequence[bool]) -> str:  # noqa: FBT001
+    """Say what acts through a delay."""
+    if isinstance(feedback, bool):
+        return ", the control acts through this delay" if feedback else ""
+    return f", {_states(feedback)} fed back through this delay"
+
+
+def _states(chosen: Sequence[bool]) -> str:
+    """List states by their numbers."""
+    numbers = [str(j) for j, own in enumerate(chosen, 1) if own]
+    return f"state{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
+
+
+def _feedback_rows(facts: Table, system: DelaySystem) -> None:
+    """Add what is fed back, where that is not the whole state alike."""
+    if not system.is_structured:
+        return
+    if system.feedback is not None and any(system.feedback):
+        facts.add_row("feedback", _states(system.feedback), "at once")
+    lost = [not own for own in system.measured]
+    if any(lost):
+        facts.add_row("not measured", _states(lost), "K is zero there")
+    if system.integrals:
+        n = len(system.A)
+        last = [j >= n - system.integrals for j in range(n)]
+        facts.add_row("integrals", _states(last), "kept by the controller; in gamma as outputs z")
 
 
 def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
@@ -197,7 +227,7 @@ def certificate_view(
     for name in (name for name in ("k1", "k2") if name in claim):
         facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
     for i, delay in enumerate(claim["delays"], 1):
-        acts = ", the control acts through this delay" if delay["feedback"] else ""
+        acts = _acts(delay["feedback"])
         known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
         more = f" ({', '.join(known)})" if known else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")

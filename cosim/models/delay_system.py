@@ -182,6 +182,8 @@ class DelaySystem:
     name : for messages and files.
     feedback : the states that are fed back at once, one truth value each. None: all of them if
         no delay is the feedback, otherwise none.
+    integrals : how many of the states, the last ones, the controller keeps itself as integrals
+        of what it measures. It matters to those who build the controller, not to a proof.
 
     Raises
     ------
@@ -199,6 +201,7 @@ class DelaySystem:
     delays: tuple[Delay, ...]
     name: str
     feedback: tuple[bool, ...] | None
+    integrals: int
 
     def __init__(
         self,
@@ -213,6 +216,7 @@ class DelaySystem:
         delays: Sequence[Delay] = (),
         name: str = "",
         feedback: Sequence[bool] | None = None,
+        integrals: int = 0,
     ) -> None:
         n = _matrix("A", A, None, None).shape[0]
         if n == 0:
@@ -267,6 +271,13 @@ class DelaySystem:
         object.__setattr__(self, "name", name)
         chosen = None if as_usual else tuple(bool(x) for x in _mask(at_once or False, n))
         object.__setattr__(self, "feedback", chosen)
+        kept = self.B[n - integrals :] if 0 <= integrals < n else None
+        if kept is None or kept.any() or self.C[n - integrals :].any():
+            raise ValueError(
+                f"integrals: expected fewer than {n} states, the last, without B and C, "
+                f"got {integrals}"
+            )
+        object.__setattr__(self, "integrals", integrals)
 
     @classmethod
     def from_state_space(

@@ -5,7 +5,8 @@
 
 A delay whose age is known better has `least_age`, `rate` or `sampled` beside them. `feedback`
 is a list of truth values, one per state, where only some states are fed back through a delay; so
-is `feedback` beside `delays`, for x(t). A matrix without entries is left out; its shape follows
+is `feedback` beside `delays`, for x(t). `integrals` is the number of states, the last ones, that
+the controller keeps as integrals of what it measures; no proof depends on it. A matrix without entries is left out; its shape follows
 from the others.
 """
 
@@ -39,6 +40,7 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
         for x in system.delays
     ]
     at_once = {} if system.feedback is None else {"feedback": list(system.feedback)}
+    at_once |= {"integrals": system.integrals} if system.integrals else {}
     return {"name": system.name, **matrices, "delays": delays, **at_once}
 
 
@@ -54,7 +56,8 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
     ------
     InputError : naming the key, what was expected and what was got.
     """
-    known_keys(data, where, (*MATRICES, "name", "delays", "feedback"), required=("A",))
+    keys = (*MATRICES, "name", "delays", "feedback", "integrals")
+    known_keys(data, where, keys, required=("A",))
     delays = data.get("delays", [])
     if not isinstance(delays, list):
         raise InputError(
@@ -121,8 +124,18 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
             expected="a list of truth values, one per state",
             got=format_value(feedback),
         )
+    integrals = data.get("integrals", 0)
+    if isinstance(integrals, bool) or not isinstance(integrals, int):
+        raise InputError(
+            "not a number of states",
+            where=f"{where}.integrals",
+            expected="how many of the states the controller keeps",
+            got=format_value(integrals),
+        )
     try:
-        return DelaySystem(**matrices, delays=delays, name=title, feedback=feedback)
+        return DelaySystem(
+            **matrices, delays=delays, name=title, feedback=feedback, integrals=integrals
+        )
     except ValueError as error:
         raise InputError(str(error), where=where) from error
 
@@ -202,8 +215,10 @@ def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
     kinds = [[(d.d, d.feedback, d.any_age) for d in system.delays] for system in (one, other)]
     if kinds[0] != kinds[1]:
         return f"delays (d, feedback, any_age): {kinds[0]} and {kinds[1]}"
-    if one.feedback != other.feedback:
-        return f"feedback: {one.feedback} and {other.feedback}"
+    for key in ("feedback", "integrals"):
+        a, b = getattr(one, key), getattr(other, key)
+        if a != b:
+            return f"{key}: {a} and {b}"
     ages = [[(d.least_age, d.rate, d.sampled) for d in system.delays] for system in (one, other)]
     if ages[0] != ages[1]:
         return f"delays (least_age, rate, sampled): {ages[0]} and {ages[1]}"

@@ -10,6 +10,12 @@ from .design_constraints import (
     design_constraints_of as design_constraints_of,
 )
 from .envelope import Envelope as Envelope
+from .feedback_structure import (
+    refuse_structure as refuse_structure,
+    states_of as states_of,
+    with_integral as with_integral,
+    with_measured as with_measured,
+)
 from .other_delays import (
     ages_are_known as ages_are_known,
     of_any_age as of_any_age,

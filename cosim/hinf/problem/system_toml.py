@@ -20,8 +20,16 @@ Any number of delays: in place of A1, H1, d one table each::
 
 Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2), and
 `feedback`, one truth value per state: which are fed back at once. A state that is fed back
-nowhere is not measured; its column of K is zero. Optional
-settings of a design, k1 and k2 one number per delay, with its constraints
+nowhere is not measured; its column of K is zero.
+
+Integral action (`cosim.hinf.problem.feedback_structure`), the states counted from 1::
+
+    [system.integral]
+    of = [1, 3]          # states, or rows of their combinations: [[0.0, 1.0, -1.0]]
+    weights = [0.1, 0.1] # of the integrals in z; absent: 0.1/d times those of the states
+    age = 0.1            # s, greatest age of an integral where it acts; 0: it acts at once
+
+Optional settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.problem.design_constraints`)::
 
     [design]
@@ -61,6 +69,7 @@ from cosim.hinf.problem.design_constraints import (
     DesignConstraints,
     design_constraints_from_table,
 )
+from cosim.hinf.problem.feedback_structure import states_of, with_integral
 from cosim.hinf.problem.weights import weighted
 from cosim.models import (
     Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
@@ -134,17 +143,21 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design"), required=("system",))
     table, place = data["system"], f"{where}: system"
-    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights", "feedback")
+    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights", "feedback", "integral")
     known_keys(table, place, keys, required=("A",))
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
     if "weights" in table:
         weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
         system = weighted(unweighted, weights, where=f"{place}.weights")
+    N = len(system.delays)
+    if "integral" in table:
+        settings = _integral(table["integral"], f"{place}.integral")
+        system = with_integral(system, **settings)
+        unweighted = None if unweighted is None else with_integral(unweighted, **settings)
     place = f"{where}: design"
     design = data.get("design", {})
     known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
-    N = len(system.delays)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
     if k2 is not None and 0.0 in k2:
@@ -228,6 +241,23 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
         return [Delay(d, A1, H1)]
     except ValueError as error:
         raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+
+
+def _integral(table: Any, where: str) -> dict[str, Any]:
+    """Return the arguments of `with_integral` in a table."""
+    known_keys(table, where, ("of", "weights", "age"), required=("of",))
+    settings: dict[str, Any] = {}
+    of = table["of"]
+    if isinstance(of, list) and of and isinstance(of[0], list):
+        settings["integrated"] = matrix_from_rows(of, f"{where}.of")
+    else:
+        states = _numbers(of, f"{where}.of")
+        settings["integrated"] = states_of(states, f"{where}.of")
+    if "weights" in table:
+        settings["weights"] = _numbers(table["weights"], f"{where}.weights")
+    if "age" in table:
+        settings["age"] = number(table["age"], f"{where}.age")
+    return settings
 
 
 def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:

@@ -22,6 +22,7 @@ from cosim.hinf.problem import (
     ages_are_known,
     design_constraints_of,
     of_any_age,
+    refuse_structure,
     without_uncertainty,
 )
 from cosim.hinf.synthesis import theorem_2
@@ -51,7 +52,7 @@ from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.routes import AGES_ORDER, Request, designed_by_some_route
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
-from cosim.hinf.synthesis.structured_gains import refuse_structure, structured_design
+from cosim.hinf.synthesis.structured_gains import structured_design
 from cosim.models import DelaySystem
 
 

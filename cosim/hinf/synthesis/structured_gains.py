@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import InputError, NotAchievableError
+from cosim.core import NotAchievableError
 from cosim.hinf.lmi import units_of
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import is_past_the_best
@@ -116,20 +116,3 @@ def _of_whole_state(system: DelaySystem) -> Iterator[Matrix]:
     k1, k2, _ = initial_scalars(whole, None, None, None)
     with suppress(NotAchievableError):
         yield theorem_2.design(whole, k1, k2, search=bool(delays)).K
-
-
-def refuse_structure(system: DelaySystem, what: str, hint: str) -> None:
-    """Refuse a system with feedback of single states for `what`.
-
-    Raises
-    ------
-    InputError : naming it.
-    """
-    if system.is_structured:
-        raise InputError(
-            f"{what} needs the whole state, fed back at once or through one delay",
-            where=f"{system.name}: feedback" if system.name else "feedback",
-            expected="feedback of every state alike",
-            got="feedback of single states",
-            hint=hint,
-        )
