@@ -160,6 +160,29 @@ class Delay:
         return (self.least_age + self.d) / 2 if self.sampled else self.d
 
 
+def _fed_back_at_once(
+    feedback: Sequence[bool] | None, delays: Sequence[Delay], n: int
+) -> tuple[bool, ...] | None:
+    """Return the states fed back at once, checked beside the delays; None where that is usual."""
+    whole = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
+    if len(whole) > 1:
+        raise ValueError(f"feedback: expected at most one delay, got delays {whole}")
+    if feedback is None:
+        at_once: bool | tuple[bool, ...] = not any(x.feedback for x in delays)
+    else:
+        at_once = _selection("feedback", list(feedback), n)
+    used = np.sum([_mask(x, n) for x in (at_once, *(x.feedback for x in delays))], axis=0)
+    if used.max() > 1:
+        raise ValueError(
+            "feedback: expected every state fed back once at most, got state "
+            f"{1 + int(used.argmax())} fed back {int(used.max())} times"
+        )
+    if not used.any():
+        raise ValueError("feedback: expected at least one state that is fed back, got none")
+    usual = isinstance(at_once, bool) and at_once != any(x.feedback for x in delays)
+    return None if usual else tuple(bool(x) for x in _mask(at_once, n))
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class DelaySystem:
     """Eq. (7) with several delays; matrices are read-only float arrays.
@@ -248,20 +271,6 @@ class DelaySystem:
         if (r == 0) != (s == 0):
             got = "H without E" if s == 0 else "E without H"
             raise ValueError(f"uncertainty E F [H ...]: expected both factors, got {got}")
-        whole = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
-        if len(whole) > 1:
-            raise ValueError(f"feedback: expected at most one delay, got delays {whole}")
-        at_once = None if feedback is None else _selection("feedback", list(feedback), n)
-        used = np.sum([_mask(at_once or False, n), *(_mask(x.feedback, n) for x in delays)], axis=0)
-        if used.max() > 1:
-            raise ValueError(
-                "feedback: expected every state fed back once at most, got state "
-                f"{1 + int(used.argmax())} fed back {int(used.max())} times"
-            )
-        if at_once is not None and not used.any():
-            raise ValueError("feedback: expected at least one state that is fed back, got none")
-        late = any(x.feedback for x in delays)
-        as_usual = at_once is None or (at_once is False if late else at_once is True)
         shapes = ((n, n), (n, m), (n, q), (p, n), (p, q), (p, m), (n, s), (r, n))
         for key, shape in zip(values, shapes, strict=True):
             matrix = given[key] if key in given else _matrix(key, np.zeros(shape), *shape)
@@ -269,15 +278,14 @@ class DelaySystem:
         complete = tuple(x if x.H.size else replace(x, H=np.zeros((r, n))) for x in delays)
         object.__setattr__(self, "delays", complete)
         object.__setattr__(self, "name", name)
-        chosen = None if as_usual else tuple(bool(x) for x in _mask(at_once or False, n))
-        object.__setattr__(self, "feedback", chosen)
-        kept = self.B[n - integrals :] if 0 <= integrals < n else None
-        if kept is None or kept.any() or self.C[n - integrals :].any():
+        object.__setattr__(self, "feedback", _fed_back_at_once(feedback, delays, n))
+        object.__setattr__(self, "integrals", integrals)
+        first = n - integrals
+        if not 0 < first <= n or self.B[first:].any() or self.C[first:].any():
             raise ValueError(
                 f"integrals: expected fewer than {n} states, the last, without B and C, "
                 f"got {integrals}"
             )
-        object.__setattr__(self, "integrals", integrals)
 
     @classmethod
     def from_state_space(

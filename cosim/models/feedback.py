@@ -25,7 +25,10 @@ def feedback_command(
     output_map: Sequence[Sequence[Any]] | None,
     integrals: Sequence[Any] = (),
 ) -> list[Any]:
-    """Return the unlimited output (m,): output_map @ K @ (x - reference, integrals), with x (n,)."""
+    """Return the unlimited output (m,), with x (n,).
+
+    It is output_map @ K @ (x - reference, integrals).
+    """
     error = [a - b for a, b in zip(x, reference, strict=True)]
     u = product(K, [*error, *integrals])
     return u if output_map is None else product(output_map, u)

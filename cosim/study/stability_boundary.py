@@ -101,9 +101,7 @@ def _at_zero(system: DelaySystem, delay_index: int) -> DelaySystem:
 def _with(system: DelaySystem, delays: tuple[Delay, ...]) -> DelaySystem:
     # the nominal loop has no uncertainty
     plain = tuple(Delay(d.d, d.A, feedback=d.feedback) for d in delays)
-    return DelaySystem(
-        system.A, system.B, delays=plain, name=system.name, feedback=system.feedback
-    )
+    return DelaySystem(system.A, system.B, delays=plain, name=system.name, feedback=system.feedback)
 
 
 def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:

@@ -29,7 +29,7 @@ class StateFeedback:
         self.integrals: list[str] = constants.get("integrals", [])
         self._columns: list[int] = constants.get("columns", list(range(1, len(self._measured) + 1)))
         self._S: list[list[float]] = constants.get("integrated", [])
-        self._held: list[str] = [*self._outputs, *self.integrals]
+        self._kept: list[str] = [*self._outputs, *self.integrals]
 
     def constants(self, v: Any) -> tuple[Any, Any]:
         """Return the gain K, and the map from commanded accelerations to forces or None."""
@@ -58,7 +58,7 @@ class StateFeedback:
             across, down = range(1, len(excess) + 1), range(1, len(xi) + 1)
             back = [[v[f"anti_windup[{k},{i}]"] for i in across] for k in down]
             values = [*values, *integrals_after(xi, error, self._S, back, excess, elapsed)]
-        return dict(zip(self._held, values, strict=True))
+        return dict(zip(self._kept, values, strict=True))
 
     def initialise(self, v: dict[str, float], start: float) -> None:
         """Read gain, map, limits and sample time from `v`; the outputs start at zero."""
@@ -66,7 +66,7 @@ class StateFeedback:
         self._sample_time = v["sample_time"]
         self._time = self._start = start
         self._samples = 0
-        for name in self._held:
+        for name in self._kept:
             v[name] = 0.0
 
     def advance(self, v: dict[str, float], end: float) -> None:

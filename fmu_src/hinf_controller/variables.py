@@ -42,7 +42,11 @@ included.
 def _gain(K: Sequence[Sequence[float]], columns: Sequence[int]) -> list[Variable]:
     return [
         Variable(
-            f"K[{i},{j}]", "parameter", f"gain of command {i} on state {j}, u = K x", None, row[j - 1]
+            f"K[{i},{j}]",
+            "parameter",
+            f"gain of command {i} on state {j}, u = K x",
+            None,
+            row[j - 1],
         )
         for i, row in enumerate(K, 1)
         for j in columns
@@ -73,19 +77,20 @@ def _integrals(proved: dict[str, Any], output_map: Sequence[Sequence[float]] | N
     constant of the integral action.
     """
     data = proved["system"]
-    plain = all(isinstance(delay["feedback"], bool) for delay in data["delays"])
-    if plain and "feedback" not in data:
-        states = list(range(1, len(data["A"]) + 1))
+    size, k = len(data["A"]), data.get("integrals", 0)
+    n = size - k
+    paths = [data.get("feedback", False), *(delay["feedback"] for delay in data["delays"])]
+    if not any(isinstance(path, list) for path in paths):
+        states = list(range(1, size + 1))
         return _Integrals(states, [], [], states, [])
-    # imported for such a controller alone: the built-in ones are described without them
+    # imported for such a controller alone: the built-in ones are described without it
     import numpy as np  # noqa: PLC0415
 
-    from cosim.hinf import system_from_json  # noqa: PLC0415
-
-    system = system_from_json(data)
-    k, n = system.integrals, len(system.A) - system.integrals
-    measured = [j for j in range(1, n + 1) if bool(system.measured[j - 1])]
-    rows = system.A[n:, :n] + sum((x.A[n:, :n] for x in system.delays), np.zeros((k, n)))
+    fed_back = np.any(
+        [np.full(size, path) if isinstance(path, bool) else path for path in paths], 0
+    )
+    measured = [j for j in range(1, n + 1) if fed_back[j - 1]]
+    rows = np.array([data["A"], *(delay["A"] for delay in data["delays"])]).sum(axis=0)[n:, :n]
     K = np.array(proved["K"], dtype=float).reshape(-1, n + k)
     acts = K[:, n:] if output_map is None else np.array(output_map) @ K[:, n:]
     proportional, integral = np.linalg.norm(K[:, :n] @ rows.T), np.linalg.norm(K[:, n:])

@@ -1,4 +1,4 @@
-"""A controller with integral action, flown: no steady error, no windup, the same bits twice."""
+"""A controller with integral action in runs: no steady error, no windup, the same bits twice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ feedback = true
 """
 
 SCENARIO = """
-title = "A push"
+title = "A gust"
 [run]
 end = "{end} s"
 step = "20 ms"
@@ -47,7 +47,7 @@ delay = 0.46
 [[events]]
 at = "1 s"
 {until}
-set = {{ "plant.w[1]" = {push} }}
+set = {{ "plant.w[1]" = {gust} }}
 """
 
 
@@ -72,11 +72,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def flown(folder: Path, push: float, **settings: Any) -> dict[str, np.ndarray]:
-    """Fly the push, and return position, command and integral over time."""
+def run_with(folder: Path, gust: float, **settings: Any) -> dict[str, np.ndarray]:
+    """Run with a gust, and return position, command and integral over time."""
     given = {"controller": "native.fmu", "end": 120, "until": "", "parameters": ""} | settings
     file = folder / "run.toml"
-    file.write_text(SCENARIO.format(push=push, **given))
+    file.write_text(SCENARIO.format(gust=gust, **given))
     run(file, folder / "run.mcap", supervise=False)
     trace = Trace(folder / "run.mcap")
     return {
@@ -89,19 +89,19 @@ def flown(folder: Path, push: float, **settings: Any) -> dict[str, np.ndarray]:
     }
 
 
-def test_a_constant_push_leaves_no_error(folder: Path) -> None:
-    """The command ends at what the push needs, and the position at zero."""
-    found = flown(folder, 0.4)
+def test_a_constant_disturbance_leaves_no_error(folder: Path) -> None:
+    """The command ends at what the disturbance needs, and the position at zero."""
+    found = run_with(folder, 0.4)
     assert np.abs(found["x"]).max() > 0.3
     assert np.abs(found["x"][-500:]).max() < 1e-3
     assert found["u"][-1] == pytest.approx(-0.4, abs=1e-3)
 
 
 def test_saturation_does_not_wind_the_integral_up(folder: Path) -> None:
-    """After a push beyond the limit the vehicle comes back sooner than with the integral free."""
-    push = {"until": 'for = "15 s"', "end": 100}
-    kept = flown(folder, 0.75, **push)
-    free = flown(folder, 0.75, **push, parameters='"anti_windup[1,1]" = 0.0')
+    """After a disturbance beyond the limit the vehicle comes back sooner than with the integral free."""
+    short = {"until": 'for = "15 s"', "end": 100}
+    kept = run_with(folder, 0.75, **short)
+    free = run_with(folder, 0.75, **short, parameters='"anti_windup[1,1]" = 0.0')
     assert np.abs(kept["u"]).max() == 0.6
     assert np.abs(kept["xi"]).max() < 0.5 * np.abs(free["xi"]).max()
     # how far it goes beyond the other side
@@ -112,7 +112,7 @@ def test_both_flavours_have_the_same_bits(folder: Path) -> None:
     """Native and Python integrate alike, inside the limits and at them, at any sample time."""
     for sample_time in (0.0, 0.05):
         runs = [
-            flown(
+            run_with(
                 folder,
                 0.75,
                 controller=f"{flavour}.fmu",

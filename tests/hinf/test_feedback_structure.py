@@ -67,10 +67,13 @@ def norm_at(K: Any, ages: tuple[float, float]) -> float:
 
 
 def test_two_ages_in_one_state_are_designed_for_and_proved_at_all_their_ages() -> None:
-    """The certified gamma covers every pair of ages, and lies near the worst of them."""
-    found = design(axis(any_age=True))
+    """Gamma is nearly the exact norm; for ages that vary it covers every pair of them."""
+    found = design(axis(), order=1)
+    here = norm_at(found.K, (1.0, 0.2))
+    assert here * (1 - 1e-4) <= found.gamma < 1.1 * here
     norms = [norm_at(found.K, ages) for ages in product((0.0, 0.5, 1.0), (0.0, 0.1, 0.2))]
-    assert max(norms) <= found.gamma < 1.15 * max(norms)
+    anyhow = analyse(axis(any_age=True), found.K, order=1)
+    assert max(norms) <= anyhow.gamma < 1.3 * max(norms)
     assert check_certificate(found.certificate).valid
     assert found.certificate["claim"]["delays"][0]["feedback"] == [True, False]
 
@@ -122,15 +125,15 @@ def test_gradients_are_those_of_finite_differences() -> None:
     )
     loop = LoopGain(system)
     K = 0.1 * rng.normal(size=(m, n)) * loop.free
-    for function in (lambda K, e: loop.abscissa(K), loop.gain):
+    for function in (lambda K, _: loop.abscissa(K), loop.gain):
         found = function(K, 0.3)
         assert np.isfinite(found.value)
         for i, j in np.argwhere(loop.free):
             step = np.zeros((m, n))
-            step[i, j] = 1e-5
-            slope = (function(K + step, 0.3).value - function(K - step, 0.3).value) / 2e-5
+            step[i, j] = 1e-4
+            slope = (function(K + step, 0.3).value - function(K - step, 0.3).value) / 2e-4
             assert slope == pytest.approx(found.in_gain[i, j], abs=1e-4)
-        slope = (function(K, 0.3 + 1e-5).value - function(K, 0.3 - 1e-5).value) / 2e-5
+        slope = (function(K, 0.3 + 1e-4).value - function(K, 0.3 - 1e-4).value) / 2e-4
         assert slope == pytest.approx(found.in_scaling, abs=1e-4)
     # without uncertainty it is the largest singular value, computed here once more
     plain = LoopGain(system, uncertain=False).gain(K).value
@@ -183,9 +186,7 @@ def test_files_say_what_is_measured_and_integrated() -> None:
         d = 0.5
         feedback = {feedback}
     """
-    whole = system_from_toml(
-        text.format(more="", feedback="true"), where="f.toml", name="f"
-    ).system
+    whole = system_from_toml(text.format(more="", feedback="true"), where="f.toml", name="f").system
     part = system_from_toml(
         text.format(more="", feedback="[true, false]"), where="f.toml", name="f"
     ).system
@@ -216,7 +217,7 @@ def test_files_say_what_is_measured_and_integrated() -> None:
         (lambda: analyse(with_measured(axis(), [0]), [[-0.1, -0.1]]), "not measured"),
     ],
 )
-def test_what_cannot_be_done_is_said(make: Any, word: str) -> None:
+def test_what_cannot_be_done_is_refused(make: Any, word: str) -> None:
     """Each refusal names what was expected."""
     with pytest.raises(InputError) as caught:
         make()

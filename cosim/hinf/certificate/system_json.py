@@ -6,8 +6,8 @@
 A delay whose age is known better has `least_age`, `rate` or `sampled` beside them. `feedback`
 is a list of truth values, one per state, where only some states are fed back through a delay; so
 is `feedback` beside `delays`, for x(t). `integrals` is the number of states, the last ones, that
-the controller keeps as integrals of what it measures; no proof depends on it. A matrix without entries is left out; its shape follows
-from the others.
+the controller keeps as integrals of what it measures; no proof depends on it. A matrix without
+entries is left out; its shape follows from the others.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
         | ({"sampled": True} if x.sampled else {})
         for x in system.delays
     ]
-    at_once = {} if system.feedback is None else {"feedback": list(system.feedback)}
+    at_once: dict[str, Any] = {} if system.feedback is None else {"feedback": list(system.feedback)}
     at_once |= {"integrals": system.integrals} if system.integrals else {}
     return {"name": system.name, **matrices, "delays": delays, **at_once}
 

@@ -28,9 +28,9 @@ from .problem import (
 from .refutation import refute as refute
 from .scaling import (
     Scaling as Scaling,
-    units_of as units_of,
     check_size as check_size,
     scaling_of as scaling_of,
+    units_of as units_of,
 )
 from .solver_status import (
     FAILED as FAILED,

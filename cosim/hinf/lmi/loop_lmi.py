@@ -47,7 +47,7 @@ def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
 
 def _acting(system: DelaySystem) -> list[bool]:
     """Return whether u acts through x, and through every delayed x."""
-    return [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
+    return [system.immediate_feedback, *(bool(delay.feedback) for delay in system.delays)]
 
 
 def _widest_margin(

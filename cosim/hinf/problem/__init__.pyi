@@ -16,6 +16,10 @@ from .feedback_structure import (
     with_integral as with_integral,
     with_measured as with_measured,
 )
+from .filters import (
+    Filter as Filter,
+    filtered as filtered,
+)
 from .other_delays import (
     ages_are_known as ages_are_known,
     of_any_age as of_any_age,

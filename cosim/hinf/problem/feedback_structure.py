@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,11 +51,12 @@ def with_measured(system: DelaySystem, states: Sequence[int]) -> DelaySystem:
         )
     at_once, *late = (selection * keep > 0 for selection in system.selections)
     delays = tuple(
-        replace(x, feedback=chosen.tolist()) for x, chosen in zip(system.delays, late, strict=True)
+        replace(x, feedback=tuple(chosen.tolist()))
+        for x, chosen in zip(system.delays, late, strict=True)
     )
     if not keep.any():
         raise InputError("no state is measured", where="measured", expected="at least one state")
-    feedback = at_once.tolist() if at_once.any() else None
+    feedback = tuple(at_once.tolist()) if at_once.any() else None
     return replace(system, delays=delays, feedback=feedback)
 
 
@@ -91,9 +93,7 @@ def with_integral(
     if age is None:
         age = max((x.d for x in late if x.any_age), default=0.0)
     if not (math.isfinite(age) and age >= 0):
-        raise InputError(
-            "not an age", where="integral.age", expected="seconds >= 0", got=repr(age)
-        )
+        raise InputError("not an age", where="integral.age", expected="seconds >= 0", got=repr(age))
     below = np.zeros((n, k))
 
     def wider(A: Matrix, selection: Matrix) -> Matrix:
@@ -105,15 +105,15 @@ def with_integral(
             x,
             A=wider(x.A, own),
             H=np.hstack([x.H, np.zeros((len(x.H), k))]),
-            feedback=[*(own > 0).tolist(), *[False] * k],
+            feedback=(*(own > 0).tolist(), *[False] * k),
         )
         for x, own in zip(system.delays, chosen, strict=True)
     ]
     mine = [False] * n + [True] * k
-    feedback = [*(at_once > 0).tolist(), *[age == 0] * k]
+    feedback = (*(at_once > 0).tolist(), *[age == 0] * k)
     if age > 0:
         delays.append(Delay(age, np.zeros((n + k, n + k)), feedback=mine, any_age=True))
-    matrices = {
+    matrices: dict[str, Any] = {
         "A": wider(system.A, at_once),
         "B": np.vstack([system.B, np.zeros((k, system.B.shape[1]))]),
         "C": np.vstack([system.C, np.zeros((k, system.C.shape[1]))]),
@@ -223,7 +223,7 @@ def _check_states(states: Sequence[int], n: int, where: str) -> None:
         )
 
 
-def _listed(states: Sequence[int] | Matrix) -> str:
+def _listed(states: Any) -> str:
     return "one of " + ", ".join(str(int(j) + 1) for j in states)
 
 

@@ -62,7 +62,7 @@ class Filter:
                 expected="A (k, k), B (k, q), C (p, k) and D (p, q) of finite numbers",
                 got=", ".join(f"{n} {M.shape}" for n, M in zip("ABC", given, strict=True)),
             )
-        found = cls(*given, direct)
+        found = cls(given[0], given[1], given[2], direct)
         if k and np.linalg.eigvals(found.A).real.max() >= 0:
             raise InputError(
                 "this filter is not stable: no gain moves its poles",
@@ -83,7 +83,7 @@ class Filter:
         ------
         InputError : a quotient that is not proper, or a filter that is not stable.
         """
-        parts = []
+        parts: list[tuple[Any, ...]] = []
         for i, (top, bottom) in enumerate(rows):
             numerator, denominator = np.trim_zeros(top, "f"), np.trim_zeros(bottom, "f")
             if not denominator or len(numerator) > len(denominator):
@@ -98,7 +98,9 @@ class Filter:
                 parts.append((np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[gain]]))
             else:
                 parts.append(tf2ss(numerator or [0.0], denominator))
-        matrices = [block_diag(*(np.asarray(M) for M in column)) for column in zip(*parts, strict=True)]
+        matrices = [
+            block_diag(*(np.asarray(M) for M in column)) for column in zip(*parts, strict=True)
+        ]
         return cls.from_matrices(*matrices, where=where)
 
 
@@ -118,9 +120,7 @@ def filtered(
     InputError : sizes that do not fit, or a system without w and z.
     """
     if not system.has_performance:
-        raise InputError(
-            "filters need w and z", where="weights", expected="a system with C and D"
-        )
+        raise InputError("filters need w and z", where="weights", expected="a system with C and D")
     if system.integrals:
         raise InputError(
             "filters come before integral action", where="weights", hint="integrate after them"
@@ -186,5 +186,5 @@ def _augmented(system: DelaySystem, k: int, **matrices: Any) -> DelaySystem:
         E=np.vstack([system.E, np.zeros((k, system.E.shape[1]))]),
         H=np.hstack([system.H, more]),
         delays=delays,
-        feedback=[*(at_once > 0).tolist(), *[False] * k] if at_once.any() else None,
+        feedback=(*(at_once > 0).tolist(), *[False] * k) if at_once.any() else None,
     )

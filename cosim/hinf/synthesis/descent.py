@@ -54,9 +54,7 @@ def proposals(
     descent = _Descent(system, evaluations)
     seeded = np.random.default_rng(2013)
     zero = np.zeros(system.B.T.shape)
-    others = (
-        seeded.normal(size=zero.shape) * descent.units if k else zero for k in range(drawn)
-    )
+    others = (seeded.normal(size=zero.shape) * descent.units if k else zero for k in range(drawn))
     for start in itertools.chain(starts, others):
         found = descent.from_start(start)
         if found is not None:

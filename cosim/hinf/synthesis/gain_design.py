@@ -120,8 +120,8 @@ def design(
     """
     system = checked_system(system, control=True)
     if system.is_structured:
-        asked = (k1, k2, search, decay, gain_limit, peak_control, offset, energy)
-        if any(x is not None for x in asked) or order is None or solver == "cvxpy":
+        given_too = (k1, k2, search, decay, gain_limit, peak_control, offset, energy)
+        if any(x is not None for x in given_too) or order is None or solver == "cvxpy":
             refuse_structure(
                 system, "Theorem 2", "leave out k1, k2, search, solver and design constraints"
             )

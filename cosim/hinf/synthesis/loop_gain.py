@@ -26,7 +26,7 @@ taken at its least and at its greatest age: a gain that is found here is a propo
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -41,7 +41,8 @@ Complexes = NDArray[np.complex128]
 _NODES = 14  # of the collocation: enough for the rightmost roots of a loop near stability
 _SWEEP = 40  # frequencies of the coarse sweep
 _PEAKS = 3
-_ROUNDS, _POINTS = 5, 9  # of the refinement: each round shrinks an interval to a quarter
+_ROUNDS, _POINTS = 9, 9  # of the refinement: each round shrinks an interval to a quarter
+_ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
 _POLISH = 3  # Newton steps for the rightmost root
 
 
@@ -129,7 +130,7 @@ class LoopGain:
         A = [M + BK * S for M, S in zip(self._A, self._S, strict=True)]
         return approximate_roots(ClosedLoop(A, ages.tolist()), _NODES)
 
-    def _at(self, K: Matrix, s: Complexes, ages: Reals) -> tuple[Complexes, Complexes, Complexes]:
+    def _at(self, K: Matrix, s: Any, ages: Reals) -> tuple[Any, Any, Any]:
         """Return the weights e^{-s d_i}, phi and H at each s."""
         weights = np.exp(-s[:, None] * ages)
         phi = weights @ self._S
@@ -176,18 +177,20 @@ class LoopGain:
         low, high = grid[np.maximum(peaks - 1, 0)], grid[np.minimum(peaks + 1, grid.size - 1)]
         best, at = float(levels[peaks[0]]), float(grid[peaks[0]])
         share = np.linspace(0.0, 1.0, _POINTS)
-        for _ in range(_ROUNDS):
+        for each in range(_ROUNDS):
             inner = low[:, None] + (high - low)[:, None] * share
             found = self._levels(K, log_e, inner.ravel(), ages).reshape(inner.shape)
             if not np.isfinite(found).all():
                 return nothing
             top = found.argmax(axis=1)
             rows = np.arange(len(top))
+            first = int(found[rows, top].argmax())
             if found.max() > best:
-                i = int(found[rows, top].argmax())
-                best, at = float(found[i, top[i]]), float(inner[i, top[i]])
-            low = inner[rows, np.maximum(top - 1, 0)]
-            high = inner[rows, np.minimum(top + 1, _POINTS - 1)]
+                best, at = float(found[first, top[first]]), float(inner[first, top[first]])
+            if each == _ROUNDS_OF_ALL:
+                rows = rows[first : first + 1]
+            low = inner[rows, np.maximum(top[rows] - 1, 0)]
+            high = inner[rows, np.minimum(top[rows] + 1, _POINTS - 1)]
         if not best > floor:
             # the limit of high frequencies, which no gain changes
             return Value(float(np.log(max(floor, 1e-300))), np.zeros(K.shape), 0.0)
@@ -203,7 +206,7 @@ class LoopGain:
         sweep = np.geomspace(1e-2 * slow, max(fast, 2e-2 * slow), _SWEEP)
         return np.unique(np.concatenate([[0.0], speeds, sweep]))
 
-    def _maps(self, K: Matrix, omega: Reals, ages: Reals) -> tuple[_At, Complexes]:
+    def _maps(self, K: Matrix, omega: Reals, ages: Reals) -> tuple[_At, Any]:
         weights, phi, H = self._at(K, 1j * omega, ages)
         D = np.einsum("ki,iab->kab", weights, self._D) + (self._D2 @ K) * phi[:, None, :]
         q = np.einsum("ki,iab->kab", weights, self._H)
@@ -256,7 +259,7 @@ def _scaled(q: Complexes, count: int, log_e: float) -> Complexes:
     return np.asarray(np.diag(weight) - e2 * (q.conj().swapaxes(-1, -2) @ q))
 
 
-def _least(z: Complexes, q: Complexes, count: int, log_e: float) -> tuple[float, Complexes]:
+def _least(z: Complexes, q: Complexes, count: int, log_e: float) -> tuple[float, Any]:
     """Return the least g with z*z <= g^2 N, and its vector; infinite where N is not positive."""
     try:
         values, vectors = scipy.linalg.eigh(z.conj().T @ z, _scaled(q, count, log_e))

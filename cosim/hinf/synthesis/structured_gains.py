@@ -67,7 +67,9 @@ def structured_design(
     )
 
 
-def structured_gains(system: DelaySystem, factors: Sequence[float] = _LONGER[:1]) -> Iterator[Matrix]:
+def structured_gains(
+    system: DelaySystem, factors: Sequence[float] = _LONGER[:1]
+) -> Iterator[Matrix]:
     """Yield gains (m, n) with the zeros of the system's feedback.
 
     First the best one for the varying ages times each of `factors`, then others, at last those
@@ -77,11 +79,10 @@ def structured_gains(system: DelaySystem, factors: Sequence[float] = _LONGER[:1]
     last: list[Matrix] = []
     for factor in factors:
         longer = _at_ages(system, factor)
-        best, *rest = _ranked(longer, proposals(longer, last)) or [None]
-        if best is not None:
-            yield best
-            last = [best]
-        others += rest
+        found = _ranked(longer, proposals(longer, last))
+        last = found[:1]
+        yield from last
+        others += found[1:]
     yield from others
     yield from _ranked(system, proposals(system, list(_of_whole_state(system)), drawn=0))
 
