@@ -98,7 +98,7 @@ def test_a_constant_disturbance_leaves_no_error(folder: Path) -> None:
 
 
 def test_saturation_does_not_wind_the_integral_up(folder: Path) -> None:
-    """After a disturbance beyond the limit the vehicle comes back sooner than with the integral free."""
+    """After a disturbance beyond the limit the integral is back sooner than without the rule."""
     short = {"until": 'for = "15 s"', "end": 100}
     kept = run_with(folder, 0.75, **short)
     free = run_with(folder, 0.75, **short, parameters='"anti_windup[1,1]" = 0.0')
