@@ -39,46 +39,6 @@ def chain(n: int, d: float = 0.1) -> DelaySystem:
 
 
 def varied_system(seed: int) -> DelaySystem:
-    """Return a system of one to four states, up to two delays, stable or not, uncertain or not."""
-    rng = np.random.default_rng([14, seed])
-    n, m, q = int(rng.integers(1, 5)), int(rng.integers(1, 3)), int(rng.integers(1, 3))
-    count = int(rng.choice([0, 1, 1, 1, 2]))
-    scale = float(10 ** rng.uniform(-0.7, 0.5))
-    late = bool(count and rng.random() < 0.5)
-    uncertain = rng.random() < 0.3
-
-    def r(*shape: int) -> np.ndarray:
-        return scale * rng.standard_normal(shape)
-
-    def H() -> np.ndarray | None:
-        return 0.1 * rng.standard_normal((1, n)) if uncertain else None
-
-    delays = tuple(
-        Delay(
-            float(10 ** rng.uniform(-1.3, 0.3)) / scale,
-            0.3 * r(n, n) if not (late and j == 0 and rng.random() < 0.6) else np.zeros((n, n)),
-            H(),
-            feedback=late and j == 0,
-            any_age=bool(rng.random() < 0.3),
-        )
-        for j in range(count)
-    )
-    D = np.vstack([rng.standard_normal((1, n)), np.zeros((m, n))])
-    D2 = np.vstack([np.zeros((1, m)), 10 ** rng.uniform(-1.5, 0.5) * np.eye(m)])
-    return DelaySystem(
-        r(n, n) - rng.uniform(-0.5, 1.5) * scale * np.eye(n),
-        scale * rng.standard_normal((n, m)),
-        rng.standard_normal((n, q)),
-        D,
-        None,
-        D2,
-        0.2 * r(n, 1) if uncertain else None,
-        H(),
-        delays,
-    )
-
-
-def wide_system(seed: int) -> DelaySystem:
     """Return a system of any shape that a design takes, some at the edge of what any gain can do.
 
     One to six states, one to three delays of which one may carry the feedback, one or two

@@ -42,7 +42,8 @@ def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
     speed = np.asarray(sum(np.abs(M) for M in loop))
     _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
     back = 1.0 / np.asarray(scales, dtype=np.float64)
-    return back, 1.0 / (sum(float(np.linalg.norm(M, 2)) for M in loop) or 1.0)
+    rate = sum(float(np.linalg.norm(back[:, None] * M / back, 2)) for M in loop)
+    return back, 1.0 / (rate or 1.0)
 
 
 def _acting(system: DelaySystem) -> list[bool]:

@@ -179,19 +179,21 @@ class Problem:
         )
 
     def _in_some_units(self, ask: Callable[[], Answer | Solution]) -> Answer | Solution:
-        """Return the answer in the present units, or where that fails in the others."""
+        """Return the answer in the present units, or where that fails in the others.
+
+        The others are kept where they solve the problem: one that they hardly solve says little.
+        """
         found = ask()
         if isinstance(found, Answer) or found.status != "failed" or not self._other_units:
             return found
-        usual, others = self.scaling, self._other_units
-        self._set_units(others[0])
-        self._other_units = []
+        usual, (others,) = self.scaling, self._other_units
+        self._set_units(others)
         other = ask()
-        if isinstance(other, Answer) or other.status == "infeasible":
+        if isinstance(other, Answer) and other.accurate:
+            self._other_units = [usual]
             return other
         self._set_units(usual)
-        self._other_units = others
-        return found
+        return other if isinstance(other, Answer) or other.status == "infeasible" else found
 
     def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
         """Return -Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; inner units."""

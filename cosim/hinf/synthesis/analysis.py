@@ -22,7 +22,14 @@ from cosim.core import InputError
 from cosim.hinf.certificate import MAX_ORDER, check_measured, covers_smaller
 from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
-from cosim.hinf.synthesis.conditions import affordable_orders, conditions_of, prove, widened
+from cosim.hinf.synthesis.conditions import (
+    AFFORDABLE_ORDERS,
+    Condition,
+    affordable_conditions,
+    conditions_of,
+    prove,
+    widened,
+)
 from cosim.models import DelaySystem, Matrix
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
@@ -98,47 +105,47 @@ def analyse(
     """
     system = checked_system(system)
     K = gain_of(system, gain)
-    orders = orders_asked(system, K, order)
+    check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    found = best_analysis(system, K, gamma, orders, nominal_figures_of(system, K))
+    found = best_analysis(system, K, gamma, order, nominal_figures_of(system, K))
     return found if gain is not None else replace(found, K=None)
 
 
-def orders_asked(system: DelaySystem, K: Matrix, order: Order) -> Sequence[int]:
-    """Return the orders to try: the one asked for, or the affordable ones.
+def check_order_of_analysis(order: Order) -> None:
+    """Refuse an order out of range.
 
     Raises
     ------
-    InputError : naming the range of an order out of it.
+    InputError : naming the range.
     """
-    if order == "auto":
-        return affordable_orders(system, K)
-    if not 0 <= order <= MAX_ORDER:
+    if order != "auto" and not 0 <= order <= MAX_ORDER:
         raise InputError(
             "not an order",
             where="order",
             expected=f"0 (Theorem 1) to {MAX_ORDER}",
             got=str(order),
         )
-    return [order]
 
 
 def best_analysis(
-    system: DelaySystem,
-    K: Matrix,
-    gamma: float | None,
-    orders: Sequence[int],
-    figures: NominalFigures,
+    system: DelaySystem, K: Matrix, gamma: float | None, order: Order, figures: NominalFigures
 ) -> Analysis:
-    """Return the best proof by these orders; where there is none, the analysis of the first."""
+    """Return the best proof of this order or of all; where there is none, that of the first."""
     made: list[Analysis] = []
-    for order in orders:
-        made.append(_analysed(system, K, gamma, order, figures))
-        last = made[-1]
+    excluded = figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
+    bounded = system.has_performance
+    for own in AFFORDABLE_ORDERS if order == "auto" else (order,):
+        conditions: list[Condition] = []
+        if order == "auto" and not excluded:
+            conditions = affordable_conditions(system, K, own, performance=bounded)
+        elif not excluded:
+            conditions = conditions_of(system, K, own, performance=bounded)
+        if made and not conditions:
+            continue
+        last = _analysed(system, K, gamma, own, conditions, figures)
+        made.append(last)
         if last.certified and (gamma is not None or last.gamma is None or is_exact(last)):
-            break
-        if _excluded(system, figures):
             break
     return preferred([one for one in made if one.certified] or made[:1])
 
@@ -184,26 +191,23 @@ def is_exact(found: Claim) -> bool:
     return bool(found.exact_norm and (found.gamma or 0.0) < found.exact_norm * (1 + 1e-3))
 
 
-def _excluded(system: DelaySystem, figures: NominalFigures) -> bool:
-    """Whether no condition can hold: the nominal loop is one of those that are admitted."""
-    return figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
-
-
 def _analysed(
-    system: DelaySystem, K: Matrix, gamma: float | None, order: int, figures: NominalFigures
+    system: DelaySystem,
+    K: Matrix,
+    gamma: float | None,
+    order: int,
+    conditions: Sequence[Condition],
+    figures: NominalFigures,
 ) -> Analysis:
-    """Analyse a gain whose nominal figures are known, at one order."""
+    """Analyse a gain whose nominal figures are known, by conditions of one order."""
     delays = [delay.d for delay in system.delays]
     proof, level, reason = None, None, None
     least: float | None = None
-    if _excluded(system, figures):
-        conditions = []
+    if not conditions:
         reason = (
             "the nominal loop is not stable: its rightmost root has real part "
             f"{figures.abscissa:.6g}"
         )
-    else:
-        conditions = conditions_of(system, K, order, performance=system.has_performance)
     floor = float(np.linalg.norm(system.D1, 2))
     reference = max(floor, figures.exact_norm or 0.0) or 1.0
     for condition in conditions:

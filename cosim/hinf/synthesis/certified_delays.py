@@ -23,10 +23,16 @@ from cosim.hinf.synthesis.analysis import (
     Analysis,
     Order,
     check_gamma,
+    check_order_of_analysis,
     gain_of,
-    orders_asked,
 )
-from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove, widened
+from cosim.hinf.synthesis.conditions import (
+    Condition,
+    affordable_order,
+    conditions_of,
+    prove,
+    widened,
+)
 from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay
 from cosim.models import DelaySystem
 
@@ -82,31 +88,33 @@ def certified_delay(
     """
     K = gain_of(system, gain)
     check_delay(system, delay_index, limit)
-    order = orders_asked(system, K, order)[-1]
+    check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
+    own_order = affordable_order(system, K, performance=gamma is not None)
+    own_order = own_order if order == "auto" else order
     search = _Search(system, K, gamma, delay_index)
-    if order and not system.delays[delay_index].any_age:
+    if own_order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
         if search.d != limit:
-            search.climb(order, limit, start=search.d or 0.0, step=_STEP)
-        if search.d is not None and search.d != limit and search.order != order:
+            search.climb(own_order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.d != limit and search.order != own_order:
             search.climb(0, limit, start=search.d, step=_STEP)
         if search.d is None:
             # some loops need their delay
-            search.climb(order, limit, start=system.delays[delay_index].d, step=_STEP)
+            search.climb(own_order, limit, start=system.delays[delay_index].d, step=_STEP)
     else:
         # an age is greater than its least value
         least = system.delays[delay_index].least_age
         start = least + _FIRST * (limit - least) if least else 0.0
-        search.climb(order, limit, start=start, step=2.0)
+        search.climb(own_order, limit, start=start, step=2.0)
     search.widen()
     done = search.d is not None and search.d >= limit
     system_at_d = system if search.d is None else search.at(search.d)
     analysis = Analysis(
         system=system_at_d,
         K=None if gain is None else K,
-        order=order if search.d is None else search.order,
+        order=own_order if search.d is None else search.order,
         certified=search.d is not None,
         reason=None
         if search.d is not None

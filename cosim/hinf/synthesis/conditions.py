@@ -39,9 +39,10 @@ MOST_ROWS = 60
 
 Its unknowns grow with the square of the rows: with 60 a solve takes about a minute.
 """
-_MOST_UNKNOWNS = 240
-"""Unknowns of an LMI up to which an order is affordable: a few seconds at most."""
-_ORDERS = (1, 2)
+_MOST_UNKNOWNS = 300
+"""Unknowns, counted at every corner, up to which an order is affordable: a second per solve."""
+AFFORDABLE_ORDERS = (0, 1, 2)
+"""Orders that are tried where none is asked for."""
 
 Condition = AgesLmi | AnalysisLmi
 
@@ -70,16 +71,34 @@ def conditions_of(
     return [*found, plain]
 
 
-def affordable_orders(system: DelaySystem, K: NDArray[Any]) -> list[int]:
-    """Return the orders at which an analysis of K takes a few seconds at most; 0 always."""
+def affordable_conditions(
+    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
+) -> list[Condition]:
+    """Return the conditions of this order that take a few seconds at most and may gain something.
+
+    At order 0 those of `conditions_of`, however long they take.
+    """
+    found = conditions_of(system, K, order, performance=performance)
     late = [x for x in system.delays if x.d > 0]
-    orders, delays = [0], [x.d for x in system.delays]
-    for order in _ORDERS if any(not x.any_age for x in late) else _ORDERS[:1] if late else ():
-        first = conditions_of(system, K, order, performance=system.has_performance)[0]
-        # each order gains less than the one before
-        if order * first.unknowns(delays) <= _MOST_UNKNOWNS:
-            orders.append(order)
-    return orders
+    if order and not any(order == 1 or not x.any_age for x in late):
+        return []  # ages that vary gain nothing from a higher order
+    delays = [x.d for x in system.delays]
+
+    def cost(one: Condition) -> int:
+        if isinstance(one, AnalysisLmi):
+            return one.unknowns(delays)
+        return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
+
+    return [x for x in found if not order or cost(x) <= _MOST_UNKNOWNS]
+
+
+def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:
+    """Return the greatest affordable order."""
+    return max(
+        order
+        for order in AFFORDABLE_ORDERS
+        if affordable_conditions(system, K, order, performance=performance)
+    )
 
 
 def prove(

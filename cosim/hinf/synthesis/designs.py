@@ -26,7 +26,6 @@ from cosim.hinf.synthesis.analysis import (
     analyse,
     best_analysis,
     check_gamma,
-    orders_asked,
 )
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.models import DelaySystem, Matrix
@@ -157,7 +156,7 @@ def proved_by_analysis(
             except NotAchievableError as error:  # a loop too fast for its roots to be counted
                 reason = error.what
                 continue
-            made.append(best_analysis(system, K, gamma, orders_asked(system, K, order), figures))
+            made.append(best_analysis(system, K, gamma, order, figures))
             if enough(made) or (
                 made[-1].certified and (made[-1].gamma is None or gamma is not None)
             ):

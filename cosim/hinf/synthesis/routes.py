@@ -5,10 +5,13 @@ Every route ends in a proved gain, or in the reason why it does not. They are tr
 
 1. Theorem 2, at the k1, k2 given or searched;
 2. Theorem 2 with k1, k2 searched, where those given fail;
-3. gains that the Bessel-Legendre conditions of order 1 and 2 propose, from the gains found so far
+3. the gain of Theorem 2 for stability alone, and what the Bessel-Legendre condition of order 0
+   makes of it;
+4. gains that the Bessel-Legendre conditions of order 1 and 2 propose, from the gains found so far
    and from starts of their own;
-4. the plain LMI in cvxpy;
-5. gains for shorter delays, continued to these.
+5. the plain LMI in cvxpy;
+6. gains that a direct descent on the exact norm proposes, where the system is small;
+7. gains for shorter delays, continued to these.
 
 Where more is known of an age than its bound, Theorem 2 and the LMI of these ages propose gains,
 and an analysis with these ages proves them.
@@ -23,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 from cosim.core import NotAchievableError
 from cosim.hinf.nominal import NominalFigures
@@ -35,12 +39,12 @@ from cosim.hinf.synthesis.ages_gains import (
 )
 from cosim.hinf.synthesis.analysis import best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
-from cosim.hinf.synthesis.conditions import affordable_orders
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
-from cosim.models import DelaySystem
+from cosim.hinf.synthesis.structured_gains import descent_design
+from cosim.models import DelaySystem, Matrix
 
 AGES_ORDER = 1
 """Order of the analysis with known ages, where none is asked for."""
@@ -48,6 +52,7 @@ AGES_ORDER = 1
 _DESIGN_UNKNOWNS = 60
 _MOST_UNKNOWNS = 240
 """Unknowns of the analysis up to which a design of this order takes seconds; minutes at most."""
+_CONTINUED_UNKNOWNS = 100
 _ORDERS = (1, 2)
 
 
@@ -113,14 +118,13 @@ def designed_by_some_route(asked: Request, order: int = AGES_ORDER) -> Design:
 
 
 def analysed_again(found: Design) -> Design:
-    """Return the design with the best proof of its gain that is affordable."""
-    if found.gamma is None or found.abscissa is None or found.order not in (None, 0):
+    """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
+    if found.gamma is None or found.abscissa is None or found.order is not None:
         return found
     figures = NominalFigures(**{name: getattr(found, name) for name in NominalFigures._fields})
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
-    orders = affordable_orders(found.system, found.K)
-    again = best_analysis(found.system, found.K, None, orders, figures)
+    again = best_analysis(found.system, found.K, None, "auto", figures)
     if not again.certified:
         return found
     best = preferred([found, design_of_analysis(again, found.worst_case)])
@@ -139,7 +143,16 @@ def _routes(asked: Request) -> Iterator[Route]:
     def proposed(found: Sequence[Design], *, order: int, continued: bool) -> Design:
         starts = [one.K for one in found]
         gains = bessel_legendre_gains(s, order, starts, gamma, continued=continued)
-        return proved_by_analysis(s, gains, gamma, order)
+        return proved_by_analysis(s, gains, gamma, "auto")
+
+    def for_stability(found: Sequence[Design]) -> Design:
+        del found
+        K = theorem_2.stabilising_gain(s, asked.k1, asked.k2)
+        starts = [] if K is None else [K]
+        better: Iterator[Matrix] = iter(())
+        if starts and late and _unknowns(s, 0) <= _MOST_UNKNOWNS:
+            better = bessel_legendre_gains(s, 0, starts, gamma, continued=False)
+        return proved_by_analysis(s, chain(better, starts), gamma, "auto")
 
     searched = bool(asked.search)
     yield Route(
@@ -148,6 +161,8 @@ def _routes(asked: Request) -> Iterator[Route]:
     )
     if not searched and asked.search is None and s.delays:
         yield Route("Theorem 2 with k1, k2 searched", partial(theorem_2_at, search=True))
+    if s.has_performance:
+        yield Route("Theorem 2 for stability, then its gain", for_stability)
     orders = [n for n in (_ORDERS if constant else (0,)) if late]
     orders = [n for n in orders if _unknowns(s, n) <= _MOST_UNKNOWNS]
     for order in orders:
@@ -160,7 +175,9 @@ def _routes(asked: Request) -> Iterator[Route]:
             s, asked.k1, asked.k2, gamma=gamma, search=asked.search is not False
         ),
     )
-    for order in orders[:1]:
+    if _unknowns(s, 0) <= _MOST_UNKNOWNS:
+        yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma))
+    for order in orders[:1] if orders and _unknowns(s, orders[0]) <= _CONTINUED_UNKNOWNS else ():
         continued = partial(proposed, order=order, continued=True)
         yield Route(f"order {order}, continued from shorter delays", continued)
 
@@ -192,6 +209,7 @@ def _routes_with_ages(asked: Request, order: int) -> Iterator[Route]:
     yield Route("Theorem 2 for ages up to these or shorter ones", shorter)
     yield Route("the LMI of these ages", of_the_ages, improves=gamma is None)
     yield Route("the plain LMI in cvxpy, for any age", by_cvxpy)
+    yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma, order))
 
 
 def _unknowns(system: DelaySystem, order: int) -> int:

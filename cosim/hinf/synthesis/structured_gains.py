@@ -56,6 +56,16 @@ def structured_design(
     """
     if gain is not None:
         return given_gain_design(system, gain, gamma, order)
+    return descent_design(system, gamma, order)
+
+
+def descent_design(system: DelaySystem, gamma: float | None, order: Order = "auto") -> Design:
+    """Prove the best of the gains that a descent proposes, as `structured_design`.
+
+    Raises
+    ------
+    NotAchievableError : no gain could be certified.
+    """
     factors = _LONGER if any(x.any_age and x.d > 0 for x in system.delays) else _LONGER[:1]
 
     def enough(made: Sequence[Analysis]) -> bool:
@@ -84,7 +94,8 @@ def structured_gains(
         yield from last
         others += found[1:]
     yield from others
-    yield from _ranked(system, proposals(system, list(_of_whole_state(system)), drawn=0))
+    if system.is_structured:  # otherwise it has been tried
+        yield from _ranked(system, proposals(system, list(_of_whole_state(system)), drawn=0))
 
 
 def _ranked(system: DelaySystem, gains: Iterator[Matrix]) -> list[Matrix]:

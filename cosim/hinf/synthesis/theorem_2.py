@@ -32,6 +32,7 @@ from cosim.hinf.lmi import (
     check_size,
     not_found,
     solver_words,
+    without_performance,
 )
 from cosim.hinf.nominal import one_thread
 from cosim.hinf.problem import refuse_structure
@@ -97,6 +98,21 @@ def design(
             if found is not None:
                 return design_of_theorem_2(system, *found, condition.least_gamma)
     raise first.refusal(gamma)
+
+
+def stabilising_gain(
+    system: DelaySystem, k1: Sequence[float], k2: Sequence[float]
+) -> NDArray[np.float64] | None:
+    """Return the gain of the widest margin of stability found, w and z left out; None: none.
+
+    The LMI of stability is homogeneous, and so better scaled than one with gamma.
+    """
+    problem = Problem(without_performance(system))
+    found = widest_margin(problem, checked_scalars(system, k1, k2), None)
+    if found is None or not found[1] > 0:
+        return None
+    answer = problem.margin(found[0], None)
+    return gain_at(answer.point, problem.scaling) if isinstance(answer, Answer) else None
 
 
 class Theorem2:
