@@ -56,6 +56,7 @@ from .problem import (
     with_delays as with_delays,
     with_integral as with_integral,
     with_measured as with_measured,
+    without_integrals as without_integrals,
     without_uncertainty as without_uncertainty,
 )
 from .synthesis import (

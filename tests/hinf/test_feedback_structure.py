@@ -20,6 +20,7 @@ from cosim.hinf import (
     system_from_json,
     with_integral,
     with_measured,
+    without_integrals,
 )
 from cosim.hinf.certificate.system_json import system_to_json
 from cosim.hinf.problem.system_toml import system_from_toml
@@ -173,6 +174,15 @@ def test_an_integral_takes_the_state_to_zero_and_is_proved_with_the_loop() -> No
     again = system_from_json(found.certificate["system"])
     assert again.integrals == 1
     assert system_to_json(again) == found.certificate["system"]
+
+
+@pytest.mark.parametrize("age", [None, 0.0, 0.3])
+@pytest.mark.parametrize("any_age", [False, True])
+def test_the_plant_is_found_again_in_the_augmented_system(age: float | None, any_age: bool) -> None:  # noqa: FBT001
+    """Whatever delay its integrals have, the system before them is the same."""
+    system = axis(any_age=any_age)
+    again = without_integrals(with_integral(system, [0], age=age))
+    assert system_to_json(again) == system_to_json(system)
 
 
 def test_files_say_what_is_measured_and_integrated() -> None:

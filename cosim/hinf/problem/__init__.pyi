@@ -15,6 +15,7 @@ from .feedback_structure import (
     states_of as states_of,
     with_integral as with_integral,
     with_measured as with_measured,
+    without_integrals as without_integrals,
 )
 from .filters import (
     Filter as Filter,

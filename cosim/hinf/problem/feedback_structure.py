@@ -153,6 +153,35 @@ def states_of(numbers: Sequence[float], where: str) -> list[int]:
     return [int(x) - 1 for x in numbers]
 
 
+def without_integrals(system: DelaySystem) -> DelaySystem:
+    """Return the system as it was before `with_integral`: the plant that a controller meets."""
+    k = system.integrals
+    if not k:
+        return system
+    n = len(system.A) - k
+    delays = [
+        replace(x, A=x.A[:n, :n], H=x.H[:, :n], feedback=tuple((own[:n] > 0).tolist()))
+        for x, own in zip(system.delays, system.selections[1:], strict=True)
+        # a delay of the integrals alone
+        if own[:n].any() or not own.any()
+    ]
+    rows = len(system.D) - (k if system.has_performance else 0)
+    at_once = tuple((system.selections[0][:n] > 0).tolist())
+    return DelaySystem(
+        A=system.A[:n, :n],
+        B=system.B[:n],
+        C=system.C[:n],
+        D=system.D[:rows, :n],
+        D1=system.D1[:rows],
+        D2=system.D2[:rows],
+        E=system.E[:n],
+        H=system.H[:, :n],
+        delays=delays,
+        name=system.name,
+        feedback=at_once if any(at_once) else None,
+    )
+
+
 def _rows(system: DelaySystem, integrated: Sequence[int] | ArrayLike, n: int) -> Matrix:
     """Return S, checked."""
     given = np.asarray(integrated, dtype=np.float64)
