@@ -85,6 +85,7 @@ def run_with(folder: Path, gust: float, **settings: Any) -> dict[str, np.ndarray
             ("x", "plant.x[1]"),
             ("u", "controller.u[1]"),
             ("xi", "controller.xi[1]"),
+            ("seen", "controller.x[1]"),
         )
     }
 
@@ -95,6 +96,9 @@ def test_a_constant_disturbance_leaves_no_error(folder: Path) -> None:
     assert np.abs(found["x"]).max() > 0.3
     assert np.abs(found["x"][-500:]).max() < 1e-3
     assert found["u"][-1] == pytest.approx(-0.4, abs=1e-3)
+    # what is received, held for a step each
+    sums = np.concatenate([[0.0], np.cumsum(0.02 * found["seen"])])
+    assert np.abs(sums[: len(found["xi"])] - found["xi"]).max() < 1e-9
 
 
 def test_saturation_does_not_wind_the_integral_up(folder: Path) -> None:

@@ -208,6 +208,7 @@ def test_files_say_what_is_measured_and_integrated() -> None:
     ).system
     assert [list(s) for s in both.selections] == [[0, 1, 0], [1, 0, 0], [0, 0, 1]]
     assert both.delays[0].A[2].tolist() == [1.0, 0.0, 0.0]
+    assert not both.A[2].any()  # integrated where it is received, and only there
     assert both.delays[1].d == 0.1
     assert both.delays[1].any_age
 
