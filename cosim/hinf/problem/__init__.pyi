@@ -21,6 +21,10 @@ from .filters import (
     Filter as Filter,
     filtered as filtered,
 )
+from .modem import (
+    SOUND_SPEED as SOUND_SPEED,
+    Modem as Modem,
+)
 from .other_delays import (
     ages_are_known as ages_are_known,
     of_any_age as of_any_age,
