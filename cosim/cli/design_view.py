@@ -154,9 +154,7 @@ def _feedback_rows(facts: Table, system: DelaySystem) -> None:
     if system.integrals:
         n = len(system.A)
         last = [j >= n - system.integrals for j in range(n)]
-        facts.add_row(
-            "integrals", states_text(last), "kept by the controller; in gamma as outputs z"
-        )
+        facts.add_row("integrals", states_text(last), "kept by the controller; outputs z too")
 
 
 def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
