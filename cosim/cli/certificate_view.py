@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from cosim.cli.design_view import condition_of
+from cosim.cli.design_view import acts_of, condition_of
 from cosim.cli.terminal import facts_table
 from cosim.core import at_least, at_most
 from cosim.hinf import CertificateCheck
@@ -65,7 +65,7 @@ def certificate_view(
     for name in (name for name in ("k1", "k2") if name in claim):
         facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
     for i, delay in enumerate(claim["delays"], 1):
-        acts = ", the control acts through this delay" if delay["feedback"] else ""
+        acts = acts_of(delay["feedback"])
         known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
         more = f" ({', '.join(known)})" if known else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")

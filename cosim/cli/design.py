@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -31,8 +31,11 @@ from cosim.hinf import (
     greatest_delay,
     nominal_gamma,
     norm_certificate,
+    states_of,
     with_ages,
     with_delays,
+    with_integral,
+    with_measured,
 )
 from cosim.models import DelaySystem
 
@@ -66,6 +69,32 @@ SampledOption = Annotated[
 ]
 DelayLimitOption = Annotated[
     float, typer.Option(help="Largest delay that --max-delay tries, in seconds.")
+]
+
+MeasuredOption = Annotated[
+    str | None,
+    typer.Option(help="Numbers of the states that are fed back, from 1: K is zero for the others."),
+]
+IntegralOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Numbers of the states, from 1, that the controller integrates as it receives them: "
+        "integral action on each."
+    ),
+]
+IntegralWeightsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Weights of the integrals in z, one number or one each; by default 0.1/d times those "
+        "of their states, d the delay of the feedback."
+    ),
+]
+IntegralAgeOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Greatest age of an integral where it acts, in seconds; 0: at once. By default that "
+        "of the feedback where its age varies, otherwise 0."
+    ),
 ]
 
 AUTO: Final = "auto"
@@ -154,6 +183,10 @@ def design(
     weights: Annotated[
         str | None, typer.Option(help="Weights of the rows of z, instead of those of the system.")
     ] = None,
+    measured: MeasuredOption = None,
+    integral: IntegralOption = None,
+    integral_weights: IntegralWeightsOption = None,
+    integral_age: IntegralAgeOption = None,
     save: Annotated[
         Path | None, typer.Option(help="Write the design and its exact certificate to this file.")
     ] = None,
@@ -185,6 +218,10 @@ def design(
     if least_ages is not None or sampled:
         least = None if least_ages is None else numbers("--least-ages", least_ages)
         system = with_ages(system, least, sampled=sampled)
+    if measured is not None or integral is not None:
+        system = _with_structure(system, measured, integral, integral_weights, integral_age)
+        # those of the system are for feedback of the whole state
+        named = replace(named, k1=None, k2=None)
     scalars = (
         named.k1 if k1 is None else numbers("--k1", k1),
         named.k2 if k2 is None else numbers("--k2", k2),
@@ -256,6 +293,24 @@ def design(
         ),
         lambda: design_view(name, found, greatest, nominal, remark),
     )
+
+
+def _with_structure(
+    system: DelaySystem,
+    measured: str | None,
+    integral: str | None,
+    weights: str | None,
+    age: float | None,
+) -> DelaySystem:
+    """Return the system with the feedback that --measured and --integral ask for."""
+    if measured is not None:
+        states = states_of(numbers("--measured", measured), "--measured")
+        system = with_measured(system, states)
+    if integral is not None:
+        states = states_of(numbers("--integral", integral), "--integral")
+        own = None if weights is None else numbers("--integral-weights", weights)
+        system = with_integral(system, states, weights=own, age=age)
+    return system
 
 
 def _order(text: str, *words: str) -> int | Literal["auto"] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -13,7 +14,7 @@ from cosim.cli.terminal import facts_table, number
 from cosim.core import at_least, at_most
 from cosim.fmu import ControllerFmu, PlantFmu
 from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay, Guarantees
-from cosim.models import Delay
+from cosim.models import Delay, DelaySystem
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
 
@@ -40,6 +41,7 @@ def design_view(
         facts.add_row("condition", condition_of(design.certificate["claim"]), "")
     for row in _guarantees(design.guarantees):
         facts.add_row(*row)
+    _feedback_rows(facts, design.system)
     for i, delay in enumerate(design.system.delays):
         scalars = f"; k1 = {design.k1[i]:g}, k2 = {design.k2[i]:g}" if design.k2 else ""
         facts.add_row(
@@ -124,7 +126,35 @@ def _age(delay: Delay, found: Design | Analysis) -> str:
             kind = f"any age {span}, rate at most {delay.rate:g}"
         else:
             kind = f"any age {span}"
-    return kind + (", the control acts through this delay" if delay.feedback else "")
+    return kind + acts_of(delay.feedback)
+
+
+def acts_of(feedback: bool | Sequence[bool]) -> str:  # noqa: FBT001
+    """Say what acts through a delay."""
+    if isinstance(feedback, bool):
+        return ", the control acts through this delay" if feedback else ""
+    return f", {states_text(feedback)} fed back through this delay"
+
+
+def states_text(chosen: Sequence[bool]) -> str:
+    """List states by their numbers."""
+    numbers = [str(j) for j, own in enumerate(chosen, 1) if own]
+    return f"state{'s' * (len(numbers) > 1)} {', '.join(numbers)}"
+
+
+def _feedback_rows(facts: Table, system: DelaySystem) -> None:
+    """Add what is fed back, where that is not the whole state alike."""
+    if not system.is_structured:
+        return
+    if system.feedback is not None and any(system.feedback):
+        facts.add_row("feedback", states_text(system.feedback), "at once")
+    lost = [not own for own in system.measured]
+    if any(lost):
+        facts.add_row("not measured", states_text(lost), "K is zero there")
+    if system.integrals:
+        n = len(system.A)
+        last = [j >= n - system.integrals for j in range(n)]
+        facts.add_row("integrals", states_text(last), "kept by the controller; outputs z too")
 
 
 def _nominal_rows(facts: Table, found: Design | Analysis) -> None:

@@ -25,6 +25,7 @@ from .delayed_linear import (
 from .feedback import (
     clamped_command as clamped_command,
     feedback_command as feedback_command,
+    integrals_after as integrals_after,
 )
 from .products import (
     product as product,

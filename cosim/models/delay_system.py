@@ -9,6 +9,10 @@ With delays 0 = d_0, d_1, ..., d_N:
 
 The paper's system has one delay and immediate feedback (d_f = 0); feedback over a link is a
 delay of its own, marked `feedback`. F may be rectangular, as the paper defines it.
+
+Where not every state is fed back, or not all through one delay, u = K sum_i S_i x(t-d_i) with
+diagonal selections S_i of zeros and ones, no state selected twice. A state that none selects is
+not measured: its column of K is zero.
 """
 
 from __future__ import annotations
@@ -43,6 +47,22 @@ def _matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) 
     return matrix
 
 
+def _mask(feedback: bool | Sequence[bool], n: int) -> Matrix:  # noqa: FBT001
+    """Return the diagonal of the selection: one for each state that is fed back."""
+    mask = np.full(n, feedback, dtype=np.float64) if isinstance(feedback, bool) else None
+    return np.array(feedback, dtype=np.float64) if mask is None else mask
+
+
+def _selection(name: str, value: bool | Sequence[bool], n: int) -> bool | tuple[bool, ...]:  # noqa: FBT001
+    """Return True for all states, False for none, otherwise one truth value per state."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    chosen = tuple(value)
+    if len(chosen) != n or not all(isinstance(x, bool | np.bool_) for x in chosen):
+        raise ValueError(f"{name}: expected a truth value, or {n} of them, got {value!r}")
+    return any(chosen) if any(chosen) == all(chosen) else tuple(map(bool, chosen))
+
+
 def _size(name: str, sizes: dict[str, int]) -> int:
     """Return the dimension that all given matrices share; 0 if none is given."""
     found = set(sizes.values())
@@ -61,7 +81,8 @@ class Delay:
     d : the delay [s], finite and not negative.
     A : (n, n) the matrix of x(t-d).
     H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
-    feedback : the control acts through this delay, u = K x(t-d).
+    feedback : the control acts through this delay, u = K x(t-d). One truth value per state
+        where only some are fed back through it.
     any_age : design for every time-varying delay tau(t) <= d, however fast it varies
         (Q = 0 in the functional), instead of the constant delay d. True wherever the age varies:
         what is proved for any age up to d holds for the ages below as well.
@@ -79,7 +100,7 @@ class Delay:
     d: float
     A: Matrix
     H: Matrix
-    feedback: bool
+    feedback: bool | tuple[bool, ...]
     any_age: bool
     least_age: float
     rate: float | None
@@ -90,7 +111,7 @@ class Delay:
         d: float,
         A: ArrayLike,
         H: ArrayLike | None = None,
-        feedback: bool = False,  # noqa: FBT001, FBT002 - fields of a record
+        feedback: bool | Sequence[bool] = False,  # noqa: FBT001, FBT002 - fields of a record
         any_age: bool = False,  # noqa: FBT001, FBT002
         *,
         least_age: float = 0.0,
@@ -119,7 +140,7 @@ class Delay:
         object.__setattr__(self, "A", _matrix("A of a delay", A, n, n))
         right = np.zeros((0, n)) if H is None else H
         object.__setattr__(self, "H", _matrix("H of a delay", right, None, n))
-        object.__setattr__(self, "feedback", bool(feedback))
+        object.__setattr__(self, "feedback", _selection("feedback of a delay", feedback, n))
         object.__setattr__(self, "any_age", bool(varies))
         object.__setattr__(self, "least_age", float(least_age))
         object.__setattr__(self, "rate", None if rate is None else float(rate))
@@ -139,6 +160,29 @@ class Delay:
         return (self.least_age + self.d) / 2 if self.sampled else self.d
 
 
+def _fed_back_at_once(
+    feedback: Sequence[bool] | None, delays: Sequence[Delay], n: int
+) -> tuple[bool, ...] | None:
+    """Return the states fed back at once, checked beside the delays; None where that is usual."""
+    whole = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
+    if len(whole) > 1:
+        raise ValueError(f"feedback: expected at most one delay, got delays {whole}")
+    if feedback is None:
+        at_once: bool | tuple[bool, ...] = not any(x.feedback for x in delays)
+    else:
+        at_once = _selection("feedback", list(feedback), n)
+    used = np.sum([_mask(x, n) for x in (at_once, *(x.feedback for x in delays))], axis=0)
+    if used.max() > 1:
+        raise ValueError(
+            "feedback: expected every state fed back once at most, got state "
+            f"{1 + int(used.argmax())} fed back {int(used.max())} times"
+        )
+    if not used.any():
+        raise ValueError("feedback: expected at least one state that is fed back, got none")
+    usual = isinstance(at_once, bool) and at_once != any(x.feedback for x in delays)
+    return None if usual else tuple(bool(x) for x in _mask(at_once, n))
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class DelaySystem:
     """Eq. (7) with several delays; matrices are read-only float arrays.
@@ -156,8 +200,13 @@ class DelaySystem:
     D, D1, D2 : (p, n), (p, q), (p, m) of the performance output z.
     E : (n, s) left factor of the uncertainty; F(t) is (s, r).
     H : (r, n) right factor for x(t); each delay has its own.
-    delays : the delayed terms; at most one is the feedback.
+    delays : the delayed terms. At most one is the feedback, or several with a truth value per
+        state, no state fed back twice.
     name : for messages and files.
+    feedback : the states that are fed back at once, one truth value each. None: all of them if
+        no delay is the feedback, otherwise none.
+    integrals : how many of the states, the last ones, the controller keeps itself as integrals
+        of what it measures. It matters to those who build the controller, not to a proof.
 
     Raises
     ------
@@ -174,6 +223,8 @@ class DelaySystem:
     H: Matrix
     delays: tuple[Delay, ...]
     name: str
+    feedback: tuple[bool, ...] | None
+    integrals: int
 
     def __init__(
         self,
@@ -187,6 +238,8 @@ class DelaySystem:
         H: ArrayLike | None = None,
         delays: Sequence[Delay] = (),
         name: str = "",
+        feedback: Sequence[bool] | None = None,
+        integrals: int = 0,
     ) -> None:
         n = _matrix("A", A, None, None).shape[0]
         if n == 0:
@@ -218,9 +271,6 @@ class DelaySystem:
         if (r == 0) != (s == 0):
             got = "H without E" if s == 0 else "E without H"
             raise ValueError(f"uncertainty E F [H ...]: expected both factors, got {got}")
-        feedbacks = [i for i, delay in enumerate(delays, 1) if delay.feedback]
-        if len(feedbacks) > 1:
-            raise ValueError(f"feedback: expected at most one delay, got delays {feedbacks}")
         shapes = ((n, n), (n, m), (n, q), (p, n), (p, q), (p, m), (n, s), (r, n))
         for key, shape in zip(values, shapes, strict=True):
             matrix = given[key] if key in given else _matrix(key, np.zeros(shape), *shape)
@@ -228,6 +278,14 @@ class DelaySystem:
         complete = tuple(x if x.H.size else replace(x, H=np.zeros((r, n))) for x in delays)
         object.__setattr__(self, "delays", complete)
         object.__setattr__(self, "name", name)
+        object.__setattr__(self, "feedback", _fed_back_at_once(feedback, delays, n))
+        object.__setattr__(self, "integrals", integrals)
+        first = n - integrals
+        if not 0 < first <= n or self.B[first:].any() or self.C[first:].any():
+            raise ValueError(
+                f"integrals: expected fewer than {n} states, the last, without B and C, "
+                f"got {integrals}"
+            )
 
     @classmethod
     def from_state_space(
@@ -261,11 +319,28 @@ class DelaySystem:
         return not any(delay.feedback for delay in self.delays)
 
     @property
+    def selections(self) -> tuple[Matrix, ...]:
+        """The diagonals (n,) of S_i: the states fed back at once, then through each delay."""
+        n = len(self.A)
+        at_once = self.immediate_feedback if self.feedback is None else self.feedback
+        return (_mask(at_once, n), *(_mask(delay.feedback, n) for delay in self.delays))
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Whether each state (n,) is fed back; K has a column of zeros where it is not."""
+        return np.asarray(np.sum(self.selections, axis=0) > 0)
+
+    @property
+    def is_structured(self) -> bool:
+        """Whether a state is not fed back, or some are through different delays."""
+        return not any(selection.all() for selection in self.selections)
+
+    @property
     def has_performance(self) -> bool:
         """Whether there is an H-infinity gain from w to z."""
         return bool(self.C.size and self.D.size)
 
     @property
     def feedback_delay(self) -> float:
-        """The delay d_f [s] of u = K x(t-d_f)."""
-        return next((delay.d for delay in self.delays if delay.feedback), 0.0)
+        """The delay d_f [s] of u = K x(t-d_f), the greatest where there are several."""
+        return max((delay.d for delay in self.delays if delay.feedback), default=0.0)

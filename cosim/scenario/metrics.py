@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cosim.hinf import Design, WorstCase, check_certificate
+from cosim.hinf import Design, WorstCase, check_certificate, without_integrals
 from cosim.master import Connection, Run, System
 from cosim.models import total
 from cosim.scenario.age import AgeMeasure
@@ -306,4 +306,5 @@ def _plant_as_designed(context: RunContext) -> bool:
     }
     if problem.vehicle is not None:
         return is_vehicle_of(problem.vehicle, parameters)
-    return is_plant_of(problem.system, parameters)
+    # integrals are states of the controller
+    return is_plant_of(without_integrals(problem.system), parameters)

@@ -93,14 +93,15 @@ def loop_delay_margin(system: DelaySystem, K: Any) -> float | None:
 def _at_zero(system: DelaySystem, delay_index: int) -> DelaySystem:
     """Return the system without feedback delay, where the search for the margin starts."""
     delays = list(system.delays)
-    delays[delay_index] = Delay(0.0, delays[delay_index].A, feedback=True)
+    late = delays[delay_index]
+    delays[delay_index] = Delay(0.0, late.A, feedback=late.feedback)
     return _with(system, tuple(delays))
 
 
 def _with(system: DelaySystem, delays: tuple[Delay, ...]) -> DelaySystem:
     # the nominal loop has no uncertainty
     plain = tuple(Delay(d.d, d.A, feedback=d.feedback) for d in delays)
-    return DelaySystem(system.A, system.B, delays=plain, name=system.name)
+    return DelaySystem(system.A, system.B, delays=plain, name=system.name, feedback=system.feedback)
 
 
 def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:

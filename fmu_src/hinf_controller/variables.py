@@ -10,6 +10,7 @@ import json
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from cosim.fmu import ComponentSpec, Variable, component_module, loop_scenario
 from cosim.models import STATE, TABLE_1, inertia
@@ -38,12 +39,87 @@ included.
 """
 
 
-def _gain(K: Sequence[Sequence[float]]) -> list[Variable]:
+def _gain(K: Sequence[Sequence[float]], columns: Sequence[int]) -> list[Variable]:
     return [
         Variable(
-            f"K[{i},{j}]", "parameter", f"gain of command {i} on state {j}, u = K x", None, value
+            f"K[{i},{j}]",
+            "parameter",
+            f"gain of command {i} on state {j}, u = K x",
+            None,
+            row[j - 1],
         )
         for i, row in enumerate(K, 1)
+        for j in columns
+    ]
+
+
+class _Integrals(NamedTuple):
+    """What a controller integrates, read from the system of its certificate.
+
+    measured : numbers of the states (from 1) that the controller is told.
+    outputs : names of the integrals.
+    S : (k, n) they integrate S x, x the measured states.
+    columns : of K, those of the measured states and of the integrals.
+    anti_windup : (k, m) what the excess of an output over its limit gives back to the integrals.
+    """
+
+    measured: list[int]
+    outputs: list[str]
+    S: list[list[float]]
+    columns: list[int]
+    anti_windup: list[list[float]]
+
+
+def _integrals(proved: dict[str, Any], output_map: Sequence[Sequence[float]] | None) -> _Integrals:
+    """Return the integrals of a controller; none where the system has none.
+
+    Back-calculation: G = pinv(M K_i) / T, M the output map, with T = |K_x S'| / |K_i|, the time
+    constant of the integral action.
+    """
+    data = proved["system"]
+    size, k = len(data["A"]), data.get("integrals", 0)
+    n = size - k
+    paths = [data.get("feedback", False), *(delay["feedback"] for delay in data["delays"])]
+    if not any(isinstance(path, list) for path in paths):
+        states = list(range(1, size + 1))
+        return _Integrals(states, [], [], states, [])
+    # imported for such a controller alone: the built-in ones are described without it
+    import numpy as np  # noqa: PLC0415
+
+    fed_back = np.any(
+        [np.full(size, path) if isinstance(path, bool) else path for path in paths], 0
+    )
+    measured = [j for j in range(1, n + 1) if fed_back[j - 1]]
+    rows = np.array([data["A"], *(delay["A"] for delay in data["delays"])]).sum(axis=0)[n:, :n]
+    K = np.array(proved["K"], dtype=float).reshape(-1, n + k)
+    acts = K[:, n:] if output_map is None else np.array(output_map) @ K[:, n:]
+    proportional, integral = np.linalg.norm(K[:, :n] @ rows.T), np.linalg.norm(K[:, n:])
+    rate = integral / proportional if proportional > 0 else 1.0
+    back = np.linalg.pinv(acts) * rate if k else np.zeros((0, len(K)))
+    return _Integrals(
+        measured,
+        [f"xi[{i}]" for i in range(1, k + 1)],
+        rows[:, [j - 1 for j in measured]].tolist(),
+        [*measured, *range(n + 1, n + k + 1)],
+        [[float(f"{value:.6g}") for value in row] for row in back],
+    )
+
+
+def _integral_variables(own: _Integrals) -> list[Variable]:
+    text = "integral of what is measured, kept by the controller, held between samples"
+    return [Variable(name, "output", text, discrete=True) for name in own.outputs]
+
+
+def _anti_windup(own: _Integrals) -> list[Variable]:
+    return [
+        Variable(
+            f"anti_windup[{i},{j}]",
+            "parameter",
+            f"rate of integral {i} per excess of output {j} over its limit",
+            None,
+            value,
+        )
+        for i, row in enumerate(own.anti_windup, 1)
         for j, value in enumerate(row, 1)
     ]
 
@@ -79,6 +155,9 @@ def vehicle_spec(
         Variable(name, "input", f"measured {name}", unit, discrete=False)
         for name, unit in zip(STATE, _VEHICLE.STATE_UNITS, strict=True)
     ]
+    proved = json.loads(certificate)
+    thrust_map = [[float(value) for value in row] for row in inertia(TABLE_1)]
+    own = _integrals(proved, thrust_map)
     reference = [f"reference.{axis}" for axis in ("x", "y", "z", "psi")]
     table += [
         Variable(name, "input", f"set point of eta.{name.removeprefix('reference.')}", unit)
@@ -88,19 +167,20 @@ def vehicle_spec(
         Variable(name, "output", f"commanded {name}, held between samples", unit, discrete=True)
         for name, unit in _FORCE
     ]
-    table += _gain(json.loads(certificate)["K"])
+    table += _integral_variables(own)
+    table += _gain(proved["K"], own.columns)
     table += [
         Variable(
             f"thrust_map[{i},{j}]",
             "parameter",
             f"force or moment {i} per commanded acceleration {j} (mass matrix of Eq. (3))",
             None,
-            float(value),
+            value,
         )
-        for i, row in enumerate(inertia(TABLE_1), 1)
+        for i, row in enumerate(thrust_map, 1)
         for j, value in enumerate(row, 1)
     ]
-    table += [*_limits(limits), _sample_time(sample_time)]
+    table += [*_anti_windup(own), *_limits(limits), _sample_time(sample_time)]
     return ComponentSpec(
         name=name,
         description="Sampled H-infinity state feedback of the vehicle, Eq. (8), with thrust limits",
@@ -116,6 +196,7 @@ def vehicle_spec(
             "outputs": [name for name, _ in _FORCE],
             "limits": ["limit.force", "limit.force", "limit.force", "limit.moment"],
             "mapped": True,
+            **_constants_of(own),
         },
         certificate=certificate,
         notes=_VEHICLE_NOTES,
@@ -141,14 +222,17 @@ def feedback_spec(
     """
     proved = json.loads(certificate)
     K, delays = proved["K"], proved["claim"]["delays"]
-    m, n = len(K), len(K[0])
-    measured = [f"x[{j}]" for j in range(1, n + 1)]
+    own = _integrals(proved, None)
+    m, n = len(K), len(own.measured)
+    measured = [f"x[{j}]" for j in own.measured]
     outputs = [f"u[{i}]" for i in range(1, m + 1)]
     table = [Variable(x, "input", f"measured state {x}") for x in measured]
     table += [
         Variable(u, "output", f"command {u}, held between samples", discrete=True) for u in outputs
     ]
-    table += _gain(K)
+    table += _integral_variables(own)
+    table += _gain(K, own.columns)
+    table += _anti_windup(own) if limits else []
     table += [
         Variable(f"limit.{u}", "parameter", f"largest command {u}", None, value, minimum=0.0)
         for u, value in zip(outputs if limits else (), limits, strict=True)
@@ -169,9 +253,10 @@ def feedback_spec(
             "outputs": outputs,
             "limits": [f"limit.{u}" for u in outputs] if limits else [],
             "mapped": False,
+            **_constants_of(own),
         },
         certificate=certificate,
-        notes=_feedback_notes(m, n, with_limits=bool(limits)),
+        notes=_feedback_notes(m, n, with_limits=bool(limits), integrals=bool(own.outputs)),
         scenario=loop_scenario(
             plant,
             controller or f"{name}.fmu",
@@ -182,11 +267,19 @@ def feedback_spec(
     )
 
 
-def _feedback_notes(m: int, n: int, *, with_limits: bool) -> str:
+def _constants_of(own: _Integrals) -> dict[str, Any]:
+    """Return what the behaviour must know of integrals; nothing for a static feedback of x."""
+    if not own.outputs and own.columns == list(range(1, len(own.columns) + 1)):
+        return {}
+    return {"columns": own.columns, "integrals": own.outputs, "integrated": own.S}
+
+
+def _feedback_notes(m: int, n: int, *, with_limits: bool, integrals: bool) -> str:
     bounds = ", each limited to ± `limit.u[i]`" if with_limits else ", without limits"
     return (
         "\n## This controller\n\nFor a system in the form of Eq. (7): "
         f"{n} measured state{'s' * (n != 1)} `x[j]`, {m} command{'s' * (m != 1)} `u[i]`{bounds}.\n"
+        + ("The outputs `xi[l]` are integrals of them.\n" if integrals else "")
     )
 
 

@@ -107,13 +107,17 @@ def export_controller(
 
 
 def is_vehicle(system: DelaySystem) -> bool:
-    """Whether x = (eta, nu) and u is an acceleration, as in the built-in system `auv`."""
-    if system.B.shape != (8, 4):
+    """Whether x = (eta, nu) and u is an acceleration, as in the built-in system `auv`.
+
+    Integrals that the controller keeps may be further states.
+    """
+    n = len(system.A) - system.integrals
+    if n != 8 or system.B.shape[1] != 4:
         return False
     zero, one = np.zeros((4, 4)), np.eye(4)
-    return np.array_equal(system.A, np.block([[zero, one], [zero, zero]])) and np.array_equal(
-        system.B, np.vstack([zero, one])
-    )
+    rigid = np.array_equal(system.A[:n, :n], np.block([[zero, one], [zero, zero]]))
+    measured = bool(system.measured[:n].all())
+    return measured and rigid and np.array_equal(system.B[:n], np.vstack([zero, one]))
 
 
 def _settings(

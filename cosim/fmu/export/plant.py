@@ -61,7 +61,9 @@ def export_plant(
         compiler, or a file that cannot be written.
     """
     chosen = model_name(path) if name is None else checked_name(name)
-    given = system_by_name(system).system
+    named = system_by_name(system)
+    # filters and integrals are no part of the plant
+    given = named.plant or named.system
     paper = system == "paper"
     usual = paper_example.INITIAL_STATE if paper else (0.0,) * given.A.shape[0]
     start = usual if initial is None else tuple(initial)
@@ -83,5 +85,5 @@ def export_plant(
     )
     write_fmu(spec, path, kind)
     delays = _VARIABLES.plant_delays(given)
-    named = zip(_VARIABLES.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
-    return PlantFmu(path, chosen, kind, given, dict(named), spec.step_size)
+    lengths = zip(_VARIABLES.delay_names(len(delays)), (delay.d for delay in delays), strict=True)
+    return PlantFmu(path, chosen, kind, given, dict(lengths), spec.step_size)

@@ -20,6 +20,7 @@ from .ages_terms import (
 )
 from .analysis_certificate import (
     analysis_to_json as analysis_to_json,
+    check_measured as check_measured,
     exact_analysis as exact_analysis,
 )
 from .analysis_proof import (

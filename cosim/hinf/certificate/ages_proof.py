@@ -71,11 +71,12 @@ Map = dict[str, Any]
 def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
     """Return the claim of a certificate: as `claim_of`, with the ages and all hypotheses."""
     claim = claim_of(system, v.gamma)
+    measured = _FEEDBACK[system.is_structured]
     own = iter(v.functionals)
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
             delay_claim.update(_age_claim(delay, next(own), exactly=_exactly(v)))
-    return claim | {"order": v.order, "hypotheses": _hypotheses(v)}
+    return claim | {"order": v.order, "hypotheses": _hypotheses(v, measured)}
 
 
 def _exactly(v: AgesVariables) -> bool:
@@ -97,11 +98,18 @@ def _age_claim(delay: Delay, functional: str, *, exactly: bool) -> dict[str, Any
     return least | {"age": "sampled: from least_age at rate one to d at most"}
 
 
-def _hypotheses(v: AgesVariables) -> list[str]:
+_FEEDBACK = {
+    False: "u = K x(t - age_f(t)): the whole state is measured",
+    True: "u = K sum_i S_i x(t - age_i(t)), S_i the diagonal of the truth values of feedback",
+}
+"""What is measured, by whether the feedback is of single states."""
+
+
+def _hypotheses(v: AgesVariables, measured: str) -> list[str]:
     """Return what the theorem asks for, sentence by sentence."""
     texts = [
         "x' = sum_i (A_i + dA_i) x(t - age_i(t)) + B u + C w for almost every t >= 0",
-        "u = K x(t - age_f(t)): the whole state is measured",
+        measured,
         "every age is a measurable function of time",
         "stability: w = 0 and any continuous initial function on [-max d, 0]",
     ]

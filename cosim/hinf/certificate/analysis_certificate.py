@@ -113,7 +113,27 @@ def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:
     gain = matrix_from_rows(rows, "K")
     if gain.shape != (m, n):
         raise InputError("wrong shape", where="K", expected=str((m, n)), got=str(gain.shape))
+    check_measured(gain, system)
     return gain
+
+
+def check_measured(gain: Matrix, system: DelaySystem) -> None:
+    """Refuse a gain (m, n) that acts on a state that is not measured.
+
+    Raises
+    ------
+    InputError : naming the first such entry.
+    """
+    acting = np.argwhere((gain != 0) & ~system.measured)
+    if acting.size:
+        i, j = acting[0]
+        raise InputError(
+            "the gain acts on a state that is not measured",
+            where=f"K[{i + 1},{j + 1}]",
+            expected="0, since no feedback contains this state",
+            got=repr(float(gain[i, j])),
+            hint="add the state to feedback of the system or of a delay, or make its column zero",
+        )
 
 
 def order_from_json(order: Any) -> int:

@@ -197,16 +197,13 @@ def _corners(upper: list[Any], lower: tuple[Any, ...] | None) -> list[list[Any]]
 
 
 def exact_loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> ExactLoop:
-    """Return the loop with u = K x(t-d_f), its doubles exactly, delays of zero in x(t)."""
-    K = exact_matrix(gain)
-    BK, D2K = exact_matrix(system.B) * K, exact_matrix(system.D2) * K
-    n, p = system.A.shape[0], system.D.shape[0]
-    A, H, D = [exact_matrix(system.A)], [exact_matrix(system.H)], [exact_matrix(system.D)]
-    if system.immediate_feedback:
-        A[0], D[0] = A[0] + BK, D[0] + D2K
-    for delay in system.delays:
-        own = exact_matrix(delay.A) + BK if delay.feedback else exact_matrix(delay.A)
-        out = D2K if delay.feedback else flint.fmpq_mat(p, n)
+    """Return the loop with u = K sum_i S_i x(t-d_i), exactly, delays of zero in x(t)."""
+    B, D2 = exact_matrix(system.B), exact_matrix(system.D2)
+    at_once, *late = [exact_matrix(gain * selection) for selection in system.selections]
+    A, H = [exact_matrix(system.A) + B * at_once], [exact_matrix(system.H)]
+    D = [exact_matrix(system.D) + D2 * at_once]
+    for delay, selected in zip(system.delays, late, strict=True):
+        own, out = exact_matrix(delay.A) + B * selected, D2 * selected
         if delay.d > 0:
             A.append(own)
             H.append(exact_matrix(delay.H))

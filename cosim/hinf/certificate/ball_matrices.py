@@ -14,17 +14,18 @@ from cosim.models import DelaySystem
 def exact_terms(system: DelaySystem, K: Any) -> dict[float, tuple[Any, Any]]:
     """Return (A_i, D_i) of u = K x by delay, `flint.fmpq_mat`: d = 0 first, equal delays merged.
 
-    K is (m, n) doubles; A_i + B K and D2 K are formed in rationals.
+    K is (m, n) doubles; A_i + B K S_i and D2 K S_i are formed in rationals.
     """
     gain = exact_matrix(K)
     terms: dict[float, tuple[Any, Any]] = {}
-    open_ = [(0.0, system.A, system.D, system.immediate_feedback)]
-    open_ += [(x.d, x.A, np.zeros_like(system.D), x.feedback) for x in system.delays]
-    for d, A, D, acts in open_:
+    open_ = [(0.0, system.A, system.D)]
+    open_ += [(x.d, x.A, np.zeros_like(system.D)) for x in system.delays]
+    for (d, A, D), selection in zip(open_, system.selections, strict=True):
         on_state, on_output = exact_matrix(A), exact_matrix(D)
-        if acts and gain.nrows():
-            on_state = on_state + exact_matrix(system.B) * gain
-            on_output = on_output + exact_matrix(system.D2) * gain
+        if selection.any() and gain.nrows():
+            selected = exact_matrix(K * selection)
+            on_state = on_state + exact_matrix(system.B) * selected
+            on_output = on_output + exact_matrix(system.D2) * selected
         if d in terms:
             on_state, on_output = terms[d][0] + on_state, terms[d][1] + on_output
         terms[d] = (on_state, on_output)

@@ -27,6 +27,7 @@ from cosim.hinf.certificate.rational import (
     first_bad_pivot,
     to_text,
 )
+from cosim.hinf.certificate.system_json import feedback_to_json
 from cosim.hinf.certificate.theorem import theorem_of
 from cosim.models import DelaySystem, Matrix
 
@@ -106,12 +107,13 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
             {
                 "d": delay.d,
                 "age": "any, however it varies, up to d" if delay.any_age else "constant, up to d",
-                "feedback": delay.feedback,
+                "feedback": feedback_to_json(delay.feedback),
             }
             for delay in system.delays
         ],
         "uncertain": bool(system.E.size),
         "inputs": "doubles",
+        **({} if system.feedback is None else {"feedback": list(system.feedback)}),
     }
 
 
@@ -141,6 +143,13 @@ def failure(
     ------
     InputError : as `proved`.
     """
+    if system.is_structured:
+        raise InputError(
+            "Theorem 2 is for the whole state, fed back at once or through one delay",
+            where="system: feedback",
+            expected="a system without feedback of single states, or another kind of certificate",
+            hint='an analysis of the gain proves it: kind "analysis" or "ages"',
+        )
     rows = (1 + 3 * len(system.delays)) * system.A.shape[0] + system.H.shape[0]
     rows += system.C.shape[1] + system.D.shape[0] if v.gamma is not None else 0
     if rows > MAX_ROWS:

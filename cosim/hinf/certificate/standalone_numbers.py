@@ -178,7 +178,7 @@ class Loop:
     """
 
     def __init__(self, system: dict[str, Any], gain: Any = None) -> None:
-        values(system, "A", "B C D D1 D2 E H name delays feedback")
+        values(system, "A", "B C D D1 D2 E H name delays feedback integrals")
         self.delays = system.get("delays", [])
         for x in self.delays:
             values(x, "d", "A H feedback any_age sampled least_age rate")

@@ -3,8 +3,11 @@
     {"name": "paper", "A": [[...]], "B": ..., "delays": [{"d": 0.3, "A": ..., "H": ...,
      "feedback": false, "any_age": false}]}
 
-A delay whose age is known better has `least_age`, `rate` or `sampled` beside them. A matrix
-without entries is left out; its shape follows from the others.
+A delay whose age is known better has `least_age`, `rate` or `sampled` beside them. `feedback`
+is a list of truth values, one per state, where only some states are fed back through a delay; so
+is `feedback` beside `delays`, for x(t). `integrals` is the number of states, the last ones, that
+the controller keeps as integrals of what it measures; no proof depends on it. A matrix without
+entries is left out; its shape follows from the others.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""
 
 _FLAGS = ("feedback", "any_age", "sampled")
+_TRUTHS = "true or false, or a list of them, one per state"
 _HINTS = {"sampled": "the longest interval between two samples is d - least_age"}
 
 
@@ -30,13 +34,20 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
     delays = [
         {"d": x.d, "A": x.A.tolist()}
         | ({"H": x.H.tolist()} if x.H.size else {})
-        | {"feedback": x.feedback, "any_age": x.any_age}
+        | {"feedback": feedback_to_json(x.feedback), "any_age": x.any_age}
         | ({"least_age": x.least_age} if x.least_age else {})
         | ({} if x.rate is None else {"rate": x.rate})
         | ({"sampled": True} if x.sampled else {})
         for x in system.delays
     ]
-    return {"name": system.name, **matrices, "delays": delays}
+    at_once: dict[str, Any] = {} if system.feedback is None else {"feedback": list(system.feedback)}
+    at_once |= {"integrals": system.integrals} if system.integrals else {}
+    return {"name": system.name, **matrices, "delays": delays, **at_once}
+
+
+def feedback_to_json(feedback: bool | tuple[bool, ...]) -> bool | list[bool]:  # noqa: FBT001
+    """Return the states that are fed back as JSON: true, false, or one truth value each."""
+    return feedback if isinstance(feedback, bool) else list(feedback)
 
 
 def system_from_json(data: Any, where: str = "system") -> DelaySystem:
@@ -46,7 +57,8 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
     ------
     InputError : naming the key, what was expected and what was got.
     """
-    known_keys(data, where, (*MATRICES, "name", "delays"), required=("A",))
+    keys = (*MATRICES, "name", "delays", "feedback", "integrals")
+    known_keys(data, where, keys, required=("A",))
     delays = data.get("delays", [])
     if not isinstance(delays, list):
         raise InputError(
@@ -64,11 +76,12 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
     flags = {}
     for key in _FLAGS:
         flags[key] = data.get(key, False)
-        if not isinstance(flags[key], bool):
+        several = key == "feedback" and is_truth_list(flags[key])
+        if not isinstance(flags[key], bool) and not several:
             raise InputError(
                 "not a truth value",
                 where=f"{where}.{key}",
-                expected="true or false",
+                expected=_TRUTHS if key == "feedback" else "true or false",
                 got=format_value(flags[key]),
                 hint=_HINTS.get(key),
             )
@@ -82,6 +95,11 @@ def delay_from(data: Any, where: str, n: int) -> Delay:
         return Delay(d, A, H, **flags, **ages)
     except ValueError as error:
         raise InputError(str(error), where=where) from error
+
+
+def is_truth_list(value: Any) -> bool:
+    """Whether a value from a file is a list of truth values."""
+    return isinstance(value, list) and all(isinstance(x, bool) for x in value)
 
 
 def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str = "") -> DelaySystem:
@@ -99,8 +117,26 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
     matrices = {
         key: matrix_from_rows(data[key], f"{where}.{key}") for key in MATRICES if key in data
     }
+    feedback = data.get("feedback")
+    if feedback is not None and not is_truth_list(feedback):
+        raise InputError(
+            "not the states that are fed back at once",
+            where=f"{where}.feedback",
+            expected="a list of truth values, one per state",
+            got=format_value(feedback),
+        )
+    integrals = data.get("integrals", 0)
+    if isinstance(integrals, bool) or not isinstance(integrals, int):
+        raise InputError(
+            "not a number of states",
+            where=f"{where}.integrals",
+            expected="how many of the states the controller keeps",
+            got=format_value(integrals),
+        )
     try:
-        return DelaySystem(**matrices, delays=delays, name=title)
+        return DelaySystem(
+            **matrices, delays=delays, name=title, feedback=feedback, integrals=integrals
+        )
     except ValueError as error:
         raise InputError(str(error), where=where) from error
 
@@ -195,6 +231,10 @@ def differences(one: DelaySystem, other: DelaySystem, *, close: float = 0.0) -> 
         ]
         if facts[0] != facts[1]:
             yield f"delays ({', '.join(kind)}): {facts[0]} and {facts[1]}"
+    for key in ("feedback", "integrals"):
+        a, b = getattr(one, key), getattr(other, key)
+        if a != b:
+            yield f"{key}: {a} and {b}"
     pairs = {key: (getattr(one, key), getattr(other, key)) for key in MATRICES}
     for i, (a, b) in enumerate(zip(one.delays, other.delays, strict=True), 1):
         pairs |= {f"A{i}": (a.A, b.A), f"H{i}": (a.H, b.H)}

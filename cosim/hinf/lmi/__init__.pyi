@@ -30,6 +30,7 @@ from .scaling import (
     Scaling as Scaling,
     check_size as check_size,
     scaling_of as scaling_of,
+    units_of as units_of,
 )
 from .solver_status import (
     FAILED as FAILED,

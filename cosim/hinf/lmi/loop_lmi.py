@@ -48,7 +48,7 @@ def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
 
 def _acting(system: DelaySystem) -> list[bool]:
     """Return whether u acts through x, and through every delayed x."""
-    return [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
+    return [system.immediate_feedback, *(bool(delay.feedback) for delay in system.delays)]
 
 
 def _widest_margin(
@@ -110,9 +110,9 @@ class LoopLmi(ABC, Generic[Variables]):
 
     def __init__(self, system: DelaySystem, K: Array, *, performance: bool) -> None:
         self._performance = performance
-        acts = _acting(system)
+        chosen, BK = system.selections, system.B @ K
         A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
+        loop = [M + BK * S if S.any() else M for M, S in zip(A, chosen, strict=True)]
         back, self._T = own_units(loop)
         self._back = back
         self._A = [self._T * back[:, None] * M / back for M in loop]
@@ -120,7 +120,7 @@ class LoopLmi(ABC, Generic[Variables]):
         self._E = self._T * back[:, None] * system.E
         self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
         on_output = system.D2 @ K
-        self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
+        self._D = [((i == 0) * system.D + on_output * S) / back for i, S in enumerate(chosen)]
         self._D1 = system.D1
         links = [("x", "x", A) for A in self._A] + [("x", "w", self._C), ("x", "p", self._E)]
         links += [("q", "x", H) for H in self._H]

@@ -26,6 +26,7 @@ from .norm_proof import (
     norm_proved as norm_proved,
 )
 from .roots import (
+    approximate_roots as approximate_roots,
     characteristic_roots as characteristic_roots,
     spectral_abscissa as spectral_abscissa,
 )

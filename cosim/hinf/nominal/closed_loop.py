@@ -202,9 +202,9 @@ def balanced(A: Sequence[Matrix]) -> list[Matrix]:
 
 
 def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
-    """Close the loop with u = K sum_i phi_i x(t-d_i), phi_i = 1 where feedback acts; F = 0.
+    """Close the loop with u = K sum_i S_i x(t-d_i), S_i = I where all feedback acts; F = 0.
 
-    A_i + phi_i B K acts on x(t-d_i), D (on i = 0) + phi_i D2 K makes z.
+    A_i + B K S_i acts on x(t-d_i), D (on i = 0) + D2 K S_i makes z.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ class Terms(NamedTuple):
 
 
 def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
-    """Return A_i + phi_i B K, D (on i = 0) + phi_i D2 K and d_i, d_0 = 0 first.
+    """Return A_i + B K S_i, D (on i = 0) + D2 K S_i and d_i, d_0 = 0 first.
 
     A sampled age stands there with its mean (`Delay.constant_age`).
 
@@ -241,9 +241,9 @@ def closed_terms(system: DelaySystem, K: ArrayLike) -> Terms:
     n, m = system.B.shape
     gain = checked_matrix("K", K, m, n)
     on_state, on_output = system.B @ gain, system.D2 @ gain
-    acts = (system.immediate_feedback, *(delay.feedback for delay in system.delays))
+    chosen = system.selections
     open_A = (system.A, *(delay.A for delay in system.delays))
     open_D = (system.D, *(np.zeros_like(system.D) for _ in system.delays))
-    A = [M + on_state if phi else M for M, phi in zip(open_A, acts, strict=True)]
-    D = [M + on_output if phi else M for M, phi in zip(open_D, acts, strict=True)]
+    A = [M + on_state * S if S.any() else M for M, S in zip(open_A, chosen, strict=True)]
+    D = [M + on_output * S if S.any() else M for M, S in zip(open_D, chosen, strict=True)]
     return Terms(A, D, [0.0, *(delay.constant_age for delay in system.delays)])

@@ -216,6 +216,17 @@ def _complete(loop: ClosedLoop, upper: Roots, count: int) -> tuple[Roots, bool]:
     return roots, roots_right_of(loop, float(line)) == total
 
 
+def approximate_roots(loop: ClosedLoop, nodes: int = _FIRST_NODES) -> Roots:
+    """Return eigenvalues of the collocated generator, rightmost first: roots, not checked.
+
+    The rightmost ones are close to characteristic roots as a rule; some may be none, or missing.
+    """
+    loop = ClosedLoop(balanced(loop.A), loop.delays)
+    matrix = _generator(loop, nodes) if loop.delays[-1] > 0 else loop.A[0]
+    found: Roots = np.linalg.eigvals(matrix).astype(np.complex128)
+    return found[np.argsort(-found.real, kind="stable")]
+
+
 def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     """Compute the rightmost characteristic roots, det(s I - sum_i A_i e^{-s d_i}) = 0.
 

@@ -10,6 +10,17 @@ from .design_constraints import (
     design_constraints_of as design_constraints_of,
 )
 from .envelope import Envelope as Envelope
+from .feedback_structure import (
+    refuse_structure as refuse_structure,
+    states_of as states_of,
+    with_integral as with_integral,
+    with_measured as with_measured,
+    without_integrals as without_integrals,
+)
+from .filters import (
+    Filter as Filter,
+    filtered as filtered,
+)
 from .modem import (
     SOUND_SPEED as SOUND_SPEED,
     Modem as Modem,

@@ -68,7 +68,7 @@ def with_ages(
         )
     try:
         delays = tuple(
-            replace(x, least_age=a, sampled=x.sampled or (sampled and x.feedback))
+            replace(x, least_age=a, sampled=x.sampled or (sampled and bool(x.feedback)))
             for a, x in zip(least, system.delays, strict=True)
         )
     except ValueError as error:

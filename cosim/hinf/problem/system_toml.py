@@ -12,14 +12,33 @@ Any number of delays: in place of A1, H1, d one table each::
     [[system.delays]]
     d = 1.25
     A = [[...]]         # zero where absent; likewise H
-    feedback = true     # u = K x(t-d)
+    feedback = true     # u = K x(t-d); or one truth value per state: [true, false]
     any_age = true      # every time-varying delay up to d
     least_age = 0.5     # and never less than this
     rate = 0.1          # the age is continuous, |age'| <= rate
     sampled = true      # the age is least_age, grows at rate one, is at most d at the next sample
 
-Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2). Optional
-settings of a design, k1 and k2 one number per delay, with its constraints
+Optional in [system]: `weights`, one positive number per row of z (of D, D1 and D2), and
+`feedback`, one truth value per state: which are fed back at once. A state that is fed back
+nowhere is not measured; its column of K is zero.
+
+Integral action (`cosim.hinf.problem.feedback_structure`), the states counted from 1::
+
+    [system.integral]
+    of = [1, 3]          # states, or rows of their combinations: [[0.0, 1.0, -1.0]]
+    weights = [0.1, 0.1] # of the integrals in z; absent: 0.1/d times those of the states
+    age = 0.1            # s, greatest age of an integral where it acts; 0: it acts at once
+
+Weights that depend on frequency (`cosim.hinf.problem.filters`), of z, of w or of both, as
+state-space or, for a diagonal filter, as transfer functions by falling powers of s::
+
+    [weights.z]
+    A = [[-0.1]]                          # likewise B, C and, where it is not zero, D
+    [weights.w]
+    numerators = [[1.0]]                  # one per w; here 1 / (10 s + 1)
+    denominators = [[10.0, 1.0]]
+
+Optional settings of a design, k1 and k2 one number per delay, with its constraints
 (`cosim.hinf.problem.design_constraints`)::
 
     [design]
@@ -59,6 +78,8 @@ from cosim.hinf.problem.design_constraints import (
     DesignConstraints,
     design_constraints_from_table,
 )
+from cosim.hinf.problem.feedback_structure import states_of, with_integral
+from cosim.hinf.problem.filters import Filter, filtered
 from cosim.hinf.problem.weights import weighted
 from cosim.models import (
     Delay as Delay,  # noqa: PLC0414 - the face of this package offers it
@@ -79,6 +100,7 @@ class NamedSystem:
     weights : of the rows of z, already in `system`; None where there are none.
     unweighted : the system before these weights; None where there are none.
     design_constraints : what a design must meet beside gamma.
+    plant : the system without the states of filters and integrals; None where there are none.
     """
 
     system: DelaySystem
@@ -88,6 +110,7 @@ class NamedSystem:
     weights: tuple[float, ...] | None = None
     unweighted: DelaySystem | None = None
     design_constraints: DesignConstraints = field(default_factory=DesignConstraints)
+    plant: DelaySystem | None = None
 
 
 def system_by_name(name: str) -> NamedSystem:
@@ -130,19 +153,23 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     InputError : as `load_system`.
     """
     data = parse_toml(text, where)
-    known_keys(data, where, ("system", "design"), required=("system",))
+    known_keys(data, where, ("system", "design", "weights"), required=("system",))
     table, place = data["system"], f"{where}: system"
-    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights")
+    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights", "feedback", "integral")
     known_keys(table, place, keys, required=("A",))
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None
     if "weights" in table:
         weights, unweighted = _numbers(table["weights"], f"{place}.weights"), system
         system = weighted(unweighted, weights, where=f"{place}.weights")
+    N, plant = len(system.delays), None
+    if "integral" in table or "weights" in data:
+        plant = system
+        system = _with_more_states(system, data, where)
+        unweighted = None if unweighted is None else _with_more_states(unweighted, data, where)
     place = f"{where}: design"
     design = data.get("design", {})
     known_keys(design, place, ("k1", "k2", "gamma", *DESIGN_CONSTRAINT_KEYS))
-    N = len(system.delays)
     k1 = _scalars(design["k1"], f"{place}.k1", N) if "k1" in design else None
     k2 = _scalars(design["k2"], f"{place}.k2", N) if "k2" in design else None
     if k2 is not None and 0.0 in k2:
@@ -162,7 +189,7 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
             "gamma is not positive", where=f"{place}.gamma", expected="> 0", got=str(gamma)
         )
     design_constraints = design_constraints_from_table(design, system, place)
-    return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints)
+    return NamedSystem(system, k1, k2, gamma, weights, unweighted, design_constraints, plant)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
@@ -226,6 +253,66 @@ def _delays(data: dict[str, Any], where: str) -> list[Delay]:
         return [Delay(d, A1, H1)]
     except ValueError as error:
         raise InputError(str(error), where=f"{where} (d, A1, H1)") from error
+
+
+def _with_more_states(system: DelaySystem, data: dict[str, Any], where: str) -> DelaySystem:
+    """Return the system with the filters and integrals of a file."""
+    if "weights" in data:
+        tables = data["weights"]
+        known_keys(tables, f"{where}: weights", ("z", "w"))
+        filters = {key: _filter(tables[key], f"{where}: weights.{key}") for key in tables}
+        system = filtered(system, **filters)
+    if "integral" in data["system"]:
+        settings = _integral(data["system"]["integral"], f"{where}: system.integral")
+        system = with_integral(system, **settings)
+    return system
+
+
+def _filter(table: Any, where: str) -> Filter:
+    """Read a filter from its table, in either spelling."""
+    quotients = ("numerators", "denominators")
+    known_keys(table, where, ("A", "B", "C", "D", *quotients))
+    spelling = quotients if any(key in table for key in quotients) else ("A", "B", "C")
+    allowed = quotients if spelling is quotients else ("A", "B", "C", "D")
+    known_keys(table, where, allowed, required=spelling)
+    if spelling is not quotients:
+        matrices = {key: matrix_from_rows(table[key], f"{where}.{key}") for key in table}
+        return Filter.from_matrices(**matrices, where=where)
+    rows = []
+    for key in quotients:
+        if not isinstance(table[key], list):
+            raise InputError(
+                "not a list of polynomials",
+                where=f"{where}.{key}",
+                expected="one list of coefficients each",
+                got=format_value(table[key]),
+            )
+        rows.append([_numbers(row, f"{where}.{key}[{i}]") for i, row in enumerate(table[key])])
+    if len(rows[0]) != len(rows[1]):
+        raise InputError(
+            "numerators and denominators do not match",
+            where=where,
+            expected="one denominator per numerator",
+            got=f"{len(rows[0])} and {len(rows[1])}",
+        )
+    return Filter.from_coefficients(list(zip(*rows, strict=True)), where=where)
+
+
+def _integral(table: Any, where: str) -> dict[str, Any]:
+    """Return the arguments of `with_integral` in a table."""
+    known_keys(table, where, ("of", "weights", "age"), required=("of",))
+    settings: dict[str, Any] = {}
+    of = table["of"]
+    if isinstance(of, list) and of and isinstance(of[0], list):
+        settings["integrated"] = matrix_from_rows(of, f"{where}.of")
+    else:
+        states = _numbers(of, f"{where}.of")
+        settings["integrated"] = states_of(states, f"{where}.of")
+    if "weights" in table:
+        settings["weights"] = _numbers(table["weights"], f"{where}.weights")
+    if "age" in table:
+        settings["age"] = number(table["age"], f"{where}.age")
+    return settings
 
 
 def _scalars(value: Any, where: str, count: int) -> tuple[float, ...]:

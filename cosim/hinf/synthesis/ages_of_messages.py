@@ -25,6 +25,7 @@ from cosim.hinf.nominal import (
     hinf_norm,
     one_thread,
 )
+from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_delay
 from cosim.hinf.synthesis.designs import Design
@@ -195,6 +196,7 @@ def _with_feedback(system: DelaySystem) -> tuple[DelaySystem, int, bool]:
     for index, delay in enumerate(system.delays):
         if delay.feedback:
             return system, index, True
+    refuse_structure(system, "a delay for all feedback", "give the delay in the system")
     n = len(system.A)
     more = Delay(0.0, np.zeros((n, n)), feedback=True, any_age=True)
     return replace(system, delays=(*system.delays, more)), len(system.delays), False

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import MAX_ORDER, covers_smaller
+from cosim.hinf.certificate import MAX_ORDER, check_measured, covers_smaller
 from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import (
     NominalFigures,
@@ -291,6 +291,7 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
             expected=f"{m} rows of {n} finite numbers",
             got=f"shape {np.shape(K)}" if np.isfinite(K).all() else "not only finite numbers",
         )
+    check_measured(K, system)
     return K
 
 

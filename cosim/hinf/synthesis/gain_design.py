@@ -23,6 +23,7 @@ from cosim.hinf.problem import (
     ages_are_known,
     design_constraints_of,
     of_any_age,
+    refuse_structure,
     without_uncertainty,
 )
 from cosim.hinf.synthesis import theorem_2
@@ -53,6 +54,7 @@ from cosim.hinf.synthesis.routes import AGES_ORDER, Request, designed_by_some_ro
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.sharper_delays import sharper_delay
 from cosim.hinf.synthesis.stabilisability import NoGainError
+from cosim.hinf.synthesis.structured_gains import structured_design
 from cosim.models import DelaySystem, Matrix
 
 
@@ -119,6 +121,15 @@ def design(
     (True, True, (1, 2))
     """
     system = checked_system(system, control=True)
+    if system.is_structured:
+        given_too = (k1, k2, search, decay, gain_limit, peak_control, offset, energy)
+        if any(x is not None for x in given_too) or order is None or solver == "cvxpy":
+            refuse_structure(
+                system, "Theorem 2", "leave out k1, k2, search, solver and design constraints"
+            )
+        if gamma is not None:
+            check_achievable(gamma, system)
+        return structured_design(system, "auto" if order is None else order, gamma, gain)
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -296,6 +307,9 @@ def greatest_delay(
     NotAchievableError : no delay at all can be certified.
     """
     system = checked_system(system, control=True)
+    refuse_structure(
+        system, "the greatest delay of a design", "design a gain, then analyse it with max delay"
+    )
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:

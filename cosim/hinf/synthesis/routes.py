@@ -10,7 +10,8 @@ Every route ends in a proved gain, or in the reason why it does not. They are tr
 4. gains that the Bessel-Legendre conditions of order 1 and 2 propose, from the gains found so far
    and from starts of their own;
 5. the plain LMI in cvxpy;
-6. gains for shorter delays, continued to these.
+6. gains that a direct descent on the exact norm proposes, where the system is small;
+7. gains for shorter delays, continued to these.
 
 Where more is known of an age than its bound, Theorem 2 and the LMI of these ages propose gains,
 and an analysis with these ages proves them.
@@ -42,6 +43,7 @@ from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
+from cosim.hinf.synthesis.structured_gains import descent_design
 from cosim.models import DelaySystem, Matrix
 
 AGES_ORDER = 1
@@ -173,6 +175,8 @@ def _routes(asked: Request) -> Iterator[Route]:
             s, asked.k1, asked.k2, gamma=gamma, search=asked.search is not False
         ),
     )
+    if _unknowns(s, 0) <= _MOST_UNKNOWNS:
+        yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma))
     for order in orders[:1] if orders and _unknowns(s, orders[0]) <= _CONTINUED_UNKNOWNS else ():
         continued = partial(proposed, order=order, continued=True)
         yield Route(f"order {order}, continued from shorter delays", continued)
@@ -205,6 +209,7 @@ def _routes_with_ages(asked: Request, order: int) -> Iterator[Route]:
     yield Route("Theorem 2 for ages up to these or shorter ones", shorter)
     yield Route("the LMI of these ages", of_the_ages, improves=gamma is None)
     yield Route("the plain LMI in cvxpy, for any age", by_cvxpy)
+    yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma, order))
 
 
 def _unknowns(system: DelaySystem, order: int) -> int:

@@ -35,6 +35,7 @@ from cosim.hinf.lmi import (
     without_performance,
 )
 from cosim.hinf.nominal import one_thread
+from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.designs import (
     Design,
@@ -245,6 +246,7 @@ def gain_at(point: Point, units: Scaling) -> NDArray[np.float64]:
 
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
     """Return k1, k2 and the system's delays; an `InputError` where they do not fit it."""
+    refuse_structure(system, "Theorem 2", "leave out k1, k2, constraints, cvxpy: --order auto")
     one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
     check_size("k1", one)
     check_size("k2", two)

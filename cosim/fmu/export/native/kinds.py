@@ -129,14 +129,18 @@ def _used(writer: ModelWriter, late: list[list[Scalar]], rates: list[Scalar]) ->
 
 def record_sampled(writer: ModelWriter, behaviour: Any) -> None:
     """Record the law of a sampled controller; see c/sampled.c."""
-    outputs = behaviour.law(writer.v, behaviour.constants(writer.v), writer.ns)
+    signature = "void model_law(const double *v, const double *c, double *out)"
+    elapsed: Scalar | float = 0.0
+    if behaviour.integrals:
+        elapsed = writer.tape.symbol("elapsed")
+        signature = "void model_law(double elapsed, const double *v, const double *c, double *out)"
+        writer.define("MODEL_INTEGRALS", len(behaviour.integrals))
+    outputs = behaviour.law(writer.v, behaviour.constants(writer.v), writer.ns, elapsed)
     writer.references("model_outputs", list(outputs), "MODEL_OUTPUTS")
     writer.define("MODEL_SAMPLE_TIME", "V_sample_time")
     targets = [(f"out[{i}]", _scalar(writer, value)) for i, value in enumerate(outputs.values())]
     writer.hoist([value for _, value in targets])
-    writer.function(
-        "void model_law(const double *v, const double *c, double *out)", targets, hoisted=True
-    )
+    writer.function(signature, targets, hoisted=True)
 
 
 def record_link(writer: ModelWriter, behaviour: Any) -> tuple[str, ...]:

@@ -12,7 +12,16 @@ struct Behaviour {
     double constants[MODEL_CONSTANTS > 0 ? MODEL_CONSTANTS : 1];
     double start;
     double samples; /* taken so far */
+#ifdef MODEL_INTEGRALS
+    double time; /* where the last step ended */
+#endif
 };
+
+#ifdef MODEL_INTEGRALS
+#define SAVED 3
+#else
+#define SAVED 2
+#endif
 
 Behaviour *behaviour_new(void) { return calloc(1, sizeof(Behaviour)); }
 
@@ -23,6 +32,9 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
     model_constants(v, b->constants);
     b->start = start;
     b->samples = 0.0;
+#ifdef MODEL_INTEGRALS
+    b->time = start;
+#endif
     for (size_t i = 0; i < MODEL_OUTPUTS; i++) v[model_outputs[i]] = 0.0;
     return 1;
 }
@@ -30,6 +42,9 @@ int behaviour_initialise(Behaviour *b, double *v, double start, Message *why) {
 int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     double period = v[MODEL_SAMPLE_TIME], samples = b->samples;
     int due = 1;
+#ifdef MODEL_INTEGRALS
+    double elapsed = end - b->time; /* for which the sample is held */
+#endif
     if (period > 0.0) {
         /* an instant that rounding alone puts before `end` belongs to the next step */
         double near = greater(1e-9 * greater(period, 1e-3), 16.0 * spacing(end));
@@ -38,17 +53,27 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
             return say(why, "samples %s s apart cannot be counted up to t = %s s",
                        shortest(period).text, shortest(end).text);
         due = taken > samples;
+#ifdef MODEL_INTEGRALS
+        elapsed = (taken - samples) * period;
+#endif
         samples = greater(taken, samples);
     }
     if (due) {
         double out[MODEL_OUTPUTS];
+#ifdef MODEL_INTEGRALS
+        model_law(elapsed, v, b->constants, out);
+#else
         model_law(v, b->constants, out);
+#endif
         for (size_t i = 0; i < MODEL_OUTPUTS; i++)
             if (!isfinite(out[i]))
                 return say(why, "%s is not finite", model_variables[model_outputs[i]].name);
         for (size_t i = 0; i < MODEL_OUTPUTS; i++) v[model_outputs[i]] = out[i];
     }
     b->samples = samples;
+#ifdef MODEL_INTEGRALS
+    b->time = end;
+#endif
     return 1;
 }
 
@@ -63,20 +88,28 @@ void behaviour_direction(const Behaviour *b, const double *v, const double *chan
 
 size_t behaviour_size(const Behaviour *b) {
     (void)b;
-    return 2;
+    return SAVED;
 }
 
 void behaviour_save(const Behaviour *b, double *to) {
     to[0] = b->start;
     to[1] = b->samples;
+#ifdef MODEL_INTEGRALS
+    to[2] = b->time;
+#endif
 }
 
 int behaviour_restore(Behaviour *b, const double *v, const double *from, size_t count,
                       Message *why) {
-    if (count != 2 || !isfinite(from[0]) || !isfinite(from[1]) || from[1] < 0.0)
+    int fits = count == SAVED;
+    for (size_t i = 0; fits && i < SAVED; i++) fits = isfinite(from[i]);
+    if (!fits || from[1] < 0.0)
         return say(why, "the saved sampling clock does not fit this component");
     model_constants(v, b->constants);
     b->start = from[0];
     b->samples = from[1];
+#ifdef MODEL_INTEGRALS
+    b->time = from[2];
+#endif
     return 1;
 }

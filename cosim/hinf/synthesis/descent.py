@@ -1,0 +1,128 @@
+"""Propose gains by a direct descent on the nominal loop, without an LMI.
+
+For a gain with a pattern (`DelaySystem.measured`) the LMIs of a design are not linear in K, and
+for a full gain they lose what their multipliers lose. Here K itself is the unknown:
+
+1. from every start, the spectral abscissa is made negative, where it is not;
+2. with uncertainty, the gain from p to q is brought below one;
+3. the exact norm of the loop, with uncertainty its scaled gain (`loop_gain`), is made small over
+   K and the scaling.
+
+Each stage is a nonsmooth minimisation (`nonsmooth`) with a fixed number of evaluations: the same
+input proposes the same gains. Nothing here is a proof; the analysis of a proposal is.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.hinf.lmi import units_of
+from cosim.hinf.synthesis.loop_gain import LoopGain, Value
+from cosim.hinf.synthesis.nonsmooth import minimised
+from cosim.models import DelaySystem, Matrix
+
+Reals = NDArray[np.float64]
+
+_EVALUATIONS = 150  # of one stage
+_RANDOM = 4  # starts beside those given
+_SMALL = 1e-5  # weight of |K|^2, in own units: the norm alone may be least at infinity
+_STABLE = 0.05  # the abscissa is made less than minus this share of the loop's speed
+_SURELY = -0.2  # log of the gain from p to q that is low enough
+_SCALINGS = np.linspace(-9.0, 9.0, 37)  # log e tried before the descent
+
+
+def proposals(
+    system: DelaySystem,
+    starts: Sequence[Matrix] = (),
+    *,
+    drawn: int = _RANDOM,
+    evaluations: int = _EVALUATIONS,
+) -> Iterator[Matrix]:
+    """Yield gains (m, n) with the zeros of the system's feedback, one per start that succeeds.
+
+    Parameters
+    ----------
+    system : Eq. (7); without w and z its gains stabilise only.
+    starts : gains to start from, their other columns made zero.
+    drawn : further starts: zero, and so many less one that are drawn from a fixed seed.
+    evaluations : of each stage, at most.
+    """
+    descent = _Descent(system, evaluations)
+    seeded = np.random.default_rng(2013)
+    zero = np.zeros(system.B.T.shape)
+    others = (seeded.normal(size=zero.shape) * descent.units if k else zero for k in range(drawn))
+    for start in itertools.chain(starts, others):
+        found = descent.from_start(start)
+        if found is not None:
+            yield found
+
+
+class _Descent:
+    """The stages, in units of K in which its entries compare.
+
+    units : (m, n).
+    """
+
+    def __init__(self, system: DelaySystem, evaluations: int) -> None:
+        own = units_of(system)[0]
+        self.units: Matrix = own.input[:, None] / own.state
+        self._evaluations = evaluations
+        self._loop = LoopGain(system)
+        self._speed = 1.0 / own.T
+        self._alone = LoopGain(system, only_uncertain=True) if system.E.size else None
+        self.units = np.where(self._loop.free, self.units, 0.0)
+
+    def from_start(self, start: Matrix) -> Matrix | None:
+        """Return the gain that the stages reach; None where one of them fails."""
+        K = np.where(self._loop.free, start, 0.0)
+        target = -_STABLE * self._speed
+        if self._loop.abscissa(K).value > target:
+            K, value = self._minimised(lambda K, _: self._loop.abscissa(K), K, below=target)
+            if not value < 0:
+                return None
+        if self._alone is not None:
+            alone = self._alone
+            if alone.gain(K).value > _SURELY:
+                if not np.isfinite(alone.gain(K).value):
+                    return None
+                K, value = self._minimised(lambda K, _: alone.gain(K), K, below=_SURELY)
+                if not value < 0:
+                    return None
+        if not self._loop.has_gain:
+            return K
+        log_e = 0.0
+        if self._loop.has_scaling:
+            values = [self._loop.gain(K, e).value for e in _SCALINGS]
+            log_e = float(_SCALINGS[int(np.argmin(values))])
+        if not np.isfinite(self._loop.gain(K, log_e).value):
+            return None
+        return self._minimised(self._loop.gain, K, log_e)[0]
+
+    def _minimised(
+        self,
+        function: Callable[[Matrix, float], Value],
+        K: Matrix,
+        log_e: float = 0.0,
+        below: float = -np.inf,
+    ) -> tuple[Matrix, float]:
+        """Minimise over the free entries of K and, where it is used, log e."""
+        free = self.units != 0
+
+        def gain_of(x: Reals) -> Matrix:
+            gain = np.zeros(K.shape)
+            gain[free] = x[:-1] * self.units[free]
+            return gain
+
+        def of(x: Reals) -> tuple[float, Reals]:
+            found = function(gain_of(x), float(x[-1]))
+            slope = np.append((found.in_gain * self.units)[free], found.in_scaling)
+            slope[:-1] += 2 * _SMALL * x[:-1]
+            return found.value + _SMALL * float(x[:-1] @ x[:-1]), slope
+
+        start = np.append(K[free] / self.units[free], log_e)
+        best = minimised(of, start, evaluations=self._evaluations, below=below)
+        return gain_of(best.x), best.value

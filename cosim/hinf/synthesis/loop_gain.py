@@ -1,0 +1,268 @@
+"""The two functions of K that a descent makes small, with their gradients.
+
+The loop is that of Eq. (7) with u = K sum_i S_i x(t-d_i), the delays taken as constants:
+
+    phi(s) = sum_i S_i e^{-s d_i},  H(s) = s I - sum_i A_i e^{-s d_i} - B K phi(s)
+
+**Abscissa.** For a simple root s with left and right null vectors u, v of H(s),
+
+    ds = u* B dK phi(s) v / (u* H'(s) v).
+
+**Gain.** F enters through p = F q. With the transfer functions G_z, G_q from (w, p) to z and q,
+and one scaling e > 0 as in the LMI (eps = gamma e^2), no F with F'F <= I makes the gain exceed g
+where
+
+    G_z* G_z <= g^2 N,   N = diag(I, e^2 I) - e^2 G_q* G_q > 0     at every frequency.
+
+The least g at one frequency is a generalised eigenvalue; at its vector v, with a = G_z v,
+b = G_q v, x = H^-1 (C E) v and the row l = a*(D2 + D_z H^-1 B) + g^2 e^2 b* H_q H^-1 B,
+
+    d(g^2) (v*N v) = 2 Re(l dK phi x) - 2 g^2 e^2 (|v_p|^2 - |b|^2) d(log e).
+
+Without uncertainty g is the largest singular value. A maximum over frequencies has the gradient
+at its peak: the function has a kink where two peaks are equal. Where a delay varies, the loop is
+taken at its least and at its greatest age: a gain that is found here is a proposal, not a proof.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from cosim.hinf.nominal import ClosedLoop, approximate_roots
+from cosim.models import DelaySystem, Matrix
+
+Reals = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+_NODES = 14  # of the collocation: enough for the rightmost roots of a loop near stability
+_SWEEP = 40  # frequencies of the coarse sweep
+_PEAKS = 3
+_ROUNDS, _POINTS = 9, 9  # of the refinement: each round shrinks an interval to a quarter
+_ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
+_POLISH = 3  # Newton steps for the rightmost root
+
+
+class Value(NamedTuple):
+    """A function of K and log e, with its derivatives.
+
+    value : infinite where the loop is not stable, or not with every F at this e.
+    in_gain : (m, n) by K.
+    in_scaling : by log e.
+    """
+
+    value: float
+    in_gain: Matrix
+    in_scaling: float
+
+
+class _At(NamedTuple):
+    """The loop at some values of s, one per entry of the first axis."""
+
+    phi: Complexes  # (.., n)
+    inverse: Complexes  # (.., n, n) H^-1
+    on_output: Complexes  # (.., p, n) D_z
+    on_uncertain: Complexes  # (.., r, n) H_q
+
+
+class LoopGain:
+    """The abscissa and the gain of one system's loop as functions of K.
+
+    Parameters
+    ----------
+    system : Eq. (7) (n states, m inputs).
+    uncertain : False: F = 0.
+    only_uncertain : the gain is that from p to q, which must be less than one.
+
+    Attributes
+    ----------
+    free : (m, n) whether an entry of K may differ from zero.
+    has_gain : whether there is a gain to make small.
+    """
+
+    def __init__(
+        self, system: DelaySystem, *, uncertain: bool = True, only_uncertain: bool = False
+    ) -> None:
+        self.system = system
+        self.free = np.tile(system.measured, (system.B.shape[1], 1))
+        self._S = np.array(system.selections)
+        self._A = np.array([system.A, *(delay.A for delay in system.delays)])
+        self._B = system.B
+        H = np.array([system.H, *(delay.H for delay in system.delays)])
+        D = np.array([system.D, *(np.zeros_like(system.D) for _ in system.delays)])
+        if only_uncertain:
+            # as if p were w and q were z
+            self._C, self._D, self._D1 = system.E, H, np.zeros((len(system.H), system.E.shape[1]))
+            self._D2 = np.zeros((len(system.H), system.B.shape[1]))
+            self._E, self._H = system.E[:, :0], H[:, :0]
+        else:
+            self._C, self._D, self._D1, self._D2 = system.C, D, system.D1, system.D2
+            self._E, self._H = system.E, H
+            if not uncertain:
+                self._E, self._H = system.E[:, :0], H[:, :0]
+        self.has_gain = bool(self._C.size and self._D[0].size)
+        self.has_scaling = bool(self._E.size) and self.has_gain
+        greatest = [delay.constant_age for delay in system.delays]
+        least = [x.least_age if x.any_age else x.d for x in system.delays]
+        # the constant ages at which the loop is taken
+        self._ages = [np.array([0.0, *greatest])]
+        if least != greatest:
+            self._ages.append(np.array([0.0, *least]))
+
+    def abscissa(self, K: Matrix) -> Value:
+        """Return the greatest real part of the characteristic roots [1/s], computed roughly."""
+        return max((self._abscissa_at(K, ages) for ages in self._ages), key=lambda x: x.value)
+
+    def gain(self, K: Matrix, log_e: float = 0.0) -> Value:
+        """Return log g at the scaling e; infinite where the loop or N is not as it must be."""
+        found: list[Value] = []
+        for ages in self._ages:
+            found.append(self._gain_at(K, log_e, ages))
+            if not np.isfinite(found[-1].value):
+                return found[-1]
+        return max(found, key=lambda x: x.value)
+
+    def _roots(self, K: Matrix, ages: Reals) -> Complexes:
+        BK = self._B @ K
+        A = [M + BK * S for M, S in zip(self._A, self._S, strict=True)]
+        return approximate_roots(ClosedLoop(A, ages.tolist()), _NODES)
+
+    def _at(self, K: Matrix, s: Any, ages: Reals) -> tuple[Any, Any, Any]:
+        """Return the weights e^{-s d_i}, phi and H at each s."""
+        weights = np.exp(-s[:, None] * ages)
+        phi = weights @ self._S
+        A = np.einsum("ki,iab->kab", weights, self._A)
+        H = s[:, None, None] * np.eye(len(self._B)) - A - (self._B @ K) * phi[:, None, :]
+        return weights, phi, H
+
+    def _abscissa_at(self, K: Matrix, ages: Reals) -> Value:
+        root = complex(self._roots(K, ages)[0])
+        for _ in range(_POLISH):
+            _, _, H = self._at(K, np.array([root]), ages)
+            mu = scipy.linalg.eigvals(H[0], self._derivative(K, root, ages))
+            mu = mu[np.isfinite(mu)]
+            step = complex(mu[np.argmin(np.abs(mu))]) if mu.size else 0.0
+            if abs(step) > 0.1 * (abs(root) + 1.0):
+                break  # another root: the seed was a poor one
+            root -= step
+        _, phi, H = self._at(K, np.array([root]), ages)
+        left, _, right = np.linalg.svd(H[0])
+        u, v = left[:, -1].conj(), right[-1].conj()
+        slope = u @ self._derivative(K, root, ages) @ v
+        gradient = np.outer(u @ self._B, phi[0] * v) / slope if slope else np.zeros(K.shape)
+        return Value(root.real, np.asarray(gradient.real * self.free), 0.0)
+
+    def _derivative(self, K: Matrix, s: complex, ages: Reals) -> Complexes:
+        """Return H'(s)."""
+        weights = ages * np.exp(-s * ages)
+        late = np.einsum("i,iab->ab", weights, self._A) + (self._B @ K) * (weights @ self._S)
+        return np.asarray(np.eye(len(self._B)) + late, dtype=np.complex128)
+
+    def _gain_at(self, K: Matrix, log_e: float, ages: Reals) -> Value:
+        nothing = Value(np.inf, np.zeros(K.shape), 0.0)
+        roots = self._roots(K, ages)
+        if not roots[0].real < 0:
+            return nothing
+        floor = float(np.linalg.norm(self._D1, 2)) if self._D1.size else 0.0
+        grid = self._grid(roots)
+        levels = self._levels(K, log_e, grid, ages)
+        if not np.isfinite(levels).all():
+            return nothing
+        padded = np.concatenate([[-np.inf], levels, [-np.inf]])
+        peaks = np.flatnonzero((levels >= padded[:-2]) & (levels >= padded[2:]))
+        peaks = peaks[np.argsort(-levels[peaks], kind="stable")][:_PEAKS]
+        low, high = grid[np.maximum(peaks - 1, 0)], grid[np.minimum(peaks + 1, grid.size - 1)]
+        best, at = float(levels[peaks[0]]), float(grid[peaks[0]])
+        share = np.linspace(0.0, 1.0, _POINTS)
+        for each in range(_ROUNDS):
+            inner = low[:, None] + (high - low)[:, None] * share
+            found = self._levels(K, log_e, inner.ravel(), ages).reshape(inner.shape)
+            if not np.isfinite(found).all():
+                return nothing
+            top = found.argmax(axis=1)
+            rows = np.arange(len(top))
+            first = int(found[rows, top].argmax())
+            if found.max() > best:
+                best, at = float(found[first, top[first]]), float(inner[first, top[first]])
+            if each == _ROUNDS_OF_ALL:
+                rows = rows[first : first + 1]
+            low = inner[rows, np.maximum(top[rows] - 1, 0)]
+            high = inner[rows, np.minimum(top[rows] + 1, _POINTS - 1)]
+        if not best > floor:
+            # the limit of high frequencies, which no gain changes
+            return Value(float(np.log(max(floor, 1e-300))), np.zeros(K.shape), 0.0)
+        return self._slopes(K, log_e, at, ages)
+
+    def _grid(self, roots: Complexes) -> Reals:
+        """Return the frequencies of a coarse search: a sweep, and those near roots."""
+        near = roots[np.abs(roots.real) < 20 * np.abs(roots[0].real) + np.abs(roots[0])]
+        near = near[near.imag >= 0][:40]
+        speeds = np.concatenate([near.imag, np.abs(near)])
+        slow = max(float(np.abs(roots).min()), 1e-12)
+        fast = 10 * max(float(np.linalg.norm(self._A, 2, axis=(1, 2)).sum()), float(speeds.max()))
+        sweep = np.geomspace(1e-2 * slow, max(fast, 2e-2 * slow), _SWEEP)
+        return np.unique(np.concatenate([[0.0], speeds, sweep]))
+
+    def _maps(self, K: Matrix, omega: Reals, ages: Reals) -> tuple[_At, Any]:
+        weights, phi, H = self._at(K, 1j * omega, ages)
+        D = np.einsum("ki,iab->kab", weights, self._D) + (self._D2 @ K) * phi[:, None, :]
+        q = np.einsum("ki,iab->kab", weights, self._H)
+        inverse = np.linalg.inv(H)
+        return _At(phi, inverse, D, q), inverse @ np.hstack([self._C, self._E])
+
+    def _levels(self, K: Matrix, log_e: float, omega: Reals, ages: Reals) -> Reals:
+        """Return the least g at every frequency; infinite where N is not positive."""
+        at, x = self._maps(K, omega, ages)
+        z = at.on_output @ x
+        z[:, :, : self._D1.shape[1]] += self._D1
+        if self._E.size:
+            N = _scaled(at.on_uncertain @ x, self._C.shape[1], log_e)
+            try:
+                lower = np.linalg.cholesky(N)
+            except np.linalg.LinAlgError:
+                return np.full(omega.shape, np.inf)
+            z = np.linalg.solve(lower, z.conj().swapaxes(1, 2))
+        if z.shape[1] > z.shape[2]:
+            z = z.conj().swapaxes(1, 2)
+        square = np.linalg.eigvalsh(z @ z.conj().swapaxes(1, 2))[:, -1]
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)), dtype=np.float64)
+
+    def _slopes(self, K: Matrix, log_e: float, omega: float, ages: Reals) -> Value:
+        """Return log g at one frequency, with its derivatives."""
+        whole, states = self._maps(K, np.array([omega]), ages)
+        at, x = _At(*(part[0] for part in whole)), states[0]
+        z, q = at.on_output @ x, at.on_uncertain @ x
+        z[:, : self._D1.shape[1]] += self._D1
+        count, e2 = self._C.shape[1], float(np.exp(2 * log_e))
+        square, v = _least(z, q, count, log_e)
+        square = square**2
+        a, b = z @ v, q @ v
+        weight = np.concatenate([np.ones(count), np.full(len(v) - count, e2)])
+        size = float((weight * np.abs(v) ** 2).sum() - e2 * np.vdot(b, b).real)
+        through = at.inverse @ self._B
+        row = a.conj() @ (self._D2 + at.on_output @ through)
+        row = row + square * e2 * b.conj() @ (at.on_uncertain @ through)
+        gradient = 2 * np.outer(row, at.phi * (x @ v)).real * self.free / size
+        slope = -2 * square * e2 * float(np.vdot(v[count:], v[count:]).real - np.vdot(b, b).real)
+        return Value(
+            0.5 * float(np.log(square)), gradient / (2 * square), slope / size / (2 * square)
+        )
+
+
+def _scaled(q: Complexes, count: int, log_e: float) -> Complexes:
+    """Return N for G_q, `count` columns of which belong to w."""
+    e2 = float(np.exp(2 * log_e))
+    weight = np.concatenate([np.ones(count), np.full(q.shape[-1] - count, e2)])
+    return np.asarray(np.diag(weight) - e2 * (q.conj().swapaxes(-1, -2) @ q))
+
+
+def _least(z: Complexes, q: Complexes, count: int, log_e: float) -> tuple[float, Any]:
+    """Return the least g with z*z <= g^2 N, and its vector; infinite where N is not positive."""
+    try:
+        values, vectors = scipy.linalg.eigh(z.conj().T @ z, _scaled(q, count, log_e))
+    except np.linalg.LinAlgError:
+        return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
+    return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]

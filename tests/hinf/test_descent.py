@@ -1,0 +1,72 @@
+"""The descent on K: kinks, a full gain, and determinism."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.hinf import Delay, DelaySystem, close, hinf_norm, spectral_abscissa
+from cosim.hinf.synthesis.descent import proposals
+from cosim.hinf.synthesis.nonsmooth import minimised
+from cosim.hinf.synthesis.structured_gains import descent_design
+
+
+def test_a_minimum_at_a_kink_is_found() -> None:
+    """Of max(|x - 1|, 10 |y|) + (x - y)^2, with the minimum where both are equal."""
+
+    def function(v: np.ndarray) -> tuple[float, np.ndarray]:
+        x, y = v
+        first = abs(x - 1) > 10 * abs(y)
+        kink = np.array([np.sign(x - 1), 0.0]) if first else np.array([0.0, 10 * np.sign(y)])
+        value = max(abs(x - 1), 10 * abs(y)) + (x - y) ** 2
+        return value, kink + 2 * (x - y) * np.array([1.0, -1.0])
+
+    found = minimised(function, np.array([-2.0, 1.5]), evaluations=400)
+    # along 1 - x = 10 y the value is 1 - x + ((11 x - 1)/10)^2, least at x = (1 + 100/22)/11
+    x = (1 + 50 / 11) / 11
+    assert found.x == pytest.approx([x, (1 - x) / 10], abs=1e-3)
+
+
+def fridman_shaked() -> DelaySystem:
+    """Give the classical benchmark of delayed H-infinity control (2002)."""
+    return DelaySystem(
+        [[0, 0], [0, 1]],
+        [[0], [1]],
+        [[1], [1]],
+        [[0, 1], [0, 0]],
+        D2=[[0], [0.1]],
+        delays=[Delay(0.999, [[-1, -1], [0, -0.9]])],
+    )
+
+
+def test_a_full_gain_comes_near_the_best_published_one() -> None:
+    """From zero, where the loop is not stable, to a norm below .105; twice the same gain."""
+    first, second = (next(proposals(fridman_shaked(), drawn=1)) for _ in range(2))
+    assert np.array_equal(first, second)
+    loop = close(fridman_shaked(), first)
+    norm = hinf_norm(loop)
+    assert spectral_abscissa(loop) < 0
+    assert norm is not None
+    assert norm.value < 0.105
+
+
+def test_with_uncertainty_the_scaled_gain_bounds_that_of_every_constant_F() -> None:
+    """The design is proved, and no F of a sweep exceeds its gamma."""
+    system = DelaySystem(
+        [[0.2]],
+        [[1]],
+        [[1]],
+        [[1], [0]],
+        D2=[[0], [0.5]],
+        E=[[0.3]],
+        H=[[1]],
+        delays=[Delay(0.4, [[0]], feedback=True)],
+    )
+    found = descent_design(system, None, 1)
+    k, s = found.K[0, 0], 1j * np.geomspace(1e-3, 1e2, 2000)
+    late = k * np.exp(-0.4 * s)
+    gains = [
+        np.sqrt(1 + np.abs(0.5 * late) ** 2) / np.abs(s - 0.2 - 0.3 * F - late)
+        for F in np.linspace(-1, 1, 21)
+    ]
+    assert np.max(gains) <= found.gamma < 1.2 * np.max(gains)
