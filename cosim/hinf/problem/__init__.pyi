@@ -10,6 +10,10 @@ from .design_constraints import (
     design_constraints_of as design_constraints_of,
 )
 from .envelope import Envelope as Envelope
+from .modem import (
+    SOUND_SPEED as SOUND_SPEED,
+    Modem as Modem,
+)
 from .other_delays import (
     ages_are_known as ages_are_known,
     of_any_age as of_any_age,

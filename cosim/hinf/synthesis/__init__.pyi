@@ -1,3 +1,10 @@
+from .ages_of_messages import (
+    AgeLimit as AgeLimit,
+    AgeRow as AgeRow,
+    Assumption as Assumption,
+    MessageAges as MessageAges,
+    message_ages as message_ages,
+)
 from .analysis import (
     Analysis as Analysis,
     analyse as analyse,

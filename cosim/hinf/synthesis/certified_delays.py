@@ -38,7 +38,8 @@ from cosim.models import DelaySystem
 
 _STEP = 1.1
 _FIRST = 2.0**-10  # first delay tried above zero, as a share of the limit
-_PRECISION = 1e-6  # of the bisection, relative
+PRECISION = 1e-6
+"""Of the bisection, relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,7 @@ def certified_delay(
     delay_index: int = 0,
     order: Order = "auto",
     limit: float = DELAY_LIMIT,
+    precision: float = PRECISION,
 ) -> CertifiedDelay:
     """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
 
@@ -81,6 +83,7 @@ def certified_delay(
     delay_index : index of the delay.
     order : of the Bessel-Legendre inequality, 0 for Theorem 1; "auto": the greatest affordable.
     limit : where the search stops [s].
+    precision : of the bisection, relative.
 
     Raises
     ------
@@ -93,7 +96,7 @@ def certified_delay(
         check_gamma(gamma, system)
     own_order = affordable_order(system, K, performance=gamma is not None)
     own_order = own_order if order == "auto" else order
-    search = _Search(system, K, gamma, delay_index)
+    search = _Search(system, K, gamma, delay_index, precision)
     if own_order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
         if search.d != limit:
@@ -137,9 +140,15 @@ class _Search:
     """The greatest certified delay so far (`d`), and the least failed one (`failed`)."""
 
     def __init__(
-        self, system: DelaySystem, K: NDArray[np.float64], gamma: float | None, delay_index: int
+        self,
+        system: DelaySystem,
+        K: NDArray[np.float64],
+        gamma: float | None,
+        delay_index: int,
+        precision: float,
     ) -> None:
         self._system, self._K, self._gamma, self._which = system, K, gamma, delay_index
+        self._precision = precision
         self.d: float | None = None
         self.failed: float | None = None
         self.order = 0
@@ -161,7 +170,7 @@ class _Search:
         return conditions_of(self._system, self._K, order, performance=self._gamma is not None)
 
     def climb(
-        self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
+        self, order: int, limit: float, *, start: float, step: float, precision: float = 0.0
     ) -> None:
         """Go up from `start` until a proof fails or the limit is reached, then bisect."""
         conditions = self._conditions(order)
@@ -188,7 +197,7 @@ class _Search:
         while (
             self.failed is not None
             and self.d is not None
-            and self.failed - self.d > precision * self.failed
+            and self.failed - self.d > max(precision, self._precision) * self.failed
         ):
             certified(_between(self.d, self.failed))
 
