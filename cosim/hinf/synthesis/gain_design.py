@@ -48,10 +48,10 @@ from cosim.hinf.synthesis.greatest_delays import (
     bessel_legendre_delay,
     greatest_delay as delay_of_theorem_2,
 )
+from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.routes import Request, designed_by_some_route
 from cosim.hinf.synthesis.search import initial_scalars
-from cosim.hinf.synthesis.sharper_delays import sharper_delay
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.models import DelaySystem, Matrix
 
@@ -319,7 +319,7 @@ def greatest_delay(
         def design_at(there: DelaySystem) -> Design:
             return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
 
-        found = sharper_delay(
+        found = improved_delay(
             system, gamma, found, design_at, delay_index=delay_index, limit=limit, order=own
         )
     if found is None:
