@@ -24,6 +24,7 @@ from cosim.hinf import (
     design,
     design_from_json,
     design_to_json,
+    greatest_delay,
 )
 from cosim.hinf.certificate.system_json import system_from_json, system_to_json
 from cosim.hinf.lmi import AgesLmi
@@ -497,3 +498,18 @@ def test_a_gain_is_designed_to_meet_a_gamma() -> None:
     with pytest.raises(NotAchievableError, match="not reached") as error:
         design(system, [-0.5], [1.0], gamma=5.0, search=False)
     assert "10.3" in str(error.value.got)
+
+
+def test_a_greatest_delay_uses_known_ages() -> None:
+    """A sampled age may be longer than one of any variation; Theorem 2 does not know it."""
+    delay = Delay(0.5, [[0.0]], feedback=True, sampled=True)
+    system = DelaySystem([[0.5]], [[1.0]], delays=[delay])
+    plain, known = (
+        greatest_delay(system, None, order=order, limit=4.0) for order in (None, "auto")
+    )
+    assert known.delay > 1.1 * plain.delay
+    assert known.design.certificate["kind"] == "ages"
+    proof = check_certificate(known.design.certificate)
+    assert proof.valid
+    assert proof.claim["delays"][0]["d"] == known.delay
+    assert plain.refuted_at is not None

@@ -20,6 +20,7 @@ from varied_systems import FRIDMAN_SHAKED, NOMOTO_SHIP, chain, varied_system
 from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import analyse, as_cvxpy, auv_system, check_certificate, design, with_delays
 from cosim.hinf.lmi import Answer, Problem, Scalars, scaling_of
+from cosim.hinf.lmi.loop_lmi import own_units
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import search as searching
 from cosim.hinf.synthesis.analysis import preferred
@@ -52,6 +53,47 @@ def test_a_limit_on_the_gain_uses_the_same_ladder() -> None:
     assert np.linalg.norm(found.K, 2) <= 10.0
     assert found.guarantees.gain_limit is not None
     assert check_certificate(found.certificate).valid
+
+
+@pytest.mark.parametrize("seed", share_of([8, 10, 27]))
+def test_a_limit_just_above_the_gain_of_a_design_is_met(seed: int) -> None:
+    """What is certified without the limit meets it: it is never refused with it."""
+    system = varied_system(seed)
+    free = design(system)
+    limit = 1.02 * float(np.linalg.norm(free.K, 2))
+    found = design(system, gain_limit=limit)
+    assert np.linalg.norm(found.K, 2) <= limit
+    assert found.guarantees.gain_limit is not None
+    assert check_certificate(found.certificate).valid
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", share_of([7, 20, 28]))
+def test_odd_units_and_narrow_margins(seed: int) -> None:
+    """States in odd units, and one whose LMI with gamma has no point that can be proved."""
+    system = varied_system(seed)
+    found = design(system)
+    assert found.gamma is not None
+    assert norm(loop_of(system, found.K)) < found.gamma < 2.0 * (found.exact_norm or 0.0)
+    assert check_certificate(found.certificate).valid
+
+
+def test_the_time_of_a_loop_does_not_depend_on_units() -> None:
+    """States in units of a thousand and a thousandth: the same unit of time, within balancing."""
+    A, S = np.array([[-1.0, 2.0], [0.5, -3.0]]), np.array([1e3, 1e-3])
+    times = [own_units([M])[1] for M in (A, S[:, None] * A / S)]
+    assert 0.5 < times[0] / times[1] < 2.0
+
+
+def test_units_that_hardly_solve_are_not_kept() -> None:
+    """Where balanced units fail and the others find only an inaccurate point, the first return."""
+    system = varied_system(28)
+    problem = Problem(system)
+    usual, delays = problem.scaling, tuple(x.d for x in system.delays)
+    k2 = tuple(1.0 / d for d in delays)
+    poor = problem.least_gamma(Scalars(tuple(-0.2 * k for k in k2), k2, delays))
+    assert not (isinstance(poor, Answer) and poor.accurate)
+    assert problem.scaling is usual
 
 
 @pytest.mark.slow

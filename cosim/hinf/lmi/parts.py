@@ -83,6 +83,8 @@ def solve_in_parts(
         label: Labels = np.zeros(one.size, dtype=np.intp) if own is None else own
         rows, columns, _ = places(one.size)
         same = label[rows] == label[columns]
+        if one.constant[~same].any():
+            raise ValueError("expected parts that no constant connects, got one that does")
         across = one.columns[~same]
         keep &= np.asarray(abs(across).sum(axis=0)).ravel() == 0
         cuts.append(

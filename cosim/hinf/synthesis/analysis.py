@@ -28,6 +28,7 @@ from cosim.hinf.nominal import (
     nominal_figures_of,
     verdict_of,
 )
+from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.conditions import (
     AFFORDABLE_ORDERS,
     Condition,
@@ -158,17 +159,19 @@ def best_analysis(
     made: list[Analysis] = []
     excluded = figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
     bounded = system.has_performance
-    for own in AFFORDABLE_ORDERS if order == "auto" else (order,):
+    known = ages_are_known(system)
+    orders = [order] if order != "auto" else [1, 0] if known else [*AFFORDABLE_ORDERS]
+    for own in orders:
         conditions: list[Condition] = []
         if order == "auto" and not excluded:
             conditions = affordable_conditions(system, K, own, performance=bounded)
         elif not excluded:
             conditions = conditions_of(system, K, own, performance=bounded)
-        if made and not conditions:
+        if not conditions and not excluded:
             continue
         last = _analysed(system, K, gamma, own, conditions, figures)
         made.append(last)
-        if last.certified and (gamma is not None or last.gamma is None or is_exact(last)):
+        if last.certified and (known or gamma is not None or last.gamma is None or is_exact(last)):
             break
     return preferred([one for one in made if one.certified] or made[:1])
 

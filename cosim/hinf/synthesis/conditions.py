@@ -41,6 +41,8 @@ Its unknowns grow with the square of the rows: with 60 a solve takes about a min
 """
 _MOST_UNKNOWNS = 300
 """Unknowns, counted at every corner, up to which an order is affordable: a second per solve."""
+_MOST_WITH_AGES = 1200
+"""So too where more is known of an age than its bound: the four axes of the vehicle have 1140."""
 AFFORDABLE_ORDERS = (0, 1, 2)
 """Orders that are tried where none is asked for."""
 
@@ -76,7 +78,7 @@ def affordable_conditions(
 ) -> list[Condition]:
     """Return the conditions of this order that take a few seconds at most and may gain something.
 
-    At order 0 those of `conditions_of`, however long they take.
+    At order 0, of which one is always affordable, and with known ages up to order 1.
     """
     found = conditions_of(system, K, order, performance=performance)
     late = [x for x in system.delays if x.d > 0]
@@ -89,7 +91,11 @@ def affordable_conditions(
             return one.unknowns(delays)
         return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
 
-    return [x for x in found if not order or cost(x) <= _MOST_UNKNOWNS]
+    known = any(x.ages_are_known for x in late)
+    if known and order > 1:
+        return []
+    most = _MOST_WITH_AGES if known else _MOST_UNKNOWNS
+    return [x for x in found if cost(x) <= most] or ([] if order else found[-1:])
 
 
 def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:

@@ -49,10 +49,10 @@ from cosim.hinf.synthesis.greatest_delays import (
     bessel_legendre_delay,
     greatest_delay as delay_of_theorem_2,
 )
+from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
-from cosim.hinf.synthesis.routes import AGES_ORDER, Request, designed_by_some_route
+from cosim.hinf.synthesis.routes import Request, designed_by_some_route
 from cosim.hinf.synthesis.search import initial_scalars
-from cosim.hinf.synthesis.sharper_delays import sharper_delay
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.structured_gains import structured_design
 from cosim.models import DelaySystem, Matrix
@@ -166,7 +166,7 @@ def _designed(asked: Request, order: Order | None, solver: str, *, search: bool)
     if solver == "cvxpy":
         return cvxpy_design(system, one, two, gamma=gamma, search=search)
     if ages_are_known(system):
-        return designed_by_some_route(asked, order if isinstance(order, int) else AGES_ORDER)
+        return designed_by_some_route(asked, order if isinstance(order, int) else "auto")
     theorem_2.checked_scalars(system, one, two)
     if order == "auto":
         return designed_by_some_route(asked)
@@ -187,7 +187,7 @@ def _proved(
     if solver == "cvxpy":
         return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=search)
     if ages_are_known(system):
-        own = order if isinstance(order, int) else AGES_ORDER
+        own: Order = order if isinstance(order, int) else "auto"
         return given_gain_design(system, gain, gamma, own)
     if order is not None:
         try:
@@ -328,12 +328,12 @@ def greatest_delay(
         except NotAchievableError as error:
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
     if known:
-        own = order if isinstance(order, int) else AGES_ORDER
+        own: Order = order if isinstance(order, int) else "auto"
 
         def design_at(there: DelaySystem) -> Design:
             return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
 
-        found = sharper_delay(
+        found = improved_delay(
             system, gamma, found, design_at, delay_index=delay_index, limit=limit, order=own
         )
     if found is None:

@@ -37,7 +37,7 @@ from cosim.hinf.synthesis.ages_gains import (
     gains_of_the_ages,
     is_past_the_best,
 )
-from cosim.hinf.synthesis.analysis import best_analysis, is_exact, preferred
+from cosim.hinf.synthesis.analysis import Order, best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
@@ -45,9 +45,6 @@ from cosim.hinf.synthesis.not_achievable import none_succeeded
 from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_error
 from cosim.hinf.synthesis.structured_gains import descent_design
 from cosim.models import DelaySystem, Matrix
-
-AGES_ORDER = 1
-"""Order of the analysis with known ages, where none is asked for."""
 
 _DESIGN_UNKNOWNS = 60
 _MOST_UNKNOWNS = 240
@@ -87,7 +84,7 @@ class Route:
     improves: bool = False
 
 
-def designed_by_some_route(asked: Request, order: int = AGES_ORDER) -> Design:
+def designed_by_some_route(asked: Request, order: Order = "auto") -> Design:
     """Return the design of the first route that succeeds, or of a later one that improves it.
 
     order : of the analysis where ages are known.
@@ -182,7 +179,7 @@ def _routes(asked: Request) -> Iterator[Route]:
         yield Route(f"order {order}, continued from shorter delays", continued)
 
 
-def _routes_with_ages(asked: Request, order: int) -> Iterator[Route]:
+def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
     """Routes where more is known of an age than its bound."""
     s, gamma, search = asked.system, asked.gamma, bool(asked.search)
 
@@ -198,7 +195,7 @@ def _routes_with_ages(asked: Request, order: int) -> Iterator[Route]:
             raise
 
     def of_the_ages(found: Sequence[Design]) -> Design:
-        gains = gains_of_the_ages(s, order, found)
+        gains = gains_of_the_ages(s, 1 if order == "auto" else order, found)
         return proved_by_analysis(s, gains, gamma, order, enough=lambda _: False)
 
     def by_cvxpy(found: Sequence[Design]) -> Design:

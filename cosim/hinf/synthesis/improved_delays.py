@@ -22,7 +22,7 @@ _BEYOND = 1.1  # delay at which the next gain is designed, as a multiple of the 
 _WORTH = 1.01  # a longer delay by less ends the rounds
 
 
-def sharper_delay(
+def improved_delay(
     system: DelaySystem,
     gamma: float | None,
     start: GreatestDelay | None,
