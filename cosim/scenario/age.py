@@ -18,7 +18,6 @@ from cosim.scenario.measure import Measure, Recent, after, own_points_in
 
 Integers = NDArray[np.int64]
 NONE_IN_USE = -1
-_NEVER = np.iinfo(np.int64).max
 
 
 class MeasuredAges(NamedTuple):
@@ -28,13 +27,15 @@ class MeasuredAges(NamedTuple):
     ----------
     least_ns, greatest_ns : over all instants [ns].
     in_use_ns : least and greatest age at the instants at which a measurement comes into use [ns].
+        The measurement of t = 0 counts neither here nor for the least age: it stands for all
+        before it, since the state is constant there. None where no other came into use.
     first_ns : the first of these instants [ns].
     alike : of parallel links, the measurements in use were always equally old.
     """
 
-    least_ns: int
+    least_ns: int | None
     greatest_ns: int
-    in_use_ns: tuple[int, int]
+    in_use_ns: tuple[int, int] | None
     first_ns: int
     alike: bool
 
@@ -75,25 +76,24 @@ class AgeMeasure(Measure[MeasuredAges | None]):
         taken = np.stack([path.add(first, last) for path in self._paths])[:, :-1]
         there = (taken >= 0).all(axis=0)
         oldest = np.where(there, taken.min(axis=0, initial=points[-1]), NONE_IN_USE)
-        newest = taken.max(axis=0, initial=NONE_IN_USE)[there]
+        newest = taken.max(axis=0, initial=NONE_IN_USE)
         before = np.concatenate(([self._taken], oldest))[:-1]
         self._taken = int(oldest[-1]) if oldest.size else self._taken
-        if not newest.size:
+        if not there.any():
             return
-        comes = there & (oldest != before)
-        in_use = (points[:-1] - oldest)[comes].tolist()
-        begins = points[:-1][there]
         known = self._found
+        comes = (points[:-1] - oldest)[(oldest > 0) & (oldest != before)].tolist()
+        young = (points[:-1] - newest)[oldest > 0].tolist()
+        oldest_age = int((points[1:] - oldest)[there].max())
         if known is not None:
-            in_use += known.in_use_ns
+            comes += known.in_use_ns or ()
+            young += () if known.least_ns is None else (known.least_ns,)
         self._found = MeasuredAges(
-            least_ns=min(int((begins - newest).min()), known.least_ns if known else _NEVER),
-            greatest_ns=max(
-                int((points[1:] - oldest)[there].max()), known.greatest_ns if known else 0
-            ),
-            in_use_ns=(min(in_use), max(in_use)),
-            first_ns=known.first_ns if known else int(begins[0]),
-            alike=bool((oldest[there] == newest).all()) and (known is None or known.alike),
+            least_ns=min(young, default=None),
+            greatest_ns=max(oldest_age, known.greatest_ns if known else 0),
+            in_use_ns=(min(comes), max(comes)) if comes else None,
+            first_ns=known.first_ns if known else int(points[:-1][there][0]),
+            alike=bool((oldest == newest)[there].all()) and (known is None or known.alike),
         )
 
     def result(self, run: Run) -> MeasuredAges | None:

@@ -71,9 +71,9 @@ def age_figures(
     }
     if measured is not None:
         found["measured"] = {
-            "least_s": measured.least_ns / 1e9,
+            "least_s": None if measured.least_ns is None else measured.least_ns / 1e9,
             "greatest_s": measured.greatest_ns / 1e9,
-            "in_use_s": [age / 1e9 for age in measured.in_use_ns],
+            "in_use_s": [age / 1e9 for age in measured.in_use_ns or ()],
         }
     if known is not None:
         found["settings"] = {
@@ -89,6 +89,7 @@ def _not_below(delay: Delay, measured: MeasuredAges | None) -> bool:
     """Whether no age was below the least; before the first measurement, the time counts as age."""
     return (
         measured is not None
+        and measured.least_ns is not None
         and measured.least_ns / 1e9 >= delay.least_age * (1 - _CLOSE)
         and measured.first_ns / 1e9 <= delay.d * (1 + _CLOSE)
     )
@@ -97,6 +98,7 @@ def _not_below(delay: Delay, measured: MeasuredAges | None) -> bool:
 def _is_sampled(delay: Delay, measured: MeasuredAges | None) -> bool:
     return (
         measured is not None
+        and measured.in_use_ns is not None
         and measured.alike
         and all(abs(age / 1e9 - delay.least_age) <= _CLOSE * delay.d for age in measured.in_use_ns)
     )
@@ -108,4 +110,6 @@ def _justified(delay: Delay, known: FeedbackAge) -> bool:
 
 def _is_constant(measured: MeasuredAges | None, step_ns: int) -> bool:
     """Whether the age varied by no more than the exchange at communication points makes it vary."""
-    return measured is not None and measured.greatest_ns - measured.least_ns <= 2 * step_ns
+    if measured is None or measured.least_ns is None:
+        return False
+    return measured.greatest_ns - measured.least_ns <= 2 * step_ns

@@ -235,7 +235,7 @@ def _latest_ns(link: PacketLink) -> float:
 def _sampled_age(stages: Sequence[_Stage]) -> tuple[int, int, bool]:
     """Return the age at which measurements come into use, how often [ns], and whether some may not.
 
-    After each stage a new measurement is there at phase + k period, unless it is lost.
+    After each stage a new measurement is there at phase + k period, k >= 0, unless it is lost.
     """
     first = stages[0]
     period, phase, age = first.period, first.offset + first.delay, first.delay
@@ -249,13 +249,16 @@ def _sampled_age(stages: Sequence[_Stage]) -> tuple[int, int, bool]:
                 )
             wait = (stage.offset - phase) % stage.period
             instant = phase + wait
+            if stage.offset > instant:
+                raise _NotSampledError(f"{stage.name} begins after the first measurement came")
         elif stage.period % period == 0:
             if may_lose:
                 raise _NotSampledError(
                     f"{stage.name} takes an older measurement where the newest one was lost"
                 )
             wait = (stage.offset - phase) % period
-            period, instant = stage.period, stage.offset
+            period = stage.period
+            instant = stage.offset + max(0, -(-(phase - stage.offset) // period)) * period
         else:
             raise _NotSampledError(f"the period of {stage.name} does not go with that before it")
         age += wait + stage.delay

@@ -181,14 +181,7 @@ def require_up_to(found: Design) -> None:
 
     That is exactly one measurement age, and an age that changes at a bounded rate.
     """
-    if any(delay.feedback and delay.rate is not None for delay in found.system.delays):
-        raise NotAchievableError(
-            "the age of the feedback has no bounded rate in a run",
-            where="design.rate",
-            expected="any age, one from least_age on, or a sampled one",
-            got="held values: their age grows at rate one, and falls when a newer one comes",
-            hint="sampled = true, where the links justify it",
-        )
+    _refuse_rate(found.system)
     if found.covers_smaller_delays:
         return
     # ages that are known better than by their bound are held against the run; constant ones in
@@ -201,6 +194,18 @@ def require_up_to(found: Design) -> None:
             expected="one that covers every age up to it: the age of a message varies",
             got=str(found.order),
             hint="order = 0 covers them, and so does a delay of any age",
+        )
+
+
+def _refuse_rate(system: DelaySystem) -> None:
+    """Refuse a bounded rate of the age of the feedback (NotAchievableError)."""
+    if any(delay.feedback and delay.rate is not None for delay in system.delays):
+        raise NotAchievableError(
+            "the age of the feedback has no bounded rate in a run",
+            where="design.rate",
+            expected="any age, one from least_age on, or a sampled one",
+            got="held values: their age grows at rate one, and falls when a newer one comes",
+            hint="sampled = true, where the links justify it",
         )
 
 
@@ -232,6 +237,7 @@ def solve(
     ------
     NotAchievableError : nothing could be certified, or only for exactly one age.
     """
+    _refuse_rate(problem.system)
     design_constraints = asdict(problem.design_constraints)
     found = design(
         problem.system,

@@ -16,9 +16,9 @@ def age_lines(age: Mapping[str, Any]) -> list[str]:
         lines.append(f"age of the feedback, assumed: {age['assumed']}")
     measured = age.get("measured")
     if isinstance(measured, Mapping):
-        least, greatest = _seconds(measured.get("least_s")), _seconds(measured.get("greatest_s"))
-        line = f"in this run: from {least} to {greatest}"
-        used = measured.get("in_use_s")
+        least, most = _seconds(measured.get("least_s")), _seconds(measured.get("greatest_s"))
+        line = f"in this run: from {least} to {most}"
+        used: Any = measured.get("in_use_s")
         if isinstance(used, list) and len(used) == 2:
             one = used[0] == used[1]
             words = f"always {_seconds(used[0])}" if one else " to ".join(map(_seconds, used))

@@ -57,12 +57,13 @@ def measured_ages(
     comes = [
         int(points[k]) - min(taken)
         for k, taken in known
-        if k == 0 or min(held[k - 1][1]) != min(taken)
+        if min(taken) > 0 and (k == 0 or min(held[k - 1][1]) != min(taken))
     ]
+    young = [int(points[k]) - max(taken) for k, taken in known if min(taken) > 0]
     return MeasuredAges(
-        least_ns=min(int(points[k]) - max(taken) for k, taken in known),
+        least_ns=min(young, default=None),
         greatest_ns=max(int(points[k + 1]) - min(taken) for k, taken in known),
-        in_use_ns=(min(comes), max(comes)),
+        in_use_ns=(min(comes), max(comes)) if comes else None,
         first_ns=int(points[known[0][0]]),
         alike=all(min(taken) == max(taken) for _, taken in known),
     )
