@@ -32,7 +32,7 @@ from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import Problem, problem_of, solve, with_known_age
 from cosim.scenario.measure import measured
-from cosim.scenario.preparation import PreparedScenario, prepare
+from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from cosim.scenario.schema import DesignPart
 
