@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import random
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from master.scalar import end, ns
+from rich.console import Console
 
+from cosim.cli.run_view import outcome_view
 from cosim.core import InputError, NotAchievableError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.hinf import auv_system
@@ -27,7 +30,7 @@ from cosim.network import (
 )
 from cosim.scenario.age import AgeMeasure, MeasuredAges
 from cosim.scenario.age_claim import age_assumptions
-from cosim.scenario.execute import execute_unrecorded
+from cosim.scenario.execute import execute_run
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import Problem, problem_of, solve, with_known_age
@@ -35,6 +38,8 @@ from cosim.scenario.measure import measured
 from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from cosim.scenario.schema import DesignPart
+from cosim.trace import describe, render
+from cosim.trace.report.verdict import assumptions_of
 
 STEP = ns(0.05)
 UP = [("plant.eta.x", "controller.eta.x"), ("plant.nu.u", "controller.nu.u")]
@@ -222,13 +227,20 @@ def test_an_age_that_is_constant_but_for_the_step() -> None:
         assert age_assumptions(constant, ages, None, STEP) == {"message_age_constant": met}
 
 
-def test_playout_scenario_keeps_to_its_proof(native_fmus: Path) -> None:
+def printed(view: Any) -> str:
+    """What a terminal shows, in one line."""
+    console = Console(width=300, file=io.StringIO())
+    console.print(view)
+    return " ".join(console.file.getvalue().split())  # type: ignore[attr-defined]
+
+
+def test_playout_scenario_keeps_to_its_proof(native_fmus: Path, tmp_path: Path) -> None:
     """The built-in scenario, its gamma below that of the link without a buffer, and without it."""
     results = {}
     for playout in ("0.3", "0"):
         loaded = load("auv-acoustic-playout", (f"links.fixes.playout={playout}", "run.end=40"))
         cache = FmuCache(native_fmus.parent, loaded.folder, flavour="native")
-        results[playout] = execute_unrecorded(prepare(loaded, cache))[0]
+        results[playout] = execute_run(prepare(loaded, cache), tmp_path / f"{playout}.mcap")
     kept = results["0.3"]
     assert all(kept.metrics["assumptions"].values())
     assert kept.metrics["gamma"] < 2.05
@@ -241,6 +253,17 @@ def test_playout_scenario_keeps_to_its_proof(native_fmus: Path) -> None:
     sampled = {"message_age_sampled", "links_justify_sampled_age"}
     assert failed == sampled | {"message_age_not_below_least"}
     assert "without playout" in results["0"].metrics["feedback_age"]["settings"]["why"]
+    for playout, words in (("0.3", "always 0.35 s when"), ("0", "0.3 s to 0.4 s when")):
+        info = describe(tmp_path / f"{playout}.mcap")
+        for text in (printed(outcome_view(results[playout])), printed(render(info))):
+            assert "sampled: exactly 0.35 s when a measurement comes into use" in text
+            assert words in text
+        checks = {check.what: check for check in assumptions_of(info)}
+        used = checks["Every measurement came into use at the age of the proof"]
+        assert words in used.why
+        justified = checks["By their settings the links give a sampled age"]
+        assert ("without playout" in justified.why) == (playout == "0")
+    assert "dropped late mean delay" in printed(outcome_view(kept))
 
 
 def test_design_takes_the_keys_of_ages(tmp_path: Path) -> None:
