@@ -173,7 +173,7 @@ def like_feedback(system: DelaySystem, like: Delay | None) -> DelaySystem:
 
 
 _ONE_AGE = "constant, exactly d"
-_SHARP_ORDER = 1
+_LARGE = 6  # more states than this, and order 1 takes minutes for a sampled age
 
 
 def require_up_to(found: Design) -> None:
@@ -287,7 +287,8 @@ def solve_sharply(problem: Problem, sharper: Problem, part: DesignPart) -> Desig
     if sharper is problem or found.gamma is None or part.order is not None:
         return found
     try:
-        better = solve(sharper, found.K.tolist(), _SHARP_ORDER)
+        order = 1 if len(sharper.system.A) <= _LARGE else 0
+        better = solve(sharper, found.K.tolist(), order)
     except NotAchievableError:
         return found
     return better if better.gamma is not None and better.gamma < found.gamma else found

@@ -232,7 +232,10 @@ def _assumptions(
             age is not None and age <= designed * (1 + 1e-12) and not substituted
         )
         step_ns = context.system.comm_schedule.step_ns
-        result |= age_assumptions(_feedback(context), context.figures.ages, known, step_ns)
+        ages = context.figures.ages
+        if ages is not None and not ages.alike:
+            result["measurements_equally_old"] = False  # u = K x(t - age): one age for all of x
+        result |= age_assumptions(_feedback(context), ages, known, step_ns)
     use = _envelope_use(context)
     if use is not None:
         result["state_inside_envelope"] = all(share <= 1.0 for share in use.values())
