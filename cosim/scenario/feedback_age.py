@@ -63,6 +63,10 @@ def feedback_age(system: System, plant: str, controller: str) -> FeedbackAge | N
     if not up or not down:
         return None
     least = sum(min(_least_ns(link) for link in links) for links in (up, down))
+    # "midpoint" and "linear" give the value of a later instant of the step
+    ways = [*_between(system, plant, controller), *_between(system, controller, plant)]
+    if any(c.policy in ("midpoint", "linear") for c in ways):
+        least = max(0, least - 2 * system.comm_schedule.step_ns)
     try:
         stages = _stages(system, up, controller, down)
         age, period, may_lose = _sampled_age(stages)
@@ -75,13 +79,17 @@ def feedback_age(system: System, plant: str, controller: str) -> FeedbackAge | N
 
 def _links_between(system: System, source: str, target: str) -> list[Link | None]:
     """Return the links that connect two components, each once; None stands for a wire."""
-    ends = [
+    names = sorted({c.link or "" for c in _between(system, source, target)})
+    return [system.links[name] if name else None for name in names]
+
+
+def _between(system: System, source: str, target: str) -> list[Connection]:
+    """Return the connections from one component to another."""
+    return [
         c
         for c in system.connections
         if c.source.component == source and c.target.component == target
     ]
-    names = sorted({c.link or "" for c in ends})
-    return [system.links[name] if name else None for name in names]
 
 
 def _least_ns(link: Link | None) -> int:
