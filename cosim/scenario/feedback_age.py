@@ -112,11 +112,11 @@ def _greatest_ns(
     step = system.comm_schedule.step_ns
     most: float = max(own.period, step) + step
     for links in (up, down):
-        most += max(0 if link is None else _held_ns(link, step) for link in links)
+        most += max(0 if link is None else _oldest_ns(link, step) for link in links)
     return int(most) if math.isfinite(most) else None
 
 
-def _held_ns(link: Link, step: int) -> float:
+def _oldest_ns(link: Link, step: int) -> float:
     """Return how old at most what a link brings is when the next one replaces it [ns]."""
     if isinstance(link, TransportLink):
         return step + (link.delay_ns if link.delay is None else int(link.delay.delays_ns.max()))

@@ -269,10 +269,10 @@ def with_known_age(problem: Problem, known: FeedbackAge | None) -> Problem:
     return replace(problem, system=like_feedback(problem.system, like))
 
 
-def solve_sharply(problem: Problem, sharper: Problem, part: DesignPart) -> Design:
-    """Design for `problem`, and prove the gain for `sharper`, the same with a better known age.
+def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> Design:
+    """Design for `problem`, and prove the gain for `linked`, the same with a better known age.
 
-    The better proof is claimed. Where nothing can be proved for `problem`, design for `sharper`.
+    The better proof is claimed. Where nothing can be proved for `problem`, design for `linked`.
 
     Raises
     ------
@@ -281,14 +281,14 @@ def solve_sharply(problem: Problem, sharper: Problem, part: DesignPart) -> Desig
     try:
         found = solve(problem, part.gain, part.order)
     except NotAchievableError:
-        if sharper is problem:
+        if linked is problem:
             raise
-        return solve(sharper, part.gain, part.order)
-    if sharper is problem or found.gamma is None or part.order is not None:
+        return solve(linked, part.gain, part.order)
+    if linked is problem or found.gamma is None or part.order is not None:
         return found
     try:
-        order = 1 if len(sharper.system.A) <= _LARGE else 0
-        better = solve(sharper, found.K.tolist(), order)
+        order = 1 if len(linked.system.A) <= _LARGE else 0
+        better = solve(linked, found.K.tolist(), order)
     except NotAchievableError:
         return found
     return better if better.gamma is not None and better.gamma < found.gamma else found

@@ -117,18 +117,18 @@ def kept_or_made(
     part = loaded.scenario.design
     if part is None:
         raise ValueError("expected a scenario with [design]")
-    sharper = with_known_age(problem, known)
-    made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem, sharper)}
+    linked = with_known_age(problem, known)
+    made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem, linked)}
     path = None if loaded.file is None else loaded.file.with_suffix(".design.json")
     if path is None:
-        return solve_sharply(problem, sharper, part), _in_trace("the scenario is no file")
+        return solve_sharply(problem, linked, part), _in_trace("the scenario is no file")
     try:
-        found, why, ours = _kept(path, made_for, (sharper, problem))
+        found, why, ours = _kept(path, made_for, (linked, problem))
     except OSError as error:
         found, why, ours = None, f"{path}: {error.strerror}", False
     if found is not None:
         return found, DesignSource(f"{path}, {why}", str(path))
-    made = solve_sharply(problem, sharper, part)
+    made = solve_sharply(problem, linked, part)
     if ours and any(layer.path and layer.path[0] == "design" for layer in loaded.origin.layers):
         why, ours = "a setting changes [design]", False
     if not ours:
@@ -145,11 +145,11 @@ def _in_trace(why: str) -> DesignSource:
     return DesignSource(f"made for this run, kept in its trace alone: {why}", made=True)
 
 
-def _question(part: DesignPart, problem: Problem, sharper: Problem) -> Any:
+def _question(part: DesignPart, problem: Problem, linked: Problem) -> Any:
     """Return what is asked of a gain beside its system, as JSON values."""
     asked = {key: getattr(part, key) for key in MADE_WITH} | {"k1": problem.k1, "k2": problem.k2}
-    age = feedback_of(sharper.system)
-    if sharper is not problem and age is not None:  # only then: older files do not have it
+    age = feedback_of(linked.system)
+    if linked is not problem and age is not None:  # only then: older files do not have it
         asked["feedback_age"] = age_in_words(age)
     return json.loads(json.dumps(asked | asdict(problem.design_constraints)))
 

@@ -165,7 +165,7 @@ class _Model:
         self.busy_until: int | None = None
         self.line: list[Label] = []  # sent and neither received nor missed yet
         self.newest = -1
-        self.shelf: set[Label] = set()  # arrived, and waiting for their play-out
+        self.buffered: set[Label] = set()  # arrived, and waiting for their play-out
 
     def up(self, t: int) -> int:
         if self.points is None:
@@ -246,7 +246,7 @@ class _Model:
         for label in ((k, 0), (k, 1)):
             entry = self.outcome.entries.get(label)
             if entry is not None and not entry.refused:
-                entry.late = label not in self.shelf
+                entry.late = label not in self.buffered
                 heapq.heappush(self.events, (self.up(t), _OUT, *label))
 
     def arrived(self, t: int, labels: list[Label]) -> None:
@@ -271,7 +271,7 @@ class _Model:
     def out(self, t: int, label: Label) -> None:
         """A message leaves the channel: for the receiver, or for the shelf."""
         if self.link.playout_ns:
-            self.shelf.add(label)
+            self.buffered.add(label)
         else:
             self.receive(t, label)
 

@@ -39,7 +39,7 @@ def measured_ages(
         if period <= 0 or -(-first // period) * period < last:
             latest = begin
         used[end] = latest
-    held: list[tuple[int, list[int]]] = []  # point, and when what is in use there was taken
+    intervals: list[tuple[int, list[int]]] = []  # point, and when what is in use there was taken
     for k in range(points.size - 1):
         taken = []
         for back in down:
@@ -50,14 +50,14 @@ def measured_ages(
             for forth in up:
                 row = -1 if read < 0 else int(forth.in_step.row[read])
                 taken.append(-1 if row < 0 else int(points[row]))
-        held.append((k, taken))
-    known = [(k, taken) for k, taken in held if min(taken) >= 0]
+        intervals.append((k, taken))
+    known = [(k, taken) for k, taken in intervals if min(taken) >= 0]
     if not known:
         return None
     comes = [
         int(points[k]) - min(taken)
         for k, taken in known
-        if min(taken) > 0 and (k == 0 or min(held[k - 1][1]) != min(taken))
+        if min(taken) > 0 and (k == 0 or min(intervals[k - 1][1]) != min(taken))
     ]
     young = [int(points[k]) - max(taken) for k, taken in known if min(taken) > 0]
     return MeasuredAges(
