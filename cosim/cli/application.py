@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
+from cosim.cli.age import age
 from cosim.cli.certificate import certificate_app
 from cosim.cli.common import error_json
 from cosim.cli.design import analyse, design
@@ -37,7 +38,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenario list[/bold].",
 )
-for command in (demo, design, analyse, paper, run):
+for command in (demo, design, analyse, age, paper, run):
     app.command()(command)
 app.command("scenarios", hidden=True)(list_scenarios)  # older name of `scenario list`
 for trace_command in (export, diff, inject):

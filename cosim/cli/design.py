@@ -188,7 +188,7 @@ def design(
         k: v for k, v in asked.items() if v is not None
     }
     goal = named.gamma if gamma is None else gamma
-    condition = _order(order)
+    condition = _order(order, AUTO, THEOREM_2)
     greatest: GreatestDelay | None = None
     with progress() as report_progress, _refutation_saved(save_refutation):
         report_progress(f"design of {name}", 0.0)
@@ -240,19 +240,17 @@ def design(
     )
 
 
-def _order(text: str) -> int | Literal["auto"] | None:
-    """Return the order that --order names; None for Theorem 2 alone."""
-    if text == AUTO:
-        return AUTO
-    if text == THEOREM_2:
-        return None
+def _order(text: str, *words: str) -> int | Literal["auto"] | None:
+    """Return the order that --order names, one of these words or a number; None: Theorem 2."""
+    if text in words:
+        return AUTO if text == AUTO else None
     try:
         return int(text)
     except ValueError:
         raise InputError(
             "not an order",
             where="--order",
-            expected=f"{AUTO}, {THEOREM_2} or a whole number",
+            expected=f"{', '.join(words)} or a whole number",
             got=repr(text),
         ) from None
 
@@ -286,11 +284,12 @@ def analyse(
         ),
     ] = None,
     order: Annotated[
-        int,
+        str,
         typer.Option(
-            help="0: use Theorem 1; N: the less conservative Bessel-Legendre condition of order N."
+            help="auto: the best proof of the conditions that take a few seconds; 0: Theorem 1; N: "
+            "the less conservative Bessel-Legendre condition of order N."
         ),
-    ] = 0,
+    ] = AUTO,
     gamma: Annotated[
         float | None, typer.Option(help="Prove this gamma instead of finding the least one.")
     ] = None,
@@ -325,17 +324,18 @@ def analyse(
         least = None if least_ages is None else numbers("--least-ages", least_ages)
         system = with_ages(system, least, sampled=sampled)
     K = own_gain if gain is None else gain_from(gain)
+    condition = _order(order, AUTO) or 0  # never None: Theorem 2 is no word here
     greatest: CertifiedDelay | None = None
     with progress() as report_progress:
         report_progress(f"analysis of {name}", 0.0)
         if max_delay:
             varied = _varied_delay(system)
             greatest = certified_delay(
-                system, K, gamma, delay_index=varied, order=order, limit=delay_limit
+                system, K, gamma, delay_index=varied, order=condition, limit=delay_limit
             )
             found = greatest.analysis
         else:
-            found = make_analysis(system, K, gamma, order=order)
+            found = make_analysis(system, K, gamma, order=condition)
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)

@@ -69,6 +69,7 @@ def page(report: Report) -> str:
         author=AUTHOR,
         summary=report.summary,
         counts=report.counts,
+        errors=report.errors,
         tones=_TONES,
         meaning=MEANING,
         how=HOW_MEANING,

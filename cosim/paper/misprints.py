@@ -103,6 +103,7 @@ def _row(example: Counterexample) -> Row:
         Verdict.IMPOSSIBLE if accepted and root > 0 else Verdict.HOLDS,
         "As printed, the theorem accepts a loop that diverges (no control, C = D = I).",
         value=root,
+        follows_from=(f"Eq. (14): {example.name}",),
     )
 
 

@@ -84,6 +84,7 @@ def model_rows() -> list[Row]:
         _heave(p),
         *_coefficients(p),
         *_thrust(p),
+        _surge_and_sway(p),
         _maclaurin(),
         _vehicle_design(),
     ]
@@ -178,6 +179,7 @@ def _coefficients(p: Parameters) -> list[Row]:
     rows = []
     for row, product, text in _printed_coefficients():
         value, as_printed = _value(p, row, product), _value(literal, row, product)
+        causes: tuple[str, ...] = ()
         needs = [s for s in MISPRINTS if not agrees(_value(s.undo(p), row, product), text)]
         if not agrees(value, text):
             verdict = Verdict.DOES_NOT
@@ -188,19 +190,33 @@ def _coefficients(p: Parameters) -> list[Row]:
         elif agrees(as_printed, text):
             verdict, why = Verdict.HOLDS, "Eq. (3) with Table 1 gives it as printed."
         else:
-            names = " and ".join(dict.fromkeys(s.name for s in needs))
+            causes = tuple(dict.fromkeys(s.name for s in needs))
             verdict = Verdict.CORRECTED
-            why = f"Needs the correction of {names}; without any it is {float(as_printed):.3f}."
+            why = (
+                f"Needs the correction of {' and '.join(causes)}; without any it is "
+                f"{float(as_printed):.3f}."
+            )
         what = f"f(x), row {row + 5} ({_AXES[row]}): {_product(product)}"
-        rows.append(_number_row(what, text, float(value), f"{float(value):.4f}", verdict, why))
+        computed = f"{float(value):.4f}"
+        rows.append(_number_row(what, text, float(value), computed, verdict, why, causes))
     return rows
 
 
 def _number_row(
-    what: str, printed: str, value: float, computed: str, verdict: Verdict, why: str
+    what: str,
+    printed: str,
+    value: float,
+    computed: str,
+    verdict: Verdict,
+    why: str,
+    follows_from: tuple[str, ...] = (),
 ) -> Row:
-    numbers = {"printed_value": float(printed), "value": value}
-    return Row(MODEL, what, printed, computed, How.COMPUTED, verdict, why, **numbers)
+    return Row(
+        *(MODEL, what, printed, computed, How.COMPUTED, verdict, why),
+        printed_value=float(printed),
+        value=value,
+        follows_from=follows_from,
+    )
 
 
 def _thrust(p: Parameters) -> list[Row]:
@@ -227,10 +243,37 @@ def _thrust(p: Parameters) -> list[Row]:
             verdict = Verdict.CORRECTED if agrees(-value, text) else Verdict.DOES_NOT
         else:
             verdict = Verdict.HOLDS if agrees(literal, text) else Verdict.CORRECTED
-        what, computed = f"thrust map above Eq. (4): entry ({i + 1}, {j + 1})", float(value)
+        what, computed = _entry(i, j), float(value)
         formatted = f"{computed:.{digits}e}"
-        rows.append(_number_row(what, text, computed, formatted, verdict, why))
+        # the sign is one error in two entries
+        cause = MISPRINTS[0].name if i == j else _entry(min(i, j), max(i, j))
+        causes = () if what == cause else (cause,)
+        rows.append(_number_row(what, text, computed, formatted, verdict, why, causes))
     return rows
+
+
+def _entry(i: int, j: int) -> str:
+    return f"thrust map above Eq. (4): entry ({i + 1}, {j + 1})"
+
+
+def _surge_and_sway(p: Parameters) -> Row:
+    """Test what is left without control in surge and sway, by Hautus' criterion at the root 0."""
+    A = np.block([[np.zeros((4, 4)), np.eye(4)], [np.zeros((4, 8))]])
+    b = np.array(thrust_map(p), dtype=np.float64)
+    B = np.vstack([np.zeros((4, 2)), b[:, 2:]])
+    rank = int(np.linalg.matrix_rank(np.hstack([A, B / np.abs(B).max()])))
+    return Row(
+        MODEL,
+        "section 1: no control is needed in surge and sway",
+        '"there is no need to impose control to the movement in surge and sway"',
+        f"with the thrust of heave and yaw alone the rank of [A, B] at the root 0 is {rank} of 8: "
+        "position and speed in surge and sway cannot be stabilised",
+        How.COMPUTED,
+        Verdict.DOES_NOT if rank < 8 else Verdict.HOLDS,
+        "Eq. (4) has a control for each of the four axes, and objective (i) asks for a stable "
+        "loop of all eight states.",
+        value=float(rank),
+    )
 
 
 def _maclaurin() -> Row:

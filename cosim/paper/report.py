@@ -48,11 +48,21 @@ class Report:
         found = Counter(row.verdict for row in self.rows)
         return {verdict: found[verdict] for verdict in Verdict}
 
+    @property
+    def errors(self) -> dict[str, list[str]]:
+        """Each error of the paper once, by the row it is counted at: the rows that show it."""
+        found: dict[str, list[str]] = {}
+        for row in self.rows:
+            for error in row.errors:
+                found.setdefault(error, []).append(row.what)
+        return found
+
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON values."""
         return {
             "paper": {"title": TITLE, "author": AUTHOR},
             "summary": list(self.summary),
+            "errors": self.errors,
             "verdicts": {str(verdict): count for verdict, count in self.counts.items()},
             "meaning": {str(verdict): text for verdict, text in MEANING.items()}
             | {str(how): text for how, text in HOW_MEANING.items()},

@@ -34,6 +34,9 @@ class How(StrEnum):
     MEASURED = "measured"
 
 
+FAULTY = (Verdict.CORRECTED, Verdict.DOES_NOT, Verdict.IMPOSSIBLE)
+"""Verdicts of rows that show an error of the paper."""
+
 HOW_MEANING = {
     How.CERTIFIED: "proved in exact arithmetic",
     How.COMPUTED: "to a tolerance, or exactly at one set of numbers",
@@ -52,6 +55,8 @@ class Row:
     verdict : result of the comparison.
     why : an explanation of one or two sentences.
     printed_value, value : the two as numbers, if each is a single number.
+    follows_from : the rows (their `what`) whose errors show here again; empty if the error is
+        this row's own, or if there is none.
     """
 
     section: str
@@ -63,11 +68,22 @@ class Row:
     why: str
     printed_value: float | None = None
     value: float | None = None
+    follows_from: tuple[str, ...] = ()
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The errors of the paper that show here, by the rows that they are counted at."""
+        return (self.follows_from or (self.what,)) if self.verdict in FAULTY else ()
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON values."""
         how = None if self.how is None else str(self.how)
-        return asdict(self) | {"how": how, "verdict": str(self.verdict)}
+        return asdict(self) | {
+            "how": how,
+            "verdict": str(self.verdict),
+            "follows_from": list(self.follows_from),
+            "errors": list(self.errors),
+        }
 
 
 MODEL = "Section 2: the vehicle"

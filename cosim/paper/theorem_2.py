@@ -169,6 +169,7 @@ def _own_lmi(v: Proof) -> Row:
         How.COMPUTED,
         Verdict.CORRECTED if agrees else Verdict.DOES_NOT,
         "In fractions; every number below is therefore about the theorem that the proof proves.",
+        follows_from=("Eq. (14): Ω12", "Eq. (14): Ω25"),
     )
 
 
@@ -211,5 +212,6 @@ def remark_rows(known: Example, table: Sequence[Entry]) -> list[Row]:
             Verdict.CORRECTED if depends else Verdict.DOES_NOT,
             "At fixed k1, k2 what solves Eq. (14) at d solves it at every smaller delay.",
             value=entry.corrected,
+            follows_from=("Remark 2, Eq. (19): the least γ",),
         ),
     ]

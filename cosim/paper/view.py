@@ -28,6 +28,7 @@ def paper_view(report: Report) -> RenderableType:
         if name == TABLE:
             parts += [_delays(report.table2), Text()]
         parts += [_claims(name, [row for row in report.rows if row.section == name]), Text()]
+    parts += [_errors(report), Text()]
     sentences = Text("\n".join(f"• {sentence}" for sentence in report.summary))
     return Group(*parts, _summary(report), Text(), sentences)
 
@@ -48,6 +49,25 @@ def _claims(name: str, rows: list[Row]) -> Table:
             computed.append(f"\n{row.why}", style="dim")
         verdict = Text(str(row.verdict), style=_STYLES[row.verdict])
         table.add_row(row.what, row.printed, computed, verdict)
+    return table
+
+
+def _errors(report: Report) -> Table:
+    """Show each error of the paper once, and in how many claims it shows."""
+    rows = {row.what: row for row in report.rows}
+    table = Table(
+        title=f"Errors of the paper, each counted once: {len(report.errors)}",
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        expand=True,
+    )
+    table.add_column("error", style="bold", ratio=5)
+    table.add_column("printed", ratio=6)
+    table.add_column("shows in", justify="right", ratio=2)
+    for error, claims in report.errors.items():
+        printed = rows[error].printed if error in rows else _NONE
+        table.add_row(error, printed, f"{len(claims)} claim{'s' if len(claims) > 1 else ''}")
     return table
 
 

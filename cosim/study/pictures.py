@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from cosim.core import InputError
 from cosim.study.schema import Study
 from cosim.study.summary import mean_of, share
-from cosim.trace import pyplot
+from cosim.trace import pyplot, save_picture
 
 BLUE, RED, GREEN, GREY = "#0b6e99", "#d1495b", "#5f7a3d", "#666666"
 _COLOURS = (BLUE, RED, GREEN, "#8a5a9e", "#b8860b", "#4f6d7a")
 _STYLE = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.25, "axes.axisbelow": True}
-_DPI = 130
+DPI = 130
 _MOST_TICKS = 12
 
 
@@ -61,28 +61,9 @@ def draw(table: Any, manifest: dict[str, Any], target: Path, metric: str, over: 
             figure.colorbar(mesh, ax=axis, label=f"share of {metric}" if truths else metric)
             axis.set(xlabel=axes[0], ylabel=axes[1])
         axis.set_title(f"{study.title}\n{len(frame)} runs", fontsize=9, loc="left")
-        save(figure, target)
+        save_picture(figure, target, DPI)
         plt.close(figure)
     return target
-
-
-def save(figure: Any, target: Path) -> None:
-    """Write a figure to a file.
-
-    Raises
-    ------
-    InputError : it cannot be written, or its format is not known.
-    """
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(target, dpi=_DPI)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "the picture cannot be written",
-            where=str(target),
-            expected="a .png, .svg or .pdf file",
-            got=str(error)[:200],
-        ) from error
 
 
 def numbers(column: Any) -> NDArray[np.float64]:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
-from cosim.study.pictures import BLUE, GREEN, GREY, RED, edges, grid_of, numbers, save
+from cosim.study.pictures import BLUE, DPI, GREEN, GREY, RED, edges, grid_of, numbers
 from cosim.study.schema import StabilityPart, Study
 from cosim.study.stability_boundary import Boundary, boundary
-from cosim.trace import pyplot
+from cosim.trace import pyplot, save_picture
 
 _LOST, _DARK = "#ec7a63", "#7a0f1a"
 _STYLE = {"font.size": 9, "axes.axisbelow": True, "hatch.linewidth": 0.7}
@@ -49,7 +49,7 @@ def draw_stability(table: Any, manifest: dict[str, Any], target: Path) -> Path:
             _over_delay_and_loss(figure, axis, frame, part, found)
         axis.set_xlabel(f"{part.delay}: delay of the whole loop [s]")
         axis.set_title(f"{study.title}\n{len(frame)} runs", fontsize=9, loc="left")
-        save(figure, target)
+        save_picture(figure, target, DPI)
         plt.close(figure)
     return target
 

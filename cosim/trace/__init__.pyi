@@ -46,6 +46,7 @@ from .picture import (
     LabelledTrace as LabelledTrace,
     compare_runs as compare_runs,
     pyplot as pyplot,
+    save_picture as save_picture,
 )
 from .reader import (
     TopicInfo as TopicInfo,

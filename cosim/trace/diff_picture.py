@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
 from cosim.trace.diff_signals import Diff, SignalDiff
 from cosim.trace.hold import rows_in_force, sample_and_hold
-from cosim.trace.picture import pyplot
+from cosim.trace.picture import pyplot, save_picture
 from cosim.trace.reader import Trace
 from cosim.trace.table import Series
 
@@ -62,17 +61,9 @@ def draw_diff(found: Diff, target: Path) -> Path | None:
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         try:
-            figure.savefig(target, dpi=110)
-        except (OSError, ValueError) as error:  # ValueError: no such format
-            raise InputError(
-                "the picture cannot be written",
-                where=str(target),
-                expected="a .png, .svg or .pdf file in a folder that can be written",
-                got=str(error),
-            ) from error
+            return save_picture(figure, target)
         finally:
             plt.close(figure)
-    return target
 
 
 def _draw(signal: SignalDiff, series: list[Series], both: Any, apart: Any) -> None:

@@ -55,7 +55,7 @@ def compare_runs(
             style = {"color": _COLOURS[place], "lw": 1.4 if place == 0 else 0.8}
             _draw(_RunRows(run), style, path, states, thrust, age)
         _label_axes(path, states, thrust, age, age_limit_s)
-        figure.savefig(target, dpi=110)
+        save_picture(figure, target)
         plt.close(figure)
     return target
 
@@ -65,6 +65,26 @@ def pyplot() -> Any:
     needed = {"extra": "plot", "what": "pictures need matplotlib"}
     optional("matplotlib", **needed).use("Agg")
     return optional("matplotlib.pyplot", **needed)
+
+
+def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
+    """Write a figure to a file, and the folders it needs.
+
+    Raises
+    ------
+    InputError : it cannot be written, or its format is not known.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(target, dpi=dpi)
+    except (OSError, ValueError) as error:  # ValueError: no such format
+        raise InputError(
+            "the picture cannot be written",
+            where=str(target),
+            expected="a .png, .svg or .pdf file in a folder that can be written",
+            got=str(error)[:200],
+        ) from error
+    return target
 
 
 class _RunRows:

@@ -17,7 +17,7 @@ from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.decay_lmi import shifted_systems
 from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.hinf.synthesis.decay_search import proved_decay
-from cosim.hinf.synthesis.synthesis import checked_scalars
+from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.models import paper_example
 
 

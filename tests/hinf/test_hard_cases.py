@@ -14,7 +14,7 @@ from cosim.hinf.lmi.assembly import Scalars
 from cosim.hinf.lmi.problem import Answer, Problem
 from cosim.hinf.lmi.scaling import scaling_of
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
-from cosim.hinf.synthesis import synthesis
+from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.stabilisability import unstabilisable_root
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
@@ -129,7 +129,7 @@ def test_a_delay_of_zero_is_no_delay() -> None:
     late = DelaySystem([[-1.0]], C=[[1.0]], D=[[1.0]], delays=[Delay(0.0, [[0.5]])])
     none = DelaySystem([[-0.5]], C=[[1.0]], D=[[1.0]])
     for system, k in ((late, (1.0,)), (none, ())):
-        found = synthesis.design(system, tuple(-x for x in k), k)
+        found = theorem_2.design(system, tuple(-x for x in k), k)
         assert found.gamma == pytest.approx(2.0, rel=1e-3)
         assert found.exact_norm == pytest.approx(2.0)
         assert check_certificate(found.certificate).valid
@@ -246,7 +246,7 @@ def test_a_gain_that_is_zero_has_no_least_gamma(zero: str) -> None:
 )
 def test_one_state_no_input_no_uncertainty_zero_matrices(system: DelaySystem, norm: float) -> None:
     """x' = a x + a1 x(t-d) + c w: gamma = c / (-a - a1) for a1 >= 0, the least there is."""
-    found = synthesis.design(system, (-1.0,), (1.0,))
+    found = theorem_2.design(system, (-1.0,), (1.0,))
     assert found.gamma is not None
     assert norm <= found.gamma < norm * (1 + 1e-4)
     assert check_certificate(found.certificate).valid
@@ -330,7 +330,7 @@ def test_random_systems_end_with_a_proof_or_an_error(case: int) -> None:
         delays=[Delay(float(10.0 ** rng.integers(-3, 3)), A1, feedback=bool(case % 3 == 0))],
     )
     try:
-        found = synthesis.design(system, (-0.5,), (0.5,))
+        found = theorem_2.design(system, (-0.5,), (0.5,))
         proof = found.certificate
     except NotAchievableError as refused:
         proof = refused.certificate

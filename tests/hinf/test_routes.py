@@ -22,8 +22,8 @@ from cosim.hinf import analyse, as_cvxpy, auv_system, check_certificate, design,
 from cosim.hinf.lmi import Answer, Problem, Scalars, scaling_of
 from cosim.hinf.problem.auv import DEFAULT_K1, DEFAULT_K2
 from cosim.hinf.synthesis import search as searching
+from cosim.hinf.synthesis.analysis import preferred
 from cosim.hinf.synthesis.ladder import first_proved, levels_above
-from cosim.hinf.synthesis.routes import preferred
 from cosim.models import paper_example
 
 GRID = [float(x) for x in np.geomspace(0.02, 20.0, 20)]

@@ -39,40 +39,49 @@ def chain(n: int, d: float = 0.1) -> DelaySystem:
 
 
 def varied_system(seed: int) -> DelaySystem:
-    """Return a system of one to four states, up to two delays, stable or not, uncertain or not."""
-    rng = np.random.default_rng([14, seed])
-    n, m, q = int(rng.integers(1, 5)), int(rng.integers(1, 3)), int(rng.integers(1, 3))
-    count = int(rng.choice([0, 1, 1, 1, 2]))
-    scale = float(10 ** rng.uniform(-0.7, 0.5))
-    late = bool(count and rng.random() < 0.5)
-    uncertain = rng.random() < 0.3
+    """Return a system of any shape that a design takes, some at the edge of what any gain can do.
 
-    def r(*shape: int) -> np.ndarray:
-        return scale * rng.standard_normal(shape)
+    One to six states, one to three delays of which one may carry the feedback, one or two
+    inputs, uncertain or not, delays constant or of any age. Some have a pole on the axis or one
+    that is hardly controllable, some count their states or their time in odd units.
+    """
+    rng = np.random.default_rng([15, seed])
+    n, m, count = (int(rng.integers(1, high)) for high in (7, 3, 4))
+    rate = float(10 ** rng.uniform(-1.0, 1.0))
+    late, uncertain, marginal, weak, odd = rng.random(5) < (0.5, 0.35, 0.2, 0.15, 0.2)
+    A = rng.standard_normal((n, n)) / np.sqrt(n)
+    A -= (float(np.linalg.eigvals(A).real.max()) - rng.uniform(-1.0, 0.5)) * np.eye(n)
+    if marginal:
+        A[:, 0] = 0.0  # an integrator
+    B = rng.standard_normal((n, m))
+    if weak:
+        B *= 10 ** rng.uniform(-3.0, 0.0, (n, 1))
+    S = 10 ** rng.uniform(-3.0, 3.0, n) if odd else np.ones(n)
 
     def H() -> np.ndarray | None:
-        return 0.1 * rng.standard_normal((1, n)) if uncertain else None
+        return 0.1 * rng.standard_normal((1, n)) / S if uncertain else None
 
-    delays = tuple(
-        Delay(
-            float(10 ** rng.uniform(-1.3, 0.3)) / scale,
-            0.3 * r(n, n) if not (late and j == 0 and rng.random() < 0.6) else np.zeros((n, n)),
-            H(),
-            feedback=late and j == 0,
-            any_age=bool(rng.random() < 0.3),
-        )
-        for j in range(count)
-    )
-    D = np.vstack([rng.standard_normal((1, n)), np.zeros((m, n))])
+    def lengths() -> float:
+        return float(10 ** rng.uniform(-2.0, 0.2)) / rate
+
+    delays = []
+    for j in range(count):
+        feeds = bool(late and j == 0)
+        strength = 0.0 if feeds and rng.random() < 0.7 else 0.3 / np.sqrt(n)
+        inner = strength * rng.standard_normal((n, n)) * rate
+        any_age = bool(rng.random() < 0.4)
+        delays.append(Delay(lengths(), S[:, None] * inner / S, H(), feeds, any_age))
+    q = int(rng.integers(1, 3))
+    D = np.vstack([rng.standard_normal((1, n)), np.zeros((m, n))]) / S
     D2 = np.vstack([np.zeros((1, m)), 10 ** rng.uniform(-1.5, 0.5) * np.eye(m)])
     return DelaySystem(
-        r(n, n) - rng.uniform(-0.5, 1.5) * scale * np.eye(n),
-        scale * rng.standard_normal((n, m)),
-        rng.standard_normal((n, q)),
+        rate * S[:, None] * A / S,
+        rate * S[:, None] * B,
+        S[:, None] * rng.standard_normal((n, q)),
         D,
         None,
         D2,
-        0.2 * r(n, 1) if uncertain else None,
+        S[:, None] * 0.2 * rate * rng.standard_normal((n, 1)) if uncertain else None,
         H(),
         delays,
     )

@@ -52,6 +52,25 @@ def test_coefficients_that_no_misprint_touches_hold_as_printed(model: dict[str, 
     assert "N_ur" in model["f(x), row 8 (yaw): x5 x8"].why
 
 
+def test_an_error_is_counted_once_however_many_claims_show_it(model: dict[str, Row]) -> None:
+    """The sign of X_udot: at its own row, in four coefficients and in one entry of the thrust."""
+    shown = [row.what for row in model.values() if "X_udot in Table 1" in row.errors]
+    assert len(shown) == 6
+    assert model["thrust map above Eq. (4): entry (4, 2)"].errors == (
+        "thrust map above Eq. (4): entry (2, 4)",
+    )
+    errors = {error for row in model.values() for error in row.errors}
+    assert len(errors) == 9
+    assert errors <= set(model)
+    assert not any(row.errors for row in model.values() if row.verdict is Verdict.HOLDS)
+
+
+def test_surge_and_sway_cannot_be_left_without_control(model: dict[str, Row]) -> None:
+    """Four of eight states stay out of reach: x, y, u, v; ranks counted by hand are 4 + 2."""
+    row = model["section 1: no control is needed in surge and sway"]
+    assert (row.verdict, row.value) == (Verdict.DOES_NOT, 6.0)
+
+
 def test_thrust_map_has_two_wrong_signs(model: dict[str, Row]) -> None:
     """Both entries off the diagonal are 2.40e-6 with a plus."""
     for entry in ("(2, 4)", "(4, 2)"):

@@ -184,6 +184,8 @@ def test_whole_report(tmp_path: Path) -> None:
     assert len(rows) == len(output["rows"])
     assert rows["the least γ at k1 = 0.6, k2 = 0.2"]["value"] == pytest.approx(5.0132, abs=1e-4)
     assert 5.0 < rows["the least γ over k1, k2"]["value"] <= 5.001
+    for name in ("the least γ at k1 = 0.6, k2 = 0.2", "the least γ over k1, k2"):
+        assert rows[name]["verdict"] == "not comparable", "the paper chose γ = 5 and no least γ"
     norm = rows["(ii) with the printed K: ‖z‖ ≤ 5‖w‖"]
     assert norm["value"] == pytest.approx(5.0276, abs=1e-4)
     assert norm["verdict"] == "does not hold"
@@ -206,4 +208,9 @@ def test_whole_report(tmp_path: Path) -> None:
     assert table[-1]["corrected"] == pytest.approx(1.2180, abs=1e-4)
     assert {row["verdict"] for row in output["rows"]} == {str(verdict) for verdict in Verdict}
     assert len(output["summary"]) == 5
+    assert set(output["errors"]) <= set(rows), "each error is counted at a row of its own"
+    assert all(rows[error]["errors"] == [error] for error in output["errors"])
+    assert len(output["errors"]) == 20
+    faulty = [row for row in output["rows"] if row["verdict"] not in ("holds", "not comparable")]
+    assert {w for shown in output["errors"].values() for w in shown} == {r["what"] for r in faulty}
     assert (tmp_path / "page.html").stat().st_size > 100_000

@@ -4,11 +4,8 @@ The inequalities are those of `cosim.hinf.certificate.ages_proof`, which proves 
 the functional; docs/theory.md derives them. For u = K x with K given they are linear in all
 unknowns, and affine in every age, so that Phi < 0 at the corners is enough.
 
-**Parts of a loop.** Where states, w and p fall into parts that no matrix connects (z'z and q'q
-included), a change of sign of one part changes nothing. The mean of a solution over all such
-changes is a solution at the same gamma and eps, with matrices that do not connect the parts
-either. So nothing is lost by one small LMI for each part, tied by gamma and eps alone: the four
-axes of the vehicle are solved in seconds instead of minutes.
+One small LMI for each part of the loop (`parts`), tied by gamma and eps alone: the four axes of
+the vehicle are solved in seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -19,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from cosim.hinf.certificate import (
     AgeFunctional,
@@ -30,19 +26,15 @@ from cosim.hinf.certificate import (
     state_blocks,
     unknowns_of,
 )
-from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop
-from cosim.hinf.lmi.analysis_lmi import own_units
-from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
+from cosim.hinf.lmi.conic import Constraint
+from cosim.hinf.lmi.loop_lmi import Constraints, LoopLmi
 from cosim.hinf.lmi.svec import Array, svec, symmetric
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem
 
 Indices = NDArray[np.intp]
-
-_FLOOR = 1e-3  # the margin of the other matrices beside that of Phi, relative
-_TOLERANCE = 1e-8
-_BOUND = 1e3  # largest of the positive matrices in the search for a margin, in own units
 
 
 @dataclass(frozen=True)
@@ -54,7 +46,7 @@ class _Part:
     p: Indices
 
 
-class AgesLmi:
+class AgesLmi(LoopLmi[AgesVariables]):
     """The LMI of one loop at one order, to be solved at any delays.
 
     Parameters
@@ -75,51 +67,27 @@ class AgesLmi:
         *,
         performance: bool,
     ) -> None:
-        self.order, self._system, self._performance = order, system, performance
+        super().__init__(system, K, performance=performance)
+        self.order, self._system = order, system
         self.functionals = tuple(functionals)
-        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
-        A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
-        back, self._T = own_units(loop)
-        self._back = back
-        self._A = [self._T * back[:, None] * M / back for M in loop]
-        self._C = self._T * back[:, None] * system.C
-        self._E = self._T * back[:, None] * system.E
-        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
-        on_output = system.D2 @ K
-        self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
-        self._D1 = system.D1
         self._parts = self._separated()
 
     def _separated(self) -> list[_Part]:
         """Return the parts that no matrix connects."""
-        n, s = self._E.shape
-        q = self._C.shape[1] if self._performance else 0
-        links = np.zeros((n + q + s, n + q + s))
-        links[:n, :n] = sum(np.abs(A) for A in self._A)
-        links[:n, n + q :] = np.abs(self._E)
-        outputs = [self._H]
-        if q:
-            links[:n, n : n + q] = np.abs(self._C)
-            outputs.append([*self._D, self._D1])
-        for maps in outputs:
-            columns = [np.arange(n)] * len(self._A)
-            columns += [np.arange(n, n + q)] * (len(maps) - len(self._A))
-            whole, places = np.hstack(maps), np.concatenate(columns)
-            np.add.at(links, (places[:, None], places), np.abs(whole.T @ whole))
-        count, label = connected_components(links != 0, directed=False)
-        parts = []
-        for own in range(count):
-            members = np.flatnonzero(label == own)
-            w = members[(members >= n) & (members < n + q)] - n
-            part = _Part(members[members < n], w, members[members >= n + q] - n - q)
-            if part.states.size or part.w.size:  # a column of E that is zero adds nothing
-                parts.append(part)
-        return parts
+        x, w, p = (self._part[name] for name in "xwp")
+        w = w if self._performance else w[:0]
+        return [  # a column of E that is zero adds nothing
+            _Part(*(np.flatnonzero(label == own) for label in (x, w, p)))
+            for own in np.unique(np.concatenate([x, w]))
+        ]
 
     def largest_part(self, delays: Sequence[float]) -> int:
         """Return the most rows that -Phi has in one part."""
         return max(sum(self._sizes(part, delays).values()) for part in self._parts)
+
+    def unknowns(self, delays: Sequence[float]) -> int:
+        """Return the number of unknowns."""
+        return sum(count_of(name, shape) for name, shape in self._unknowns(delays).items())
 
     def _matrices(self, part: _Part) -> dict[str, list[Array]]:
         """Return the loop's matrices, cut to one part."""
@@ -132,55 +100,6 @@ class AgesLmi:
             "E": [self._E[np.ix_(part.states, part.p)]],
             "D1": [self._D1[:, part.w]],
         }
-
-    def least_gamma(self, delays: Sequence[float], reference: float) -> float | None:
-        """Return the solver's least gamma near `reference`; None if it finds no point."""
-        phi, positive, width = self._constraints(delays, reference, fixed=False)
-        cost = np.zeros(width)
-        cost[-1] = 1.0
-        found = solve([*phi, *positive], cost, tolerance=_TOLERANCE)
-        if not (found.usable and found.value > 0):
-            return None
-        return float(reference * np.sqrt(found.value))
-
-    def central(
-        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> AgesVariables | None:
-        """Return a point of great margin at `gamma`; None if the solver finds none.
-
-        `down_to_zero` : for every constant delay up to `delays`, not exactly these.
-        """
-        found = self.margin(delays, gamma, down_to_zero=down_to_zero)
-        return None if found is None else found[1]
-
-    def margin(
-        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> tuple[float, AgesVariables] | None:
-        """Return the greatest margin at `gamma`, and its point; negative: the LMI is not met.
-
-        The margin is counted against the diagonals of -Phi themselves, in a second round.
-        """
-        phi, positive, width = self._constraints(
-            delays, gamma or 1.0, fixed=True, down_to_zero=down_to_zero
-        )
-        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
-        floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
-        last = np.zeros((1, width + 1))
-        last[0, -1] = 1.0
-        scales, found = [np.ones(c.size) for c in phi], None
-        for _ in range(2):
-            whole = [c.less(svec(np.diag(s))) for c, s in zip(phi, scales, strict=True)]
-            bounded = [*whole, *floors, *free, Constraint(1, np.ones(1), -last)]
-            solution = solve(bounded, -last[0], tolerance=_TOLERANCE)
-            if not solution.usable:
-                break
-            v = solution.y
-            variables = self._variables(v[:-1], delays, gamma)
-            found = float(v[-1]), replace(variables, down_to_zero=down_to_zero)
-            scales = [np.maximum(np.diag(c.at(v[:-1])), 1e-9) for c in phi]
-            greatest = max(float(s.max()) for s in scales)
-            scales = [s / greatest for s in scales]
-        return found
 
     def _late(self, delays: Sequence[float]) -> list[LateAge]:
         return [
@@ -231,18 +150,11 @@ class AgesLmi:
         *,
         fixed: bool,
         down_to_zero: bool = False,
-    ) -> tuple[list[Constraint], list[Constraint], int]:
-        """-Phi at every corner of every part; the others; number of unknowns.
-
-        Unless the gain is `fixed`, (its ratio to `gamma`)^2 is the last unknown.
-        """
+    ) -> Constraints:
         places: dict[str, slice] = {}
         width = 0
-        for name, (rows, columns) in self._unknowns(delays).items():
-            square = is_symmetric_unknown(name.split()[-1])
-            places[name] = slice(
-                width, width + (rows * (rows + 1) // 2 if square else rows * columns)
-            )
+        for name, shape in self._unknowns(delays).items():
+            places[name] = slice(width, width + count_of(name, shape))
             width = places[name].stop
         width += not fixed
         phi, positive = [], []
@@ -264,10 +176,10 @@ class AgesLmi:
             one = Form(1)
             one.multiple("eps", np.eye(1))
             positive.append(one.constraint(places, width))
-        return phi, positive, width
+        return phi, positive
 
     def _variables(
-        self, point: Array, delays: Sequence[float], gamma: float | None
+        self, point: Array, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool
     ) -> AgesVariables:
         """Return a point in the system's own units, its parts put together."""
         system, own = self._at(delays)
@@ -309,6 +221,7 @@ class AgesLmi:
             terms=tuple(terms),
             eps=float(values["eps"][0, 0]) if "eps" in values else None,
             gamma=gamma,
+            down_to_zero=down_to_zero,
         )
 
     def _rows_of_part(self, rows: dict[str, int], part: _Part) -> tuple[Indices, Array]:

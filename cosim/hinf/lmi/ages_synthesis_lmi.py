@@ -25,18 +25,14 @@ import numpy as np
 
 from cosim.hinf.certificate import AgeFunctional, rows_of, state_blocks, unknowns_of
 from cosim.hinf.lmi.ages_forms import Form, LateAge, PartOfLoop, count_of
-from cosim.hinf.lmi.analysis_lmi import own_units
-from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.conic import Constraint
+from cosim.hinf.lmi.loop_lmi import Constraints, GainLmi
 from cosim.hinf.lmi.svec import Array, svec
 from cosim.models import DelaySystem
 
-_FLOOR = 1e-3  # the margin of the positive matrices beside that of Phi, relative
-_TOLERANCE = 1e-8
-_BOUND = 1e3  # largest of the positive matrices in the search for a margin, in own units
 
-
-class AgesSynthesisLmi:
-    """The LMI of one system at one order.
+class AgesSynthesisLmi(GainLmi[float]):
+    """The LMI of one system at one order; its multiplier is b [s].
 
     Parameters
     ----------
@@ -55,20 +51,7 @@ class AgesSynthesisLmi:
         K: Array,
         reference: float | None,
     ) -> None:
-        self._reference = reference
-        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
-        open_A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + phi * system.B @ K for M, phi in zip(open_A, acts, strict=True)]
-        back, self._T = own_units(loop)
-        if reference is not None:
-            back = back / (float(np.linalg.norm(self._T * back[:, None] * system.C, 2)) or 1.0)
-        self._back, self._acts, size = back, acts, reference or 1.0
-        self._A = [self._T * back[:, None] * M / back for M in open_A]
-        self._B = self._T * back[:, None] * system.B
-        self._C = self._T * back[:, None] * system.C
-        self._E = self._T * back[:, None] * system.E
-        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
-        self._D, self._D1, self._D2 = system.D / back / size, system.D1 / size, system.D2 / size
+        super().__init__(system, K, reference)
         late = [
             LateAge(i, own, x.d / self._T, x.least_age / self._T, x.rate or 0.0)
             for i, (own, x) in enumerate(zip(functionals, system.delays, strict=True))
@@ -77,7 +60,7 @@ class AgesSynthesisLmi:
         self._places = {x.index: f"x{j}" for j, x in enumerate(late)}
         own = tuple(x.functional for x in late)
         performance = reference is not None
-        rows = rows_of(system, order, own, gamma=performance) | {"r": len(back)}
+        rows = rows_of(system, order, own, gamma=performance) | {"r": len(self._back)}
         rows |= {"z": system.D.shape[0]} if performance else {}
         rows |= {"h": system.H.shape[0]} if system.E.size else {}
         blocks = state_blocks(system, order, own)
@@ -98,43 +81,8 @@ class AgesSynthesisLmi:
         """Rows of Phi at the corner that has most."""
         return max(int(self._forms.rows_at(c)["x"].shape[1]) for c in self._forms.corners())
 
-    def least_gamma(self, b: float) -> tuple[float, Array] | None:
-        """Return the solver's least gamma with the multiplier b [s], and its gain; None: none."""
-        phi, positive = self._constraints(b, None)
-        cost = np.zeros(self._width + 1)
-        cost[-1] = 1.0
-        found = solve([*phi, *positive], cost, tolerance=_TOLERANCE)
-        gain = self._gain(found.y) if found.usable else None
-        if gain is None or self._reference is None or not found.y[-1] > 0:
-            return None
-        return float(self._reference * found.y[-1]), gain
-
-    def central(self, b: float, gamma: float | None) -> tuple[float, Array] | None:
-        """Return the greatest margin at `gamma` and its gain; None if the solver finds none."""
-        phi, positive = self._constraints(b, gamma or 1.0)
-        last = np.zeros((1, self._width + 1))
-        last[0, -1] = 1.0
-        bounded = [c.less(svec(np.eye(c.size))) for c in phi]
-        bounded += [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
-        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(_BOUND) for c in positive)]
-        solution = solve(
-            [*bounded, *free, Constraint(1, np.ones(1), -last)], -last[0], tolerance=_TOLERANCE
-        )
-        gain = self._gain(solution.y) if solution.usable else None
-        return None if gain is None else (float(solution.y[-1]), gain)
-
-    def _gain(self, v: Array) -> Array | None:
-        """Return K = Y X^-1 in the system's own units; None where X is singular."""
-        n, m = self._B.shape
-        X, Y = v[self._at["gain X"]].reshape(n, n), v[self._at["gain Y"]].reshape(m, n)
-        if not np.linalg.cond(X) < 1e12:
-            return None
-        return np.asarray(np.linalg.solve(X.T, Y.T).T * self._back)
-
-    def _constraints(
-        self, b: float, gamma: float | None
-    ) -> tuple[list[Constraint], list[Constraint]]:
-        """-Phi at every corner, and the others; gamma last among the unknowns where it is None."""
+    def _constraints(self, multiplier: float, gamma: float | None) -> Constraints:
+        b = multiplier
         width = self._width + (gamma is None)
         phi = []
         for corner in self._forms.corners():

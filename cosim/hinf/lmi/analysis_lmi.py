@@ -35,28 +35,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag, matrix_balance
+from scipy.linalg import block_diag
 
 from cosim.hinf.certificate import AnalysisVariables
-from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.conic import Constraint
+from cosim.hinf.lmi.loop_lmi import Constraints, Labelled, LoopLmi
 from cosim.hinf.lmi.svec import Array, product, svec, symmetric
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
-
-_FLOOR = 1e-3
-"""The margin of P, Q and R beside that of Phi, relative."""
-
-_TOLERANCE = 1e-8
-_BOUND = 1e3
-"""Largest P, Q, R and eps in the search for a margin, in the solver's own units.
-
-Where w acts weakly they are larger by themselves: P counts in gamma / |C|^2.
-"""
 
 
 def couplings(k: int) -> list[int]:
@@ -64,19 +54,10 @@ def couplings(k: int) -> list[int]:
     return [(2 * i + 1) * (1 - (-1) ** (k + i)) for i in range(k)]
 
 
-def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
-    """Return (n,) factors that balance the states of a loop, and its unit of time [s]."""
-    speed = np.asarray(sum(np.abs(M) for M in loop))
-    _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
-    back = 1.0 / np.asarray(scales, dtype=np.float64)
-    return back, 1.0 / (sum(float(np.linalg.norm(M, 2)) for M in loop) or 1.0)
-
-
-class AnalysisLmi:
+class AnalysisLmi(LoopLmi[AnalysisVariables]):
     """The LMI of one loop at one order, to be solved at any delays.
 
-    Inside, time is counted in units of the loop's own speed, states are balanced, and P, R are
-    scaled with long delays; solutions come back in the system's units.
+    Inside, P and R are scaled with long delays.
 
     Parameters
     ----------
@@ -87,78 +68,34 @@ class AnalysisLmi:
     """
 
     def __init__(self, system: DelaySystem, K: Array, order: int, *, performance: bool) -> None:
-        self.order, self._performance = order, performance
+        super().__init__(system, K, performance=performance)
+        self.order = order
         self._any_age = [delay.any_age for delay in system.delays]
-        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
-        A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + system.B @ K if phi else M for M, phi in zip(A, acts, strict=True)]
-        back, self._T = own_units(loop)
-        self._balance = np.diag(back)
-        self._A = [self._T * back[:, None] * M / back for M in loop]
-        self._C = self._T * back[:, None] * system.C
-        self._E = self._T * back[:, None] * system.E
-        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
-        on_output = system.D2 @ K
-        self._D = [((i == 0) * system.D + phi * on_output) / back for i, phi in enumerate(acts)]
-        self._D1 = system.D1
 
-    def least_gamma(self, delays: Sequence[float], reference: float) -> float | None:
-        """Return the solver's least gamma near `reference`; None if it finds no point."""
-        constraints = self._constraints(delays, reference, fixed=False)
-        cost = np.zeros(constraints[0].columns.shape[1])
-        cost[-1] = 1.0
-        found = solve(constraints, cost, tolerance=_TOLERANCE)
-        if not (found.usable and found.value > 0):
-            return None
-        return float(reference * np.sqrt(found.value))
+    def _labels(self, delays: Sequence[float]) -> Labelled:
+        x, times = self._part["x"], self._times(delays)
+        rows = [x] * (1 + len(times) + sum(self._orders()[i] for i, _, _ in times))
+        rows += [self._part["w"]] * self._performance + [self._part["p"]]
+        sizes = self._unknowns(delays).values()
+        positive = [np.tile(x, size // len(x)) if size % len(x) == 0 else None for size in sizes]
+        return np.concatenate(rows), positive
 
-    def central(
-        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> AnalysisVariables | None:
-        """Return a point of great margin at `gamma`; None if the solver finds none.
+    def unknowns(self, delays: Sequence[float]) -> int:
+        """Return the number of unknowns."""
+        return sum(size * (size + 1) // 2 for size in self._unknowns(delays).values())
 
-        `down_to_zero` : for every constant delay up to `delays`, not exactly these.
-        """
-        found = self.margin(delays, gamma, down_to_zero=down_to_zero)
-        return None if found is None else found[1]
-
-    def margin(
-        self, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool = False
-    ) -> tuple[float, AnalysisVariables] | None:
-        """Return the greatest margin at `gamma`, and its point; negative: the LMI is not met.
-
-        The margin is counted against the diagonal of -Phi itself, in a second round.
-        """
-        constraints = self._constraints(delays, gamma or 1.0, fixed=True)
-        phi, *positive = constraints
+    def _constraints(
+        self,
+        delays: Sequence[float],
+        gamma: float,
+        *,
+        fixed: bool,
+        down_to_zero: bool = False,
+    ) -> Constraints:
+        phi, *positive = self._at(delays, gamma, fixed=fixed)
         corners = self._corners(delays) if down_to_zero else []
-        others = [
-            self._constraints(delays, gamma or 1.0, fixed=True, shorter=d)[0] for d in corners
-        ]
-        bound = _BOUND
-        if gamma is not None and self._C.any():
-            bound *= max(1.0, gamma / float(np.linalg.norm(self._C, 2)) ** 2)
-        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(bound) for c in positive)]
-        floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
-        last = np.zeros((1, phi.columns.shape[1] + 1))
-        last[0, -1] = 1.0
-        scale, found = np.ones(phi.size), None
-        for _ in range(2):
-            whole = [part.less(svec(np.diag(scale))) for part in (phi, *others)]
-            bounded = [*whole, *floors, *free, Constraint(1, np.ones(1), -last)]
-            solution = solve(bounded, -last[0], tolerance=_TOLERANCE)
-            if not solution.usable:
-                break
-            v = solution.y
-            variables = self._variables(v[:-1], delays, gamma)
-            if down_to_zero:
-                free_age = [self._any_age[i] for i, _, _ in self._times(delays)]
-                lower = tuple(None if free else 0.0 for free in free_age)
-                variables = replace(variables, lower=lower)
-            found = float(v[-1]), variables
-            scale = np.maximum(np.diag(phi.at(v[:-1])), 1e-9)
-            scale /= scale.max()
-        return found
+        others = [self._at(delays, gamma, fixed=fixed, shorter=d)[0] for d in corners]
+        return [phi, *others], positive
 
     def _corners(self, delays: Sequence[float]) -> list[list[float]]:
         """The corners of the box from zero to `delays`, but for `delays` themselves."""
@@ -184,7 +121,7 @@ class AnalysisLmi:
         sizes |= {f"R{i}": n for i, _, _ in times}
         return sizes | ({"eps": 1} if self._E.size else {})
 
-    def _constraints(  # noqa: C901 - one table, read from top to bottom
+    def _at(  # noqa: C901 - one table, read from top to bottom
         self,
         delays: Sequence[float],
         gamma: float,
@@ -266,15 +203,14 @@ class AnalysisLmi:
         return constraints
 
     def _variables(
-        self, point: Array, delays: Sequence[float], gamma: float | None
+        self, point: Array, delays: Sequence[float], gamma: float | None, *, down_to_zero: bool
     ) -> AnalysisVariables:
-        """A point in the system's own units."""
         values, start = {}, 0
         for name, size in self._unknowns(delays).items():
             count = size * (size + 1) // 2
             values[name] = symmetric(point[start : start + count], size)
             start += count
-        S, times, orders = self._balance, self._times(delays), self._orders()
+        S, times, orders = np.diag(self._back), self._times(delays), self._orders()
         parts = [S]
         for i, _, s in times:
             parts += [S / (self._T * s)] * orders[i]
@@ -286,4 +222,7 @@ class AnalysisLmi:
             R=tuple(S @ values[f"R{i}"] @ S / s**2 for i, _, s in times),
             eps=float(values["eps"][0, 0]) if "eps" in values else None,
             gamma=gamma,
+            lower=tuple(None if self._any_age[i] else 0.0 for i, _, _ in times)
+            if down_to_zero
+            else None,
         )

@@ -34,16 +34,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.hinf.certificate import AnalysisVariables
-from cosim.hinf.lmi.analysis_lmi import own_units
 from cosim.hinf.lmi.bessel_legendre_rows import BesselLegendreRows, symmetrised
-from cosim.hinf.lmi.conic import Constraint, solve
+from cosim.hinf.lmi.conic import Constraint
+from cosim.hinf.lmi.loop_lmi import Constraints, GainLmi
 from cosim.hinf.lmi.svec import Array, product, svec
 from cosim.models import DelaySystem
-
-_FLOOR = 1e-3  # the margin of P, Q and R beside that of Phi, relative
-_TOLERANCE = 1e-8
-_GREATER_BOUND = 1e5  # where a great gain needs it
-_BOUND = 1e3  # largest P, Q, R and 1/eps in the search for a margin, in the solver's own units
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ def scalar_multipliers(b: float, system: DelaySystem, order: int) -> Multipliers
     return Multipliers(b * np.eye(n), tuple(zeros))
 
 
-class BesselLegendreLmi:
+class BesselLegendreLmi(GainLmi[Multipliers]):
     """The LMI of one system at one order.
 
     Parameters
@@ -89,87 +84,16 @@ class BesselLegendreLmi:
     """
 
     def __init__(self, system: DelaySystem, order: int, K: Array, reference: float | None) -> None:
-        self._system, self._reference = system, reference
-        acts = [system.immediate_feedback, *(delay.feedback for delay in system.delays)]
-        open_A = [system.A, *(delay.A for delay in system.delays)]
-        loop = [M + phi * system.B @ K for M, phi in zip(open_A, acts, strict=True)]
-        back, self._T = own_units(loop)
-        if reference is not None:
-            back = back / (float(np.linalg.norm(self._T * back[:, None] * system.C, 2)) or 1.0)
-        self._back, self._acts = back, acts
-        self._A = [self._T * back[:, None] * M / back for M in open_A]
-        self._B = self._T * back[:, None] * system.B
-        self._C = self._T * back[:, None] * system.C
-        self._E = self._T * back[:, None] * system.E
-        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
-        size = reference or 1.0
-        self._D, self._D1, self._D2 = system.D / back / size, system.D1 / size, system.D2 / size
+        super().__init__(system, K, reference)
+        self._system = system
         performance = (system.C.shape[1], system.D.shape[0]) if reference is not None else (0, 0)
         self._rows = BesselLegendreRows(system, order, self._T, performance)
 
-    def least_gamma(self, multipliers: Multipliers) -> tuple[float, Array] | None:
-        """Return the solver's least gamma and its gain; None if it finds none."""
-        constraints = self._constraints(multipliers, None)
-        cost = np.zeros(constraints[0].columns.shape[1])
-        cost[-1] = 1.0
-        found = solve(constraints, cost, tolerance=_TOLERANCE)
-        v = found.y
-        if not found.usable or self._reference is None or not v[-1] > 0:
-            return None
-        gain = self._gain(v)
-        return None if gain is None else (float(self._reference * v[-1]), gain)
-
-    def central(self, multipliers: Multipliers, gamma: float | None) -> tuple[float, Array] | None:
-        """Return the greatest margin t at `gamma` and its gain; t < 0: the LMI is not met.
-
-        None if the solver finds no point. A second round counts the margin against the
-        diagonal of -Phi.
-        """
-        found = None
-        for bound in (_BOUND, _GREATER_BOUND):
-            found = self._central(multipliers, gamma, bound) or found
-            if found is not None and found[0] > 0:
-                break
-        return found
-
-    def _central(
-        self, multipliers: Multipliers, gamma: float | None, bound: float
-    ) -> tuple[float, Array] | None:
-        phi, *positive = self._constraints(multipliers, gamma)
-        free = [c.less(np.zeros(c.constant.size)) for c in (c.below(bound) for c in positive)]
-        floors = [c.less(svec(_FLOOR * np.eye(c.size))) for c in positive]
-        last = np.zeros((1, phi.columns.shape[1] + 1))
-        last[0, -1] = 1.0
-        scale, found = np.ones(phi.size), None
-        for _ in range(2):
-            whole = phi.less(svec(np.diag(scale)))
-            bounded = [whole, *floors, *free, Constraint(1, np.ones(1), -last)]
-            solution = solve(bounded, -last[0], tolerance=_TOLERANCE)
-            v = solution.y
-            gain = self._gain(v) if solution.usable else None
-            if gain is None:
-                break
-            found = float(v[-1]), gain
-            if v[-1] <= 0:
-                break
-            scale = np.maximum(np.diag(phi.at(v[:-1])), 1e-9)
-            scale /= scale.max()
-        return found
-
-    def _gain(self, v: Array) -> Array | None:
-        """Return K = Y X^-1 in the system's own units; None where X is singular."""
-        n, m = self._B.shape
-        X, Y = v[: n * n].reshape(n, n), v[n * n : n * (n + m)].reshape(m, n)
-        if not np.linalg.cond(X) < 1e12:
-            return None
-        return np.asarray(np.linalg.solve(X.T, Y.T).T * self._back)
-
-    def _constraints(self, multipliers: Multipliers, gamma: float | None) -> list[Constraint]:
-        """-Phi, P + ..., Q, R, 1/eps; the unknowns are X, Y row by row, P, Q, R, 1/eps, gamma."""
+    def _constraints(self, multiplier: Multipliers, gamma: float | None) -> Constraints:
         n = len(self._A[0])
         rows = self._rows
-        M = rows.at["x"] + self._turned(multipliers.rate) / self._T @ rows.at["r"]
-        for (i, _), own in zip(rows.times, multipliers.means, strict=True):
+        M = rows.at["x"] + self._turned(multiplier.rate) / self._T @ rows.at["r"]
+        for (i, _), own in zip(rows.times, multiplier.means, strict=True):
             for k, S in enumerate(own):
                 M = M + self._turned(S) @ rows.at[f"W{i},{k}"]
         columns = self._tied(M)
@@ -189,7 +113,7 @@ class BesselLegendreLmi:
                 constant -= gamma / self._reference * supplied
         columns = {name: part.reshape(len(constant), -1) for name, part in columns.items()}
         whole = np.column_stack([-part for part in columns.values()])
-        constraints = [Constraint(rows.total, -constant, whole)]
+        positive: list[Constraint] = []
         first, places = 0, {}
         for name, part in columns.items():
             places[name] = slice(first, first + part.shape[1])
@@ -201,8 +125,8 @@ class BesselLegendreLmi:
             for Q, row, weight in bessel if name == "P" else ():
                 part = np.eye(n, size, row * n)
                 block[:, places[Q]] += product(part, part, weight=0.5 * weight)
-            constraints.append(Constraint(size, np.zeros(len(block)), block))
-        return constraints
+            positive.append(Constraint(size, np.zeros(len(block)), block))
+        return [Constraint(rows.total, -constant, whole)], positive
 
     def _tied(self, M: Array) -> dict[str, Array]:
         """Return the coefficients of the entries of X and of Y: M'(f - x'), z and q."""

@@ -19,6 +19,7 @@ from scipy import sparse
 from cosim.hinf.certificate import ExactVariables, Variables, exact_variables
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
+from cosim.hinf.lmi.parts import parts_of_system, solve_in_parts
 from cosim.hinf.lmi.scaling import Scaling, units_of
 from cosim.hinf.lmi.svec import Array, places, svec
 from cosim.models import DelaySystem, Matrix
@@ -130,7 +131,8 @@ class Problem:
         q[gamma.place[0, 0]] = 1.0
         inner = self._inner(p)
         more = self._more(inner, gain, margin=False)
-        solution = self._solve([self._omega(inner, gain), *self._signs, *more], q, tolerance)
+        constraints = [self._omega(inner, gain), *self._signs, *more]
+        solution = self._solve(constraints, q, tolerance, gain=gain)
         if not solution.usable:
             return solution
         return self._answer(solution, inner, gain, 1.0 / self.scaling.a**2)
@@ -167,7 +169,8 @@ class Problem:
             own = near.scale
         whole = self._omega(inner, gain, gamma).less(svec(np.diag(own)))
         more = self._more(inner, gain, margin=True)
-        solution = self._solve([whole, *self._bounds, *more], q, tolerance, self._trace)
+        constraints = [whole, *self._bounds, *more]
+        solution = self._solve(constraints, q, tolerance, self._trace, gain=gain)
         if not solution.usable:
             return solution
         answer = self._answer(solution, inner, gain, -1.0)
@@ -176,19 +179,21 @@ class Problem:
         )
 
     def _in_some_units(self, ask: Callable[[], Answer | Solution]) -> Answer | Solution:
-        """Return the answer in the present units, or where that fails in the others."""
+        """Return the answer in the present units, or where that fails in the others.
+
+        The others are kept where they solve the problem: one that they hardly solve says little.
+        """
         found = ask()
         if isinstance(found, Answer) or found.status != "failed" or not self._other_units:
             return found
-        usual, others = self.scaling, self._other_units
-        self._set_units(others[0])
-        self._other_units = []
+        usual, (others,) = self.scaling, self._other_units
+        self._set_units(others)
         other = ask()
-        if isinstance(other, Answer) or other.status == "infeasible":
+        if isinstance(other, Answer) and other.accurate:
+            self._other_units = [usual]
             return other
         self._set_units(usual)
-        self._other_units = others
-        return found
+        return other if isinstance(other, Answer) or other.status == "infeasible" else found
 
     def lmi(self, p: Scalars, gamma: float | None) -> list[Constraint]:
         """Return -Omega >= 0 at this gamma, X >= 0, and Q_j >= 0 where it is free; inner units."""
@@ -210,9 +215,17 @@ class Problem:
         q: Array,
         tolerance: float,
         equal: tuple[Array, float] | None = None,
+        *,
+        gain: Matrix | None = None,
     ) -> Solution:
         self.solve_count += 1
-        return solve(constraints, q, equal=equal, tolerance=tolerance)
+        if type(self) is not Problem:  # further constraints may connect the parts of a system
+            return solve(constraints, q, equal=equal, tolerance=tolerance)
+        part = parts_of_system(self.structure.system, gain)
+        rows = [part[name if name in part else "x"] for name in self.structure.offset]
+        by_size = {self._n: part["x"], self.structure.rows: np.concatenate(rows)}
+        labels = [by_size.get(c.size) for c in constraints]
+        return solve_in_parts(constraints, labels, q, equal=equal, tolerance=tolerance)
 
     def _omega(
         self, p: Scalars, gain: Matrix | None = None, gamma: float | None = None

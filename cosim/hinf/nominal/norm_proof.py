@@ -186,14 +186,13 @@ class _Proof:
         sizes = [float(x) for x in point.sizes]
         level = float(self.level) * (1.0 - 1e-13)
         h = float(self.longest) * (1.0 - 1e-12) / (constants[0] * sizes[0])
-        signs = np.array([1.0, -1.0])[:, None, None]
-        for _ in range(40):
-            ends = point.gain + signs * h * point.change
-            top = float(np.linalg.norm(ends, 2, axis=(1, 2)).max())
-            if top + 0.5 * h * h * _bend(h, sizes, constants) < level:
-                break
-            h *= 0.75
-        return h
+        shorter = np.cumprod([h, *([0.75] * 40)])
+        ends = np.multiply.outer(shorter[:-1], np.multiply.outer([1.0, -1.0], point.change))
+        tops = np.linalg.norm(point.gain + ends, 2, axis=(2, 3)).max(axis=1)  # one call for all
+        for step, top in zip(shorter, tops, strict=False):
+            if top + 0.5 * step * step * _bend(step, sizes, constants) < level:
+                return float(step)
+        return float(shorter[-1])
 
     def _covers(self, point: _Point, h: float) -> bool:
         """Part A on [c-h, c+h], in balls."""

@@ -10,6 +10,18 @@ from .design_constraints import (
     design_constraints_of as design_constraints_of,
 )
 from .envelope import Envelope as Envelope
+from .modem import (
+    SOUND_SPEED as SOUND_SPEED,
+    Modem as Modem,
+)
+from .other_delays import (
+    ages_are_known as ages_are_known,
+    of_any_age as of_any_age,
+    with_ages as with_ages,
+    with_delay as with_delay,
+    with_delays as with_delays,
+    without_uncertainty as without_uncertainty,
+)
 from .system_toml import (
     BUILT_IN_SYSTEMS as BUILT_IN_SYSTEMS,
     Delay as Delay,

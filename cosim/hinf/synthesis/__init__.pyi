@@ -1,3 +1,10 @@
+from .ages_of_messages import (
+    AgeLimit as AgeLimit,
+    AgeRow as AgeRow,
+    Assumption as Assumption,
+    MessageAges as MessageAges,
+    message_ages as message_ages,
+)
 from .analysis import (
     Analysis as Analysis,
     analyse as analyse,
@@ -14,16 +21,13 @@ from .design_file import (
     design_from_json as design_from_json,
     design_to_json as design_to_json,
 )
+from .designs import Design as Design
 from .gain_design import (
     design as design,
     greatest_delay as greatest_delay,
     nominal_gamma as nominal_gamma,
-    without_uncertainty as without_uncertainty,
 )
 from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,
-    with_ages as with_ages,
-    with_delays as with_delays,
 )
-from .synthesis import Design as Design

@@ -2,7 +2,8 @@
 
 As in `cosim.hinf.synthesis.synthesis`: the solver's least gamma, then a little above it a point
 of great margin, then the exact proof; where that fails, a little higher. The conditions
-(`conditions`) are tried in turn, the sharpest first.
+(`conditions`) are tried in turn, the sharpest first, at every order that is affordable, and the
+best proof is claimed.
 
 "Not certified" is a result, not an error: the conditions are sufficient only. The figures of
 the nominal loop are given beside it.
@@ -10,20 +11,29 @@ the nominal loop are given beside it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.hinf.certificate import MAX_BOX, MAX_ORDER, covers_smaller
+from cosim.hinf.certificate import MAX_ORDER, covers_smaller
 from cosim.hinf.lmi import not_found, solver_words
 from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
-from cosim.hinf.synthesis.conditions import Condition, conditions_of, prove
-from cosim.models import DelaySystem
+from cosim.hinf.synthesis.conditions import (
+    AFFORDABLE_ORDERS,
+    Condition,
+    affordable_conditions,
+    conditions_of,
+    prove,
+    widened,
+)
+from cosim.models import DelaySystem, Matrix
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
+_MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +75,15 @@ class Analysis:
         return self.certificate is not None and covers_smaller(self.certificate["claim"])
 
 
+Order = int | Literal["auto"]
+
+
 def analyse(
     system: DelaySystem,
     gain: ArrayLike | None = None,
     gamma: float | None = None,
     *,
-    order: int = 0,
+    order: Order = "auto",
 ) -> Analysis:
     """Certify the least gamma of u = K x, or stability where there is no w or no z.
 
@@ -83,7 +96,8 @@ def analyse(
         Bessel-Legendre condition of order N, which covers exactly these delays, or every one up
         to them if that can be proved at the same gamma (`Analysis.covers_smaller_delays`). Ages
         are taken as they are from order 1 on, and at any order where more is known of one than
-        its bound (`cosim.hinf.synthesis.conditions`).
+        its bound (`cosim.hinf.synthesis.conditions`). "auto": the best proof of the orders that
+        take a few seconds at most.
 
     Raises
     ------
@@ -94,43 +108,123 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    found = analysed(system, K, gamma, order, nominal_figures_of(system, K))
+    found = best_analysis(system, K, gamma, order, nominal_figures_of(system, K))
     return found if gain is not None else replace(found, K=None)
 
 
-def analysed(
+def check_order_of_analysis(order: Order) -> None:
+    """Refuse an order out of range.
+
+    Raises
+    ------
+    InputError : naming the range.
+    """
+    if order != "auto" and not 0 <= order <= MAX_ORDER:
+        raise InputError(
+            "not an order",
+            where="order",
+            expected=f"0 (Theorem 1) to {MAX_ORDER}",
+            got=str(order),
+        )
+
+
+def best_analysis(
+    system: DelaySystem, K: Matrix, gamma: float | None, order: Order, figures: NominalFigures
+) -> Analysis:
+    """Return the best proof of this order or of all; where there is none, that of the first."""
+    made: list[Analysis] = []
+    excluded = figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
+    bounded = system.has_performance
+    for own in AFFORDABLE_ORDERS if order == "auto" else (order,):
+        conditions: list[Condition] = []
+        if order == "auto" and not excluded:
+            conditions = affordable_conditions(system, K, own, performance=bounded)
+        elif not excluded:
+            conditions = conditions_of(system, K, own, performance=bounded)
+        if made and not conditions:
+            continue
+        last = _analysed(system, K, gamma, own, conditions, figures)
+        made.append(last)
+        if last.certified and (gamma is not None or last.gamma is None or is_exact(last)):
+            break
+    return preferred([one for one in made if one.certified] or made[:1])
+
+
+class Claim(Protocol):
+    """What designs and analyses have in common."""
+
+    @property
+    def gamma(self) -> float | None:
+        """The certified bound."""
+
+    @property
+    def abscissa(self) -> float | None:
+        """Of the nominal loop; None where it could not be computed."""
+
+    @property
+    def exact_norm(self) -> float | None:
+        """Of the nominal loop."""
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's."""
+
+
+Claimed = TypeVar("Claimed", bound=Claim)
+
+
+def preferred(claims: Sequence[Claimed]) -> Claimed:
+    """Return the claim of least gamma; where little is lost, one that covers smaller delays.
+
+    So too one whose nominal figures can be computed: otherwise its gain is out of all proportion.
+    """
+
+    def value(one: Claimed) -> float:
+        worse = (not one.covers_smaller_delays) + 2 * (one.abscissa is None)
+        return (one.gamma or 0.0) * (1.0 + _MUCH) ** worse
+
+    return min(claims, key=value)
+
+
+def is_exact(found: Claim) -> bool:
+    """Whether no analysis of the same gain can be sharper: gamma is the nominal norm."""
+    return bool(found.exact_norm and (found.gamma or 0.0) < found.exact_norm * (1 + 1e-3))
+
+
+def _analysed(
     system: DelaySystem,
-    K: NDArray[np.float64],
+    K: Matrix,
     gamma: float | None,
     order: int,
-    nominal_figures: NominalFigures,
+    conditions: Sequence[Condition],
+    figures: NominalFigures,
 ) -> Analysis:
-    """Analyse a gain whose nominal figures are known, as `analyse`."""
+    """Analyse a gain whose nominal figures are known, by conditions of one order."""
     delays = [delay.d for delay in system.delays]
     proof, level, reason = None, None, None
-    leasts: list[float] = []
-    if nominal_figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays):
-        conditions = []
-        reason = _unstable(nominal_figures.abscissa)
-    else:
-        conditions = conditions_of(system, K, order, performance=system.has_performance)
+    least: float | None = None
+    if not conditions:
+        reason = (
+            "the nominal loop is not stable: its rightmost root has real part "
+            f"{figures.abscissa:.6g}"
+        )
     floor = float(np.linalg.norm(system.D1, 2))
-    reference = max(floor, nominal_figures.exact_norm or 0.0) or 1.0
+    reference = max(floor, figures.exact_norm or 0.0) or 1.0
     for condition in conditions:
         levels: list[float | None] = [gamma]
         if system.has_performance:
             with solver_words() as words:
-                least = condition.least_gamma(delays, reference)
-            leasts += [] if least is None else [least]
-            if gamma is None and least is None:
+                found = condition.least_gamma(delays, reference)
+            least = found or least
+            if gamma is None and found is None:
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
-            if gamma is None and least is not None:
-                levels = [float(f"{least * (1 + share):.7g}") for share in _ABOVE_LEAST]
+            if gamma is None and found is not None:
+                levels = [float(f"{found * (1 + share):.7g}") for share in _ABOVE_LEAST]
         for level in levels:
-            proof, why_not = prove(condition, system, K, delays, level)
+            proof, why_not = prove(condition, system, K, level)
             if proof is not None:
-                proof = widened(system, K, condition, level) or proof
+                proof = widened(condition, system, K, level) or proof
                 break
             reason = why_not
         if proof is not None:
@@ -142,69 +236,10 @@ def analysed(
         certified=proof is not None,
         reason=None if proof is not None else reason,
         gamma=None if proof is None else level,
-        least_gamma=leasts[-1] if leasts else None,
+        least_gamma=least,
         certificate=proof,
-        **nominal_figures._asdict(),
+        **figures._asdict(),
     )
-
-
-def _unstable(abscissa: float) -> str:
-    return f"the nominal loop is not stable: its rightmost root has real part {abscissa:.6g}"
-
-
-class Prover:
-    """Certified feasibility of one loop at one order, for any delays: the LMI is set up once.
-
-    Parameters
-    ----------
-    system : Eq. (7); its delays are the ones that are replaced.
-    K : (m, n).
-    order : N.
-    gamma : the gain to prove; None for stability alone.
-
-    `reason` says why the last `proof` was None.
-    """
-
-    def __init__(
-        self, system: DelaySystem, K: NDArray[np.float64], order: int, gamma: float | None
-    ) -> None:
-        self._K, self._gamma = K, gamma
-        self.reason: str | None = None
-        self._conditions = conditions_of(system, K, order, performance=gamma is not None)
-
-    def proof(self, system: DelaySystem) -> dict[str, Any] | None:
-        """Return the certificate of `system`, other delays of the same loop; None without one.
-
-        The first condition that proves one is kept for the other delays.
-        """
-        delays = [delay.d for delay in system.delays]
-        reasons = []
-        for condition in self._conditions:
-            found, reason = prove(condition, system, self._K, delays, self._gamma)
-            if found is not None:
-                self._conditions = [condition]
-                return found
-            reasons.append(reason)
-        self.reason = reasons[0]
-        return None
-
-    def widened(self, system: DelaySystem) -> dict[str, Any] | None:
-        """Return a certificate for every delay up to the system's, as `widened`; None without."""
-        return widened(system, self._K, self._conditions[0], self._gamma)
-
-
-def widened(
-    system: DelaySystem, K: NDArray[np.float64], condition: Condition, gamma: float | None
-) -> dict[str, Any] | None:
-    """Return a certificate for every constant delay up to the system's; None without one.
-
-    Also None at order 0, where the certificate of these delays covers smaller ones.
-    """
-    box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
-    if condition.order == 0 or not 0 < box <= MAX_BOX:
-        return None
-    delays = [delay.d for delay in system.delays]
-    return prove(condition, system, K, delays, gamma, down_to_zero=True)[0]
 
 
 def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
@@ -237,22 +272,6 @@ def gain_of(system: DelaySystem, gain: ArrayLike | None) -> NDArray[np.float64]:
             got=f"shape {np.shape(K)}" if np.isfinite(K).all() else "not only finite numbers",
         )
     return K
-
-
-def check_order_of_analysis(order: int) -> None:
-    """Refuse an order out of range.
-
-    Raises
-    ------
-    InputError : naming the range.
-    """
-    if not 0 <= order <= MAX_ORDER:
-        raise InputError(
-            "not an order",
-            where="order",
-            expected=f"0 (Theorem 1) to {MAX_ORDER}",
-            got=str(order),
-        )
 
 
 def check_gamma(gamma: float, system: DelaySystem) -> None:

@@ -18,19 +18,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.hinf.nominal import nominal_figures_of
+from cosim.hinf.problem import with_delay
 from cosim.hinf.synthesis.analysis import (
     Analysis,
-    Prover,
+    Order,
     check_gamma,
     check_order_of_analysis,
     gain_of,
 )
-from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay, with_delay
+from cosim.hinf.synthesis.conditions import (
+    Condition,
+    affordable_order,
+    conditions_of,
+    prove,
+    widened,
+)
+from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT, check_delay
 from cosim.models import DelaySystem
 
 _STEP = 1.1
 _FIRST = 2.0**-10  # first delay tried above zero, as a share of the limit
-_PRECISION = 1e-6  # of the bisection, relative
+PRECISION = 1e-6
+"""Of the bisection, relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +69,9 @@ def certified_delay(
     gamma: float | None = None,
     *,
     delay_index: int = 0,
-    order: int = 0,
+    order: Order = "auto",
     limit: float = DELAY_LIMIT,
+    precision: float = PRECISION,
 ) -> CertifiedDelay:
     """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
 
@@ -71,8 +81,9 @@ def certified_delay(
     gain : (m, n) K; None for u = 0.
     gamma : bound of the gain from w to z; None for stability alone.
     delay_index : index of the delay.
-    order : of the Bessel-Legendre inequality, 0 for Theorem 1.
+    order : of the Bessel-Legendre inequality, 0 for Theorem 1; "auto": the greatest affordable.
     limit : where the search stops [s].
+    precision : of the bisection, relative.
 
     Raises
     ------
@@ -83,27 +94,30 @@ def certified_delay(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    search = _Search(system, K, gamma, delay_index)
-    if order and not system.delays[delay_index].any_age:
+    own_order = affordable_order(system, K, performance=gamma is not None)
+    own_order = own_order if order == "auto" else order
+    search = _Search(system, K, gamma, delay_index, precision)
+    if own_order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
-        search.climb(order, limit, start=search.d or 0.0, step=_STEP)
-        if search.d is not None and search.order != order:
+        if search.d != limit:
+            search.climb(own_order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.d != limit and search.order != own_order:
             search.climb(0, limit, start=search.d, step=_STEP)
         if search.d is None:
             # some loops need their delay
-            search.climb(order, limit, start=system.delays[delay_index].d, step=_STEP)
+            search.climb(own_order, limit, start=system.delays[delay_index].d, step=_STEP)
     else:
         # an age is greater than its least value
         least = system.delays[delay_index].least_age
         start = least + _FIRST * (limit - least) if least else 0.0
-        search.climb(order, limit, start=start, step=2.0)
+        search.climb(own_order, limit, start=start, step=2.0)
     search.widen()
     done = search.d is not None and search.d >= limit
     system_at_d = system if search.d is None else search.at(search.d)
     analysis = Analysis(
         system=system_at_d,
         K=None if gain is None else K,
-        order=order if search.d is None else search.order,
+        order=own_order if search.d is None else search.order,
         certified=search.d is not None,
         reason=None
         if search.d is not None
@@ -126,9 +140,15 @@ class _Search:
     """The greatest certified delay so far (`d`), and the least failed one (`failed`)."""
 
     def __init__(
-        self, system: DelaySystem, K: NDArray[np.float64], gamma: float | None, delay_index: int
+        self,
+        system: DelaySystem,
+        K: NDArray[np.float64],
+        gamma: float | None,
+        delay_index: int,
+        precision: float,
     ) -> None:
         self._system, self._K, self._gamma, self._which = system, K, gamma, delay_index
+        self._precision = precision
         self.d: float | None = None
         self.failed: float | None = None
         self.order = 0
@@ -142,23 +162,31 @@ class _Search:
     def widen(self) -> None:
         """Replace the proof by one for every delay up to the greatest, where there is one."""
         if self.d is not None:
-            prover = Prover(self._system, self._K, self.order, self._gamma)
-            self.certificate = prover.widened(self.at(self.d)) or self.certificate
+            condition = self._conditions(self.order)[0]
+            wide = widened(condition, self.at(self.d), self._K, self._gamma)
+            self.certificate = wide or self.certificate
+
+    def _conditions(self, order: int) -> list[Condition]:
+        return conditions_of(self._system, self._K, order, performance=self._gamma is not None)
 
     def climb(
-        self, order: int, limit: float, *, start: float, step: float, precision: float = _PRECISION
+        self, order: int, limit: float, *, start: float, step: float, precision: float = 0.0
     ) -> None:
         """Go up from `start` until a proof fails or the limit is reached, then bisect."""
-        prover = Prover(self._system, self._K, order, self._gamma)
+        conditions = self._conditions(order)
         self.failed = None
 
         def certified(d: float) -> bool:
-            proof = prover.proof(self.at(d))
-            if proof is None:
-                self.failed, self.reason = d, prover.reason
-            else:
-                self.d, self.order, self.certificate = d, order, proof
-            return proof is not None
+            reasons = []
+            for condition in conditions:
+                proof, reason = prove(condition, self.at(d), self._K, self._gamma)
+                if proof is not None:
+                    conditions[:] = [condition]  # kept for the other delays
+                    self.d, self.order, self.certificate = d, order, proof
+                    return True
+                reasons.append(reason)
+            self.failed, self.reason = d, reasons[0]
+            return False
 
         d = min(start, limit)
         if d != self.d and not certified(d):
@@ -169,7 +197,7 @@ class _Search:
         while (
             self.failed is not None
             and self.d is not None
-            and self.failed - self.d > precision * self.failed
+            and self.failed - self.d > max(precision, self._precision) * self.failed
         ):
             certified(_between(self.d, self.failed))
 

@@ -1,11 +1,13 @@
 """The sufficient conditions under which a given gain is analysed, and their proofs.
 
-Each is an LMI with a greatest margin and an exact proof of the point found:
+Each is an LMI with a least gamma, a greatest margin and an exact proof of the point found:
 
 * Theorem 1 and the Bessel-Legendre conditions (`AnalysisLmi`), where an age that varies counts
   as one of any age from zero to its bound;
 * those of ages as they are (`AgesLmi`): an interval, a bounded rate, sampled. They are used from
   order 1 on, and at every order where more is known of an age than its bound.
+
+Theorem 2 is a further one, with a gain that it designs (`cosim.hinf.synthesis.theorem_2`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from cosim.hinf.certificate import (
+    MAX_BOX,
     MAX_CORNERS,
     AgeFunctional,
     AgesVariables,
@@ -36,6 +39,10 @@ MOST_ROWS = 60
 
 Its unknowns grow with the square of the rows: with 60 a solve takes about a minute.
 """
+_MOST_UNKNOWNS = 300
+"""Unknowns, counted at every corner, up to which an order is affordable: a second per solve."""
+AFFORDABLE_ORDERS = (0, 1, 2)
+"""Orders that are tried where none is asked for."""
 
 Condition = AgesLmi | AnalysisLmi
 
@@ -64,29 +71,50 @@ def conditions_of(
     return [*found, plain]
 
 
-def _corners(
-    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
-) -> int:
-    """Return how many corners Phi has."""
-    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
-    each["constant"] = 2 if down_to_zero else 1
-    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)
+def affordable_conditions(
+    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
+) -> list[Condition]:
+    """Return the conditions of this order that take a few seconds at most and may gain something.
+
+    At order 0 those of `conditions_of`, however long they take.
+    """
+    found = conditions_of(system, K, order, performance=performance)
+    late = [x for x in system.delays if x.d > 0]
+    if order and not any(order == 1 or not x.any_age for x in late):
+        return []  # ages that vary gain nothing from a higher order
+    delays = [x.d for x in system.delays]
+
+    def cost(one: Condition) -> int:
+        if isinstance(one, AnalysisLmi):
+            return one.unknowns(delays)
+        return one.unknowns(delays) * _corners(system, order, one.functionals, down_to_zero=False)
+
+    return [x for x in found if not order or cost(x) <= _MOST_UNKNOWNS]
+
+
+def affordable_order(system: DelaySystem, K: NDArray[Any], *, performance: bool) -> int:
+    """Return the greatest affordable order."""
+    return max(
+        order
+        for order in AFFORDABLE_ORDERS
+        if affordable_conditions(system, K, order, performance=performance)
+    )
 
 
 def prove(
     condition: Condition,
     system: DelaySystem,
     K: NDArray[Any],
-    delays: Sequence[float],
     gamma: float | None,
     *,
     down_to_zero: bool = False,
-) -> tuple[dict[str, Any] | None, str | None]:
-    """Return the certificate at `delays`, those of `system`, or None and why there is none."""
+) -> tuple[dict[str, Any] | None, str]:
+    """Return the certificate at the delays of `system`, or None and why there is none."""
     if isinstance(condition, AgesLmi):
         count = _corners(system, condition.order, condition.functionals, down_to_zero=down_to_zero)
         if count > MAX_CORNERS:
             return None, f"its {count} corners are more than the {MAX_CORNERS} that are proved here"
+    delays = [x.d for x in system.delays]
     with solver_words() as words:
         point = condition.central(delays, gamma, down_to_zero=down_to_zero)
     if point is None:
@@ -94,7 +122,29 @@ def prove(
     if isinstance(point, AgesVariables):
         ages = exact_ages(system, point)
         proof = ages_proved(system, K, ages)
-        return (ages_to_json(system, K, ages) if proof.valid else None), proof.reason
+        return (ages_to_json(system, K, ages) if proof.valid else None), str(proof.reason)
     exact = exact_analysis(system, point)
     proof = analysis_proved(system, K, exact)
-    return (analysis_to_json(system, K, exact) if proof.valid else None), proof.reason
+    return (analysis_to_json(system, K, exact) if proof.valid else None), str(proof.reason)
+
+
+def widened(
+    condition: Condition, system: DelaySystem, K: NDArray[Any], gamma: float | None
+) -> dict[str, Any] | None:
+    """Return a certificate for every constant delay up to the system's; None without one.
+
+    Also None at order 0, where the certificate of these delays covers smaller ones.
+    """
+    box = sum(delay.d > 0 and not delay.any_age for delay in system.delays)
+    if condition.order == 0 or not 0 < box <= MAX_BOX:
+        return None
+    return prove(condition, system, K, gamma, down_to_zero=True)[0]
+
+
+def _corners(
+    system: DelaySystem, order: int, own: Sequence[AgeFunctional], *, down_to_zero: bool
+) -> int:
+    """Return how many corners Phi has."""
+    each = {"interval": 2 if order else 1, "rate": 4 if order else 2, "looped": 2}
+    each["constant"] = 2 if down_to_zero else 1
+    return math.prod(each.get(x, 1) for x, y in zip(own, system.delays, strict=True) if y.d > 0)

@@ -26,11 +26,12 @@ from cosim.hinf.lmi import (
     solver_words,
 )
 from cosim.hinf.problem import DesignConstraints
-from cosim.hinf.synthesis import synthesis
+from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.decay_search import corner_scalars, proved_decay
+from cosim.hinf.synthesis.designs import Design
 from cosim.hinf.synthesis.level_search import Level, best_level, level_of
 from cosim.hinf.synthesis.search import starts
-from cosim.hinf.synthesis.synthesis import Design, checked_scalars
+from cosim.hinf.synthesis.theorem_2 import checked_scalars
 from cosim.models import DelaySystem
 
 _SLACK = 1e-3  # share by which the solver stays inside a limit: K is rounded afterwards
@@ -137,7 +138,7 @@ class ConstrainedSearch:
         if problem is None:
             return None, not_found(solve_count)
         try:
-            found = synthesis.design(
+            found = theorem_2.design(
                 self._system,
                 p.k1,
                 p.k2,

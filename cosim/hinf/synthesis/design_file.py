@@ -19,7 +19,7 @@ from cosim.hinf.certificate import (
     system_from_json,
 )
 from cosim.hinf.nominal import worst_case_from_json
-from cosim.hinf.synthesis.synthesis import Design
+from cosim.hinf.synthesis.designs import Design
 
 # computed, not part of the claim
 _FIGURES = ("least_gamma", "abscissa", "exact_norm", "norm_frequency")

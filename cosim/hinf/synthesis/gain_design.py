@@ -2,29 +2,32 @@
 
 Without design constraints, the routes of `cosim.hinf.synthesis.routes` are tried. With them:
 
-1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.synthesis`) is kept if
+1. The gain of least gamma without the constraints (`cosim.hinf.synthesis.theorem_2`) is kept if
    they can be proved for it.
 2. Otherwise the gain of least gamma that meets them (`cosim.hinf.synthesis.constrained_search`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import Literal
 
 from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError
+from cosim.hinf.lmi import Scalars, without_performance
 from cosim.hinf.nominal import checked_system, one_thread
-from cosim.hinf.problem import DesignConstraints, design_constraints_of
-from cosim.hinf.synthesis import synthesis
-from cosim.hinf.synthesis.ages_design import ages_are_known, ages_design, of_any_age
-from cosim.hinf.synthesis.analysis import analyse, gain_of
-from cosim.hinf.synthesis.bessel_legendre_designs import (
-    bessel_legendre_delay,
-    bessel_legendre_design,
+from cosim.hinf.problem import (
+    DesignConstraints,
+    ages_are_known,
+    design_constraints_of,
+    of_any_age,
+    without_uncertainty,
 )
+from cosim.hinf.synthesis import theorem_2
+from cosim.hinf.synthesis.analysis import Order, analyse
+from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
 from cosim.hinf.synthesis.constrained_search import (
     ConstrainedSearch,
     describe_constraints,
@@ -33,21 +36,24 @@ from cosim.hinf.synthesis.constrained_search import (
     with_guarantees,
 )
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
+from cosim.hinf.synthesis.designs import (
+    Design,
+    check_achievable,
+    given_gain_design,
+    proved_by_analysis,
+)
 from cosim.hinf.synthesis.greatest_delays import (
     DELAY_LIMIT,
     GreatestDelay,
+    bessel_legendre_delay,
     greatest_delay as delay_of_theorem_2,
 )
-from cosim.hinf.synthesis.routes import (
-    Request,
-    designed_by_some_route,
-    none_succeeded,
-    proved_gain,
-)
+from cosim.hinf.synthesis.not_achievable import none_succeeded
+from cosim.hinf.synthesis.routes import AGES_ORDER, Request, designed_by_some_route
 from cosim.hinf.synthesis.search import initial_scalars
+from cosim.hinf.synthesis.sharper_delays import sharper_delay
 from cosim.hinf.synthesis.stabilisability import NoGainError
-from cosim.hinf.synthesis.synthesis import Design
-from cosim.models import DelaySystem
+from cosim.models import DelaySystem, Matrix
 
 
 @one_thread
@@ -124,53 +130,61 @@ def design(
         energy=energy,
     )
     _check_combination(design_constraints, order, solver)
+    if gamma is not None:
+        check_achievable(gamma, system)
+    if isinstance(order, int):
+        check_order(order, system)
+    asked = Request(system, one, two, given, look or search, gamma)
     if not design_constraints.any:
-        request = Request(system, one, two, given, look or search, gamma)
-        return _unconstrained(request, gain, order, solver, search=look)
-    if gamma is not None:
-        synthesis.check_achievable(gamma, system)
-    synthesis.checked_scalars(system, one, two)
+        if gain is None:
+            return _designed(asked, order, solver, search=look)
+        return _proved(asked, gain, order, solver, search=look)
+    theorem_2.checked_scalars(system, one, two)
+    if gain is not None:
+        return _proved_with_constraints(asked, gain, design_constraints, search=look)
     plain: Design | None = None
-    try:
-        plain = synthesis.design(system, one, two, gamma=gamma, gain=gain, search=look)
-    except NotAchievableError:
-        # without a constraint the best gain may be unbounded
-        if gain is not None:
-            raise
-    return _constrained(
-        system, one, two, plain, design_constraints, gamma, gain, look, may_search=search is None
-    )
+    # without a constraint the best gain may be unbounded
+    with suppress(NotAchievableError):
+        plain = theorem_2.design(system, one, two, gamma=gamma, search=look)
+    return _constrained(asked, plain, design_constraints, search=look, may_search=search is None)
 
 
-def _unconstrained(
-    request: Request,
-    gain: ArrayLike | None,
-    order: int | Literal["auto"] | None,
-    solver: str,
-    *,
-    search: bool,
+def _designed(asked: Request, order: Order | None, solver: str, *, search: bool) -> Design:
+    """Design a gain without design constraints."""
+    system, one, two, gamma = asked.system, asked.k1, asked.k2, asked.gamma
+    if solver == "cvxpy":
+        return cvxpy_design(system, one, two, gamma=gamma, search=search)
+    if ages_are_known(system):
+        return designed_by_some_route(asked, order if isinstance(order, int) else AGES_ORDER)
+    theorem_2.checked_scalars(system, one, two)
+    if order == "auto":
+        return designed_by_some_route(asked)
+    if order is None:
+        return theorem_2.design(system, one, two, gamma=gamma, search=search)
+    starts = []
+    with suppress(NotAchievableError):  # there are other starts as well
+        starts = [theorem_2.design(system, one, two, search=search).K]
+    gains = bessel_legendre_gains(system, order, starts, gamma)
+    return proved_by_analysis(system, gains, gamma, order)
+
+
+def _proved(
+    asked: Request, gain: ArrayLike, order: Order | None, solver: str, *, search: bool
 ) -> Design:
-    """Design without design constraints, or prove a gain."""
-    system, one, two, gamma = request.system, request.k1, request.k2, request.gamma
-    if ages_are_known(system) and solver != "cvxpy":
-        known = order if isinstance(order, int) else None
-        return ages_design(system, one, two, order=known, gamma=gamma, gain=gain, search=search)
-    if gamma is not None:
-        synthesis.check_achievable(gamma, system)
+    """Prove a given gain without design constraints."""
+    system, one, two, gamma = asked.system, asked.k1, asked.k2, asked.gamma
     if solver == "cvxpy":
         return cvxpy_design(system, one, two, gamma=gamma, gain=gain, search=search)
-    if isinstance(order, int):
-        return bessel_legendre_design(
-            system, one, two, order=order, gamma=gamma, gain=gain, search=search
-        )
-    synthesis.checked_scalars(system, one, two)
-    if order == "auto":
-        if gain is None:
-            return designed_by_some_route(request)
-        found = proved_gain(system, gain_of(system, gain), gamma)
-        if found is not None:
-            return found
-    return synthesis.design(system, one, two, gamma=gamma, gain=gain, search=search)
+    if ages_are_known(system):
+        own = order if isinstance(order, int) else AGES_ORDER
+        return given_gain_design(system, gain, gamma, own)
+    if order is not None:
+        try:
+            return given_gain_design(system, gain, gamma, order)
+        except NotAchievableError:
+            if order != "auto":
+                raise
+    return theorem_2.design(system, one, two, gamma=gamma, gain=gain, search=search)
 
 
 def _check_combination(
@@ -188,40 +202,67 @@ def _check_combination(
 
 
 def _constrained(
-    system: DelaySystem,
-    k1: Sequence[float],
-    k2: Sequence[float],
+    asked: Request,
     plain: Design | None,
     design_constraints: DesignConstraints,
-    gamma: float | None,
-    gain: ArrayLike | None,
-    search: bool,  # noqa: FBT001
     *,
+    search: bool,
     may_search: bool,
 ) -> Design:
     """Return the design that meets the constraints: `plain`, or another from k1, k2."""
-    start = synthesis.checked_scalars(system, k1, k2)
+    system, gamma = asked.system, asked.gamma
+    start = theorem_2.checked_scalars(system, asked.k1, asked.k2)
     if plain is not None:
-        guarantees, reason = prove_constraints(plain, design_constraints)
+        guarantees, _ = prove_constraints(plain, design_constraints)
         if guarantees is not None:
             return with_guarantees(plain, guarantees)
-        if gain is not None:
-            raise NotAchievableError(
-                "the design constraints could not be proved for this gain",
-                where=system.name or None,
-                expected=describe_constraints(design_constraints),
-                got=reason,
-            )
         start = scalars_of(plain)
     errors: list[tuple[str, NotAchievableError]] = []
     for look in (search, True) if may_search and not search else (search,):
+        constrained = ConstrainedSearch(start, system, design_constraints, gamma, search=look)
         try:
-            return ConstrainedSearch(start, system, design_constraints, gamma, search=look).best(
-                plain
-            )
+            return constrained.best(plain)
         except NotAchievableError as error:
             errors.append(("k1, k2 searched" if look else "these k1, k2", error))
+    if may_search:
+        for name, propose in _other_gains(asked, start, design_constraints):
+            try:
+                return _proved_with_constraints(asked, propose(), design_constraints, search=True)
+            except NotAchievableError as error:
+                if isinstance(error, NoGainError):
+                    break
+                errors.append((name, error))
     raise none_succeeded(errors)
+
+
+def _other_gains(
+    asked: Request, start: Scalars, design_constraints: DesignConstraints
+) -> Iterator[tuple[str, Callable[[], Matrix]]]:
+    """Yield ways to a gain that may meet the constraints, each with its name."""
+    if asked.system.has_performance and design_constraints.energy is None:
+        bare = without_performance(asked.system)
+        constrained = ConstrainedSearch(start, bare, design_constraints, None, search=True)
+        yield "the constraints for stability, then its gain", lambda: constrained.best(None).K
+    yield "a gain without the constraints", lambda: designed_by_some_route(asked).K
+
+
+def _proved_with_constraints(
+    asked: Request, gain: ArrayLike, design_constraints: DesignConstraints, *, search: bool
+) -> Design:
+    """Prove a given gain with the constraints."""
+    system = asked.system
+    found = theorem_2.design(
+        system, asked.k1, asked.k2, gamma=asked.gamma, gain=gain, search=search
+    )
+    guarantees, reason = prove_constraints(found, design_constraints)
+    if guarantees is None:
+        raise NotAchievableError(
+            "the design constraints could not be proved for this gain",
+            where=system.name or None,
+            expected=describe_constraints(design_constraints),
+            got=reason,
+        )
+    return with_guarantees(found, guarantees)
 
 
 def greatest_delay(
@@ -242,47 +283,71 @@ def greatest_delay(
     system : the delays other than `delay_index` are kept.
     gamma : bound of the gain from w to z; None, for stability, without w and z.
     k1, k2 : one number per delay; where searched, the first start. Without both, a search.
-        What else is known of an age than its bound is not used: the proof is about any age.
     delay_index : index of the delay.
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
-    order : None for Theorem 2, with a refutation just beyond; N for the Bessel-Legendre
-        condition of order N; "auto" for order 1 where Theorem 2 certifies no delay.
+    order : None for Theorem 2, for ages of any variation, with a refutation just beyond; N for
+        the Bessel-Legendre condition of order N; "auto" for order 1 where Theorem 2 certifies no
+        delay. With N or "auto", what else is known of an age than its bound is used.
 
     Raises
     ------
     InputError : numbers that do not fit the system.
     NotAchievableError : no delay at all can be certified.
     """
-    system = of_any_age(checked_system(system, control=True))
+    system = checked_system(system, control=True)
+    given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:
-        synthesis.check_achievable(gamma, system)
+        check_achievable(gamma, system)
+    known = ages_are_known(system) and order is not None
     errors: list[tuple[str, NotAchievableError]] = []
+    found: GreatestDelay | None = None
     for condition in (None, 1) if order == "auto" else (order,):
         try:
-            if condition is None:
-                return delay_of_theorem_2(
-                    system, gamma, one, two, delay_index=delay_index, limit=limit, search=look
-                )
-            return bessel_legendre_delay(
-                *(system, gamma, one, two),
-                order=condition,
-                delay_index=delay_index,
-                limit=limit,
-                search=look,
+            found = _delay_by(
+                of_any_age(system), gamma, (one, two), condition, delay_index, limit, look
             )
+            break
         except NoGainError:
             raise
         except NotAchievableError as error:
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
-    raise none_succeeded(errors)
+    if known:
+        own = order if isinstance(order, int) else AGES_ORDER
+
+        def design_at(there: DelaySystem) -> Design:
+            return designed_by_some_route(Request(there, one, two, given, look, gamma), own)
+
+        found = sharper_delay(
+            system, gamma, found, design_at, delay_index=delay_index, limit=limit, order=own
+        )
+    if found is None:
+        raise none_succeeded(errors)
+    return found
 
 
-def without_uncertainty(system: DelaySystem) -> DelaySystem:
-    """Return the nominal system: E and every H removed."""
-    delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
-    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
+def _delay_by(
+    system: DelaySystem,
+    gamma: float | None,
+    scalars: tuple[Sequence[float], Sequence[float]],
+    order: int | None,
+    delay_index: int,
+    limit: float,
+    search: bool,  # noqa: FBT001
+) -> GreatestDelay:
+    """Find the greatest delay by Theorem 2, or by the condition of order N."""
+    if order is None:
+        return delay_of_theorem_2(
+            system, gamma, *scalars, delay_index=delay_index, limit=limit, search=search
+        )
+    return bessel_legendre_delay(
+        *(system, gamma, *scalars),
+        order=order,
+        delay_index=delay_index,
+        limit=limit,
+        search=search,
+    )
 
 
 def nominal_gamma(found: Design) -> float | None:
@@ -304,4 +369,4 @@ def nominal_gamma(found: Design) -> float | None:
     nominal = without_uncertainty(found.system)
     if found.order is not None:
         return analyse(nominal, found.K, order=found.order).gamma
-    return synthesis.design(nominal, found.k1, found.k2, gain=found.K).gamma
+    return theorem_2.design(nominal, found.k1, found.k2, gain=found.K).gamma

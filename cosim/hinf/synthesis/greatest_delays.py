@@ -30,22 +30,25 @@ from cosim.hinf.lmi import (
     solver_words,
 )
 from cosim.hinf.nominal import one_thread
+from cosim.hinf.problem import with_delay
+from cosim.hinf.synthesis.bessel_legendre_gains import Gain, Loop, check_order, continue_gain
 from cosim.hinf.synthesis.delay_search import search_greatest_delay
+from cosim.hinf.synthesis.designs import (
+    Design,
+    check_achievable,
+    design_of_theorem_2,
+    given_gain_design,
+)
 from cosim.hinf.synthesis.ladder import delays_below, first_proved
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.hinf.synthesis.stabilisability import unstabilisable_error
-from cosim.hinf.synthesis.synthesis import (
-    Design,
-    check_achievable,
-    checked_scalars,
-    design_from_proof,
-    find_certified_gain,
-)
+from cosim.hinf.synthesis.theorem_2 import checked_scalars, find_certified_gain
 from cosim.models import DelaySystem
 
 DELAY_LIMIT = 20.0
 """Where a search ends [s]."""
 
+_SHORT = 2.0**-10  # first delay tried where Theorem 2 certifies none, as a share of the limit
 _SMALLEST = 1e-6  # shortest delay searched, as a share of the limit
 _ABOVE = (1e-5, 1e-4, 1e-3, 1e-2)
 _PRECISION = 1e-7  # of the end at fixed k1, k2, relative: that of a margin
@@ -122,7 +125,7 @@ def greatest_delay(
         beyond = None if d == limit else _refuted(system, problem, at, gamma, delay_index)
         greatest = GreatestDelay(
             delay=d,
-            design=design_from_proof(there, *found, None),
+            design=design_of_theorem_2(there, *found, None),
             limit_reached=d == limit,
             refuted_at=None if beyond is None else beyond[0],
             refutation=None if beyond is None else beyond[1],
@@ -254,68 +257,64 @@ def check_delay(system: DelaySystem, delay_index: int, limit: float) -> None:
         )
 
 
-def with_delay(system: DelaySystem, delay_index: int, d: float) -> DelaySystem:
-    """Return the same system with delay `delay_index` replaced by d [s]."""
-    return with_delays(
-        system, [d if j == delay_index else x.d for j, x in enumerate(system.delays)]
+@one_thread
+def bessel_legendre_delay(
+    system: DelaySystem,
+    gamma: float | None,
+    k1: Sequence[float],
+    k2: Sequence[float],
+    *,
+    order: int,
+    delay_index: int = 0,
+    limit: float = DELAY_LIMIT,
+    search: bool = False,
+) -> GreatestDelay:
+    """Find the greatest delay as `greatest_delay` does, with order N.
+
+    Continuation from the gain at the greatest delay of Theorem 2; nothing is refuted beyond
+    the end. At N > 0 the proof covers exactly that delay, or every one up to it
+    (`Design.covers_smaller_delays`).
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no delay at all can be certified.
+    """
+
+    def at(d: float) -> Loop:
+        return Loop(with_delay(system, delay_index, d), order, gamma)
+
+    try:
+        plain = greatest_delay(
+            system, gamma, k1, k2, delay_index=delay_index, limit=limit, search=search
+        )
+        K, start = plain.design.K, plain.delay
+    except NotAchievableError as error:
+        start = _SHORT * limit
+        short = at(start).initial_gains()
+        if not short:
+            raise error from None
+        K = short[0]
+    check_order(order, at(start).system)
+    passed = continue_gain(at, K, start, limit)
+    end, K = passed[-1]
+
+    def prove(tried: tuple[float, Gain]) -> tuple[GreatestDelay | None, str]:
+        d, gain = tried
+        try:
+            found = given_gain_design(at(d).system, gain, gamma, order)
+        except NotAchievableError as error:  # also a loop too fast for its roots to be counted
+            return None, str(error.got or error.what)
+        return GreatestDelay(d, found, d == limit, None, None), ""
+
+    below = [(d, K) for d in delays_below(end, itself=True)]
+    greatest, reason = first_proved([*below, *reversed(passed[:-1])], prove)
+    if greatest is not None:
+        return greatest
+    raise NotAchievableError(
+        f"no delay could be certified at order {order}",
+        where=system.name or None,
+        expected=f"an exact proof near d = {end:.6g}, the greatest delay by the solver",
+        got=reason,
+        hint="another order, a larger gamma",
     )
-
-
-def with_delays(system: DelaySystem, lengths: Sequence[float]) -> DelaySystem:
-    """Return the same system with other delays [s].
-
-    Raises
-    ------
-    InputError : not one number per delay, or a negative one.
-    """
-    if len(lengths) != len(system.delays):
-        raise InputError(
-            "the delays do not fit the system",
-            where="delays",
-            expected=f"{len(system.delays)} numbers of seconds",
-            got=str(list(lengths)),
-        )
-    try:
-        delays = tuple(replace(x, d=d) for d, x in zip(lengths, system.delays, strict=True))
-    except ValueError as error:
-        raise InputError(str(error), where="delays") from error
-    return replace(system, delays=delays)
-
-
-def with_ages(
-    system: DelaySystem, least_ages: Sequence[float] | None = None, *, sampled: bool = False
-) -> DelaySystem:
-    """Return the same system with more that is known of its ages.
-
-    Parameters
-    ----------
-    least_ages : least age of each delay [s], 0 where nothing is known or the delay is constant.
-    sampled : the age of the feedback is a sampled one.
-
-    Raises
-    ------
-    InputError : not one number per delay, no feedback over a delay, or an impossible age.
-    """
-    least = [x.least_age for x in system.delays] if least_ages is None else list(least_ages)
-    if len(least) != len(system.delays):
-        raise InputError(
-            "the least ages do not fit the system",
-            where="least_ages",
-            expected=f"{len(system.delays)} numbers of seconds",
-            got=str(least),
-        )
-    if sampled and system.immediate_feedback:
-        raise InputError(
-            "the feedback has no age that could be sampled",
-            where="sampled",
-            expected="a delay that is the feedback",
-            got="feedback without a delay",
-        )
-    try:
-        delays = tuple(
-            replace(x, least_age=a, sampled=x.sampled or (sampled and x.feedback))
-            for a, x in zip(least, system.delays, strict=True)
-        )
-    except ValueError as error:
-        raise InputError(str(error), where="least_ages") from error
-    return replace(system, delays=delays)

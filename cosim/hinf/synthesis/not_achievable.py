@@ -25,7 +25,31 @@ from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_err
 from cosim.models import DelaySystem
 
 _OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
+_NO_ROUTE_LEFT = (
+    "a larger gamma (--gamma), a shorter delay, a smaller envelope, weaker constraints, or other "
+    "units for states, inputs and time"
+)
 _NOTHING = 1e-6  # a least gamma below this, in inner units, counts as zero
+
+
+def none_succeeded(errors: Sequence[tuple[str, NotAchievableError]]) -> NotAchievableError:
+    """Return the error of the first route, with those of the others and the first refutation.
+
+    errors : one or more, each with the name of its route.
+    """
+    first = errors[0][1]
+    if len(errors) == 1:
+        return first
+    others = [f"{name}: {error.what}" for name, error in errors[1:]]
+    proofs = [error.certificate for _, error in errors if error.certificate is not None]
+    return NotAchievableError(
+        first.what,
+        where=first.where,
+        expected=first.expected,
+        got=f"{first.got or first.what}; tried as well: {'; '.join(others)}",
+        hint=_NO_ROUTE_LEFT,
+        certificate=next(iter(proofs), None),
+    )
 
 
 def hint_after(reason: str, usual: str) -> str:

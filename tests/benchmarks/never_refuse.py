@@ -1,17 +1,17 @@
 """What designs of varied systems cost, how close they come, and which are refused.
 
-    python -m tests.benchmarks.refusals [COUNT] [--grid] [--chains] [--json]
+    python -m tests.benchmarks.never_refuse [FIRST LAST] [--grid] [--chains] [--json]
 
-Designs `COUNT` systems of varied shape (200), and prints per number of states: designs, refusals,
-CPU seconds, and gamma over the exact norm of the nominal loop. With --grid each refused system
-is also tried with cvxpy and Clarabel on the plain LMI over 20 x 20 pairs k1, k2. With --chains,
-spring-mass chains of 12 to 24 states, once by this project and once by cvxpy with Clarabel on
-the same LMI at the same k1, k2, in one run.
+Designs 200 systems of varied shape (seeds FIRST to LAST, the last left out), and prints per number
+of states: designs, refusals, CPU seconds, and gamma over the exact norm of the nominal loop; then
+a line for each that is refused. With --grid each of these is also tried with cvxpy and Clarabel on
+the plain LMI over 20 x 20 pairs k1, k2. With --chains, spring-mass chains of 12 to 24 states, once
+by this project and once by cvxpy with Clarabel on the same LMI at the same k1, k2, in one run.
 """
 
 from __future__ import annotations
 
-import json
+import math
 import statistics
 import sys
 import time
@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import cvxpy as cp
-from rich.console import Console
 from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hinf"))
@@ -30,23 +29,25 @@ from varied_systems import chain, varied_system
 
 from cosim.core import NotAchievableError
 from cosim.hinf import as_cvxpy, check_certificate, design
+from tests.benchmarks._show import show
 
-COUNT = 200
 CHAINS = (12, 16, 20, 24)
 AT = ((-2.5,), (2.5,))
 """k1, k2 of the chains."""
 
 
-def survey(count: int, *, grid: bool) -> dict[str, Any]:
-    """Design `count` systems; return one row per number of states, and what was refused."""
+def survey(seeds: range, *, grid: bool) -> dict[str, Any]:
+    """Design the systems; return one row per number of states, and what was refused."""
     rows: dict[int, list[tuple[float, float | None]]] = {}
     refused: list[dict[str, Any]] = []
-    for seed in range(count):
+    for seed in seeds:
         system = varied_system(seed)
         start = time.process_time()
         try:
             found = design(system)
             ratio = (found.gamma or 0.0) / found.exact_norm if found.exact_norm else None
+            if not check_certificate(found.certificate).valid:
+                raise AssertionError(f"the certificate of system {seed} does not hold")
         except NotAchievableError as error:
             ratio = None
             refused.append({"seed": seed, "what": error.what})
@@ -54,17 +55,18 @@ def survey(count: int, *, grid: bool) -> dict[str, Any]:
                 refused[-1]["certified_over_grid"] = certified_over_grid(system)
         rows.setdefault(len(system.A), []).append((time.process_time() - start, ratio))
     return {
-        "rows": {
-            n: {
+        "rows": [
+            {
+                "n": n,
                 "systems": len(made),
                 "refused": sum(ratio is None for _, ratio in made),
                 "seconds": statistics.median(seconds for seconds, _ in made),
                 "slowest": max(seconds for seconds, _ in made),
-                "ratio": statistics.median([r for _, r in made if r is not None] or [float("nan")]),
-                "worst": max((r for _, r in made if r is not None), default=float("nan")),
+                "ratio": statistics.median([r for _, r in made if r is not None] or [math.nan]),
+                "worst": max((r for _, r in made if r is not None), default=math.nan),
             }
             for n, made in sorted(rows.items())
-        },
+        ],
         "refused": refused,
     }
 
@@ -92,29 +94,21 @@ def chains() -> list[dict[str, float]]:
 
 
 def main() -> None:
-    """Print the tables, or JSON."""
-    numbers = [int(x) for x in sys.argv[1:] if x.isdigit()]
-    made: dict[str, Any] = {}
+    """Print the tables and JSON."""
+    numbers = [int(x) for x in sys.argv[1:] if x.isdigit()] or [0, 200]
     if "--chains" in sys.argv:
-        made["chains"] = chains()
-    if numbers or "--chains" not in sys.argv:
-        made["systems"] = survey(*(numbers or [COUNT]), grid="--grid" in sys.argv)
-    if "--json" in sys.argv:
-        print(json.dumps(made, indent=1))
+        rows = chains()
+        show(_table("chains", rows), rows)
         return
-    console = Console()
-    for name, rows in (
-        ("chains", made.get("chains", [])),
-        ("systems", [{"n": n} | x for n, x in made.get("systems", {}).get("rows", {}).items()]),
-    ):
-        if not rows:
-            continue
-        table = Table(*rows[0], title=name)
-        for row in rows:
-            table.add_row(*(f"{x:.4g}" if isinstance(x, float) else str(x) for x in row.values()))
-        console.print(table)
-    for one in made.get("systems", {}).get("refused", []):
-        console.print(one)
+    made = survey(range(*numbers), grid="--grid" in sys.argv)
+    show(_table("systems", made["rows"]), made, *map(str, made["refused"]))
+
+
+def _table(title: str, rows: list[dict[str, Any]]) -> Table:
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        table.add_row(*(f"{x:.4g}" if isinstance(x, float) else str(x) for x in row.values()))
+    return table
 
 
 if __name__ == "__main__":

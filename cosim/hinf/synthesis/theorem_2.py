@@ -17,22 +17,12 @@ The gamma of a design is the gamma of its proof.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError, NotAchievableError
-from cosim.hinf.certificate import (
-    Guarantees,
-    Variables,
-    certificate_to_json,
-    certify,
-    covers_smaller,
-    gamma_floor,
-)
+from cosim.hinf.certificate import Variables, certify
 from cosim.hinf.lmi import (
     Answer,
     Point,
@@ -42,15 +32,16 @@ from cosim.hinf.lmi import (
     check_size,
     not_found,
     solver_words,
+    without_performance,
 )
-from cosim.hinf.nominal import (
-    NominalFigures,
-    WorstCase,
-    nominal_figures_of,
-    one_thread,
-    worst_case_at,
+from cosim.hinf.nominal import one_thread
+from cosim.hinf.synthesis.analysis import gain_of
+from cosim.hinf.synthesis.designs import (
+    Design,
+    check_achievable,
+    design_of_theorem_2,
+    rounded_gain,
 )
-from cosim.hinf.synthesis.analysis import check_gamma, gain_of
 from cosim.hinf.synthesis.ladder import FAR, NEAR, first_proved, levels_above
 from cosim.hinf.synthesis.not_achievable import (
     gamma_below_least,
@@ -62,64 +53,11 @@ from cosim.hinf.synthesis.not_achievable import (
 from cosim.hinf.synthesis.search import least_gamma, widest_margin
 from cosim.models import DelaySystem
 
-GAIN_DIGITS = 6
-"""Significant digits of a designed gain, relative to its largest entry."""
-
 _NEAR = 1.2  # up to this multiple of the least gamma, the scale of its solution is used
 _POINTS = 4  # pairs k1, k2 of a search at which a proof is tried
 _LARGE = 200  # unknowns from which a solve takes a second
 _ROOM = 2  # levels left out there: nearer ones take two solves to prove
 _COARSE = 4  # levels near the least gamma that are left out at all pairs but the best
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """A certified gain, with its proof and the figures of its nominal loop.
-
-    Attributes
-    ----------
-    system : the system it is designed for.
-    K : (m, n) the gain, as its doubles.
-    gamma : certified bound of the gain from w to z, uncertainty included; None where the
-        system has no w or no z, and stability alone is certified.
-    k1, k2 : one per delay; empty where the proof has an `order`.
-    least_gamma : the solver's least gamma at k1, k2; not proved.
-    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
-        (`cosim.hinf.nominal.nominal_figures`); None also where it could not be computed (a delay
-        too long for its roots to be counted), or where an older file has none.
-    certificate : the proof as JSON values, for `check_certificate`.
-    order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
-        Theorem 2.
-    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
-        attained at a finite frequency, and in older files.
-    guarantees : the design constraints that are proved, also in the certificate.
-    """
-
-    system: DelaySystem
-    K: NDArray[np.float64]
-    gamma: float | None
-    k1: tuple[float, ...]
-    k2: tuple[float, ...]
-    least_gamma: float | None
-    abscissa: float | None
-    exact_norm: float | None
-    exact_norm_upper: float | None
-    norm_frequency: float | None
-    delay_margin: tuple[float | None, ...] | None
-    certificate: dict[str, Any]
-    order: int | None = None
-    worst_case: WorstCase | None = None
-    guarantees: Guarantees = field(default_factory=Guarantees)
-
-    @property
-    def covers_smaller_delays(self) -> bool:
-        """Whether the proof covers every delay up to the system's, not exactly these alone."""
-        return self.order is None or covers_smaller(self.certificate["claim"])
-
-    @property
-    def certified(self) -> bool:
-        """Always true: a `Design` is only made with a proof."""
-        return True
 
 
 @one_thread
@@ -157,8 +95,23 @@ def design(
         for condition in conditions:
             found, _ = first_proved(condition.levels(gamma, shares), condition.prove)
             if found is not None:
-                return design_from_proof(system, *found, condition.least_gamma)
+                return design_of_theorem_2(system, *found, condition.least_gamma)
     raise first.refusal(gamma)
+
+
+def stabilising_gain(
+    system: DelaySystem, k1: Sequence[float], k2: Sequence[float]
+) -> NDArray[np.float64] | None:
+    """Return the gain of the widest margin of stability found, w and z left out; None: none.
+
+    The LMI of stability is homogeneous, and so better scaled than one with gamma.
+    """
+    problem = Problem(without_performance(system))
+    found = widest_margin(problem, checked_scalars(system, k1, k2), None)
+    if found is None or not found[1] > 0:
+        return None
+    answer = problem.margin(found[0], None)
+    return gain_at(answer.point, problem.scaling) if isinstance(answer, Answer) else None
 
 
 class Theorem2:
@@ -276,29 +229,6 @@ def find_certified_gain(
     return None, reason
 
 
-def design_from_proof(
-    system: DelaySystem, K: NDArray[np.float64], variables: Variables, least: float | None
-) -> Design:
-    """Return the design of a proved gain, with the figures of its nominal loop."""
-    figures: NominalFigures | None = None
-    worst: WorstCase | None = None
-    # a proof does not depend on them
-    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
-        figures = nominal_figures_of(system, K)
-        worst = worst_case_at(system, K, figures.norm_frequency)
-    return Design(
-        system=system,
-        K=K,
-        gamma=variables.gamma,
-        k1=variables.k1,
-        k2=variables.k2,
-        least_gamma=least,
-        certificate=certificate_to_json(system, K, variables),
-        worst_case=worst,
-        **(dict.fromkeys(NominalFigures._fields) if figures is None else figures._asdict()),
-    )
-
-
 def _searched(problem: Problem, p: Scalars, gain: NDArray[np.float64] | None) -> list[Scalars]:
     """Return better k1, k2, the best first; those of `p` where none are found."""
     if problem.has_gamma:
@@ -311,21 +241,6 @@ def gain_at(point: Point, units: Scaling) -> NDArray[np.float64]:
     """Return the rounded K = Y X^-1 of a solution."""
     K = np.asarray(np.linalg.solve(point.X, point.Y.T).T, dtype=np.float64)
     return rounded_gain(K, units)
-
-
-def rounded_gain(K: NDArray[np.float64], units: Scaling) -> NDArray[np.float64]:
-    """Round K to `GAIN_DIGITS` significant digits of its largest entry; the rest is noise.
-
-    Largest in units in which states and inputs compare; each entry to decimals of its own.
-    """
-    if not K.any():
-        return K  # no inputs, or nothing that acts
-    largest = np.abs(units.gain(K)).max() * units.input[:, None] / units.state
-    decimals = GAIN_DIGITS - 1 - np.floor(np.log10(largest)).astype(int)
-    rounded = [
-        [round(k, int(d)) for k, d in zip(*x, strict=True)] for x in zip(K, decimals, strict=True)
-    ]
-    return np.array(rounded, dtype=np.float64) + 0.0  # no negative zero
 
 
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
@@ -348,31 +263,3 @@ def _scalars(name: str, values: Sequence[float], system: DelaySystem) -> tuple[f
             got=str(list(numbers)),
         )
     return numbers
-
-
-def check_achievable(gamma: float, system: DelaySystem) -> None:
-    """Refuse a gamma that no delay, k1, k2 or gain can achieve.
-
-    Raises
-    ------
-    InputError : no positive number, or a system without w and z.
-    NotAchievableError : gamma <= ||D1||.
-    """
-    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
-    check_gamma(gamma, system)
-    proof = gamma_floor(system, gamma)
-    if proof is not None or gamma <= floor:
-        raise NotAchievableError(
-            f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
-            "that of D1, for any controller",
-            where=system.name or None,
-            expected=f"gamma > {floor:g}",
-            got=f"{gamma:g}"
-            + (
-                ", which is ||D1|| to the last digits"
-                if proof is None
-                else f"; proved in rational arithmetic: |D1 w| >= {gamma:g} |w|"
-            ),
-            hint="another D1, or a larger gamma; no delay, k1, k2 or gain helps",
-            certificate=proof,
-        )

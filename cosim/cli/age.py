@@ -1,0 +1,182 @@
+"""The command for how old messages may be: age."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import typer
+
+from cosim.cli.age_view import age_json, age_view, draw_ages
+from cosim.cli.arguments import gain_from, named_problem, numbers
+from cosim.cli.common import JsonOption, answer, progress
+from cosim.cli.design import DelayLimitOption, SystemArgument
+from cosim.core import InputError
+from cosim.hinf import DELAY_LIMIT, SOUND_SPEED, Assumption, Modem, message_ages
+from cosim.trace import pyplot
+
+_PANEL = "What is known of the modem"
+_MOST_AGES = 4
+
+
+def age(
+    name: SystemArgument,
+    ages: Annotated[
+        str | None,
+        typer.Option(
+            help="Greatest ages to compute, in seconds: 0.5,1,2. Default: around its own."
+        ),
+    ] = None,
+    gamma: Annotated[
+        float | None, typer.Option(help="A gamma that the ages have to allow for.")
+    ] = None,
+    gain: Annotated[
+        str | None,
+        typer.Option(
+            help='A gain to keep, as rows: "[[0.6, -0.5]]" (default: that of the scenario, or a '
+            "new one for each age)."
+        ),
+    ] = None,
+    assumption: Annotated[
+        str | None,
+        typer.Option(
+            help="What the table assumes of the age: any (however it varies), sampled (it grows at "
+            "rate one between messages) or constant. Default: what the system says."
+        ),
+    ] = None,
+    bit_rate: Annotated[
+        float | None, typer.Option(help="Bit rate [bit/s].", rich_help_panel=_PANEL)
+    ] = None,
+    packet: Annotated[
+        int | None,
+        typer.Option(help="Size of a message with its headers [byte].", rich_help_panel=_PANEL),
+    ] = None,
+    distance: Annotated[
+        float,
+        typer.Option("--range", help="Greatest distance [m].", rich_help_panel=_PANEL),
+    ] = 0.0,
+    slot: Annotated[
+        float | None,
+        typer.Option(
+            help="Time from one message to the next [s] (default: as fast as they leave).",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    loss: Annotated[
+        float, typer.Option(help="Probability that a message is lost.", rich_help_panel=_PANEL)
+    ] = 0.0,
+    losses: Annotated[
+        int | None,
+        typer.Option(
+            help="Losses in a row to bear (default: exceeded once an hour at most).",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None,
+    other: Annotated[
+        float,
+        typer.Option(
+            help="What else makes messages older, such as the way of the command [s].",
+            rich_help_panel=_PANEL,
+        ),
+    ] = 0.0,
+    sound_speed: Annotated[
+        float,
+        typer.Option(help="Speed of the signal [m/s]; 3e8: radio.", rich_help_panel=_PANEL),
+    ] = SOUND_SPEED,
+    delay_limit: DelayLimitOption = DELAY_LIMIT,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Also draw the table: a .png, .svg or .pdf file (needs the extra plot)."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compute how old the messages of a loop may be, and what each age costs.
+
+    The table has, for each greatest age, a gain designed for it (or the one you give), its
+    certified gamma, the exact norm and the delay margin of the nominal loop, and how much control
+    a disturbance asks for. Above it stand the limits of one gain in order: any age, sampled,
+    constant (all certified), and the constant age at which the nominal loop loses stability.
+
+    With --bit-rate and --packet the facts of a modem become the age to design for, the
+    arithmetic shown: cosim age auv --bit-rate 5000 --packet 64 --range 600 --slot 0.5 --loss 0.05
+    """
+    if picture is not None:
+        pyplot()
+    named, own_gain = named_problem(name)
+    modem = _modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
+    chosen: Any = assumption or (None if modem is None else "sampled")
+    if chosen is not None and chosen not in get_args(Assumption):
+        raise InputError.unknown("assumption", chosen, get_args(Assumption), where="--assumption")
+    least, own_age = 0.0, None
+    wanted: Sequence[float] | None = None if ages is None else numbers("--ages", ages)
+    if modem is not None:
+        least = modem.least if chosen != "constant" else 0.0
+        own_age = modem.greatest if chosen != "constant" else modem.least
+        wanted = wanted or _ages_of(modem, own_age)
+    with progress() as report_progress:
+        found = message_ages(
+            named.system,
+            named.k1,
+            named.k2,
+            ages=wanted,
+            gain=own_gain if gain is None else gain_from(gain),
+            gamma=named.gamma if gamma is None else gamma,
+            assumption=chosen,
+            least_age=least,
+            own_age=own_age,
+            limit=delay_limit,
+            report_progress=report_progress,
+        )
+    if picture is not None:
+        draw_ages(name, found, picture)
+    answer(
+        as_json,
+        lambda: age_json(name, found, modem, picture),
+        lambda: age_view(name, found, modem),
+    )
+
+
+def _modem(
+    bit_rate: float | None,
+    packet: int | None,
+    distance: float,
+    slot: float | None,
+    loss: float,
+    losses: int | None,
+    other: float,
+    sound_speed: float,
+) -> Modem | None:
+    """Return the modem that the options describe; None without any of them."""
+    if bit_rate is None and packet is None:
+        given = {
+            "--range": distance,
+            "--slot": slot,
+            "--loss": loss,
+            "--losses": losses,
+            "--other": other,
+        }
+        for option, value in given.items():
+            if value:
+                raise InputError(
+                    "a fact of a modem, but its bit rate and packet size are missing",
+                    where=option,
+                    expected="--bit-rate and --packet as well",
+                )
+        return None
+    if bit_rate is None or packet is None:
+        raise InputError(
+            "the time that a message takes to leave needs both",
+            where="--bit-rate" if bit_rate is None else "--packet",
+            expected="--bit-rate and --packet",
+        )
+    return Modem(bit_rate, packet, distance, slot, loss, losses, other, sound_speed)
+
+
+def _ages_of(modem: Modem, own: float) -> list[float]:
+    """Return the greatest ages after 0, 1, ... losses in a row, a few of them, up to its own."""
+    if own == modem.least:
+        return [own]
+    most = modem.losses_borne
+    each = sorted({round(most * i / (_MOST_AGES - 1)) for i in range(_MOST_AGES)})
+    return [*(modem.least + (k + 1) * modem.slot for k in each[:-1]), own]

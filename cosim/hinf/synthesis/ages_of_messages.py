@@ -1,0 +1,306 @@
+"""How old the messages of a loop may be: one table, and one ordered list of limits.
+
+The delay of the feedback is varied. For each age a gain is designed (or the given one kept) and
+proved; beside it stand the exact figures of the nominal loop. For one gain, that of the present
+age, the limits are computed, from the assumption that asks least of the messages to the one that
+asks most: any age, sampled, constant, and the constant age at which the nominal loop loses
+stability. What is proved under an assumption never lies beyond the exact limit of a constant age,
+but for sampled ages, whose mean is only half as old.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.core import InputError, NotAchievableError, Progress, silent
+from cosim.hinf.nominal import (
+    checked_system,
+    close,
+    hinf_norm,
+    one_thread,
+)
+from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
+from cosim.hinf.synthesis.certified_delays import certified_delay
+from cosim.hinf.synthesis.designs import Design
+from cosim.hinf.synthesis.gain_design import design
+from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
+from cosim.models import Delay, DelaySystem
+
+Assumption = Literal["any", "sampled", "constant"]
+ASSUMPTIONS: tuple[Assumption, ...] = ("any", "sampled", "constant")
+
+_SHARES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)
+_OF_PACE = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
+_PRECISION = 2e-3  # of the limits, relative
+
+
+@dataclass(frozen=True, eq=False)
+class AgeRow:
+    """The loop with messages of one greatest age.
+
+    Attributes
+    ----------
+    age : greatest age [s].
+    K : (m, n) the gain; None if none was found.
+    gamma : certified; None without a proof (or without w and z).
+    exact_norm : of the nominal loop with this constant age; of a sampled age, with its mean.
+    control : exact norm from w to u of the same loop: control (thrust) per disturbance.
+    margin : constant age at which this gain's nominal loop loses stability [s]; None: never.
+    stable : whether the nominal loop is stable.
+    reason : why there is no proof; None with one.
+    """
+
+    age: float
+    K: NDArray[np.float64] | None
+    gamma: float | None
+    exact_norm: float | None
+    control: float | None
+    margin: float | None
+    stable: bool
+    reason: str | None
+
+    @property
+    def certified(self) -> bool:
+        """Whether there is a proof."""
+        return self.reason is None
+
+
+@dataclass(frozen=True)
+class AgeLimit:
+    """How old messages may be under one assumption.
+
+    Attributes
+    ----------
+    assumption : "any", "sampled" or "constant" (each certified), or "exact" (computed).
+    age : greatest age [s]; None: none is certified, or for "exact": no limit.
+    limit_reached : whether the search ended there, so that older ones may be certified too.
+    """
+
+    assumption: Assumption | Literal["exact"]
+    age: float | None
+    limit_reached: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MessageAges:
+    """The answer to how old the messages of a loop may be.
+
+    Attributes
+    ----------
+    system : with the delay that is varied.
+    delay_index : its index.
+    assumption, least_age : what the rows assume of the age: its kind, and its least value [s].
+    gamma : the bound that rows and limits had to meet, or None.
+    rows : by age.
+    age, K : the age [s] whose gain the limits are of, and this gain.
+    limits : of K, from the weakest assumption to the strongest.
+    """
+
+    system: DelaySystem
+    delay_index: int
+    assumption: Assumption
+    least_age: float
+    gamma: float | None
+    rows: tuple[AgeRow, ...]
+    age: float
+    K: NDArray[np.float64]
+    limits: tuple[AgeLimit, ...]
+
+
+@one_thread
+def message_ages(
+    system: DelaySystem,
+    k1: Sequence[float] | None = None,
+    k2: Sequence[float] | None = None,
+    *,
+    ages: Sequence[float] | None = None,
+    gain: ArrayLike | None = None,
+    gamma: float | None = None,
+    assumption: Assumption | None = None,
+    least_age: float = 0.0,
+    own_age: float | None = None,
+    limit: float = DELAY_LIMIT,
+    report_progress: Progress = silent,
+) -> MessageAges:
+    """Compute what messages of each age cost, and how old they may be.
+
+    Parameters
+    ----------
+    system : Eq. (7). Where the control acts through no delay, one is added; k1, k2 are then
+        searched.
+    k1, k2 : one number per delay; without both, they are searched.
+    ages : greatest ages to compute [s]; None: about the present one, or of the system's pace.
+    gain : (m, n) a gain to keep; None: one is designed for each age.
+    gamma : a bound to meet.
+    assumption : what is known of the age; None: what the system says, else "any".
+    least_age : [s], with "sampled" and "any".
+    own_age : the age [s] whose gain the limits are of; None: the present one, or else the middle
+        one of those that are proved.
+    limit : where the search for limits ends [s].
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : no gain was found at any of the ages.
+    """
+    system, index, own = _with_feedback(checked_system(system, control=True))
+    if not own:
+        k1 = k2 = None
+    known = system.delays[index]
+    if assumption is None:
+        assumption = (
+            "sampled" if known.sampled else "any" if known.any_age or not own else "constant"
+        )
+        least_age = least_age or known.least_age
+    if ages is None:
+        ages = _ages(system, index, least_age)
+    ages = _checked(ages, least_age)
+    rows = []
+    for number, age in enumerate(ages):
+        report_progress(f"messages {age:g} s old", number / (len(ages) + 4))
+        at = _at(system, index, age, assumption, least_age)
+        rows.append(_row(at, index, k1, k2, gain, gamma))
+    proved = [row for row in rows if row.certified]
+    if not proved:
+        raise NotAchievableError(
+            "no gain is proved at any of these ages",
+            where=system.name or None,
+            expected=f"messages of {' or '.join(f'{age:g}' for age in ages)} s to be young enough",
+            got=rows[0].reason,
+            hint="younger messages (--ages), or a larger --gamma",
+        )
+    middle = proved[len(proved) // 2]
+    present = (known.d if own else 0.0) if own_age is None else own_age
+    chosen = min(proved, key=lambda row: abs(row.age - present)) if present else middle
+    limits = []
+    for number, one in enumerate(ASSUMPTIONS):
+        report_progress(f"limit, {one}", (len(ages) + number) / (len(ages) + 4))
+        limits.append(_limit(system, index, chosen, gamma, one, least_age, limit))
+    report_progress("exact limit", (len(ages) + 3) / (len(ages) + 4))
+    limits.append(AgeLimit("exact", chosen.margin))
+    return MessageAges(
+        *(system, index, assumption, least_age, gamma, tuple(rows)),
+        *(chosen.age, gain_of(system, chosen.K), tuple(limits)),
+    )
+
+
+def _with_feedback(system: DelaySystem) -> tuple[DelaySystem, int, bool]:
+    """Return the system with a delay of the feedback, its index, and whether it was there."""
+    for index, delay in enumerate(system.delays):
+        if delay.feedback:
+            return system, index, True
+    n = len(system.A)
+    more = Delay(0.0, np.zeros((n, n)), feedback=True, any_age=True)
+    return replace(system, delays=(*system.delays, more)), len(system.delays), False
+
+
+def _at(
+    system: DelaySystem, index: int, age: float, assumption: Assumption, least_age: float
+) -> DelaySystem:
+    """Return the system with messages of this greatest age."""
+    kinds: dict[Assumption, dict[str, Any]] = {
+        "any": {"any_age": True, "least_age": least_age, "sampled": False},
+        "sampled": {"any_age": True, "least_age": least_age, "sampled": True},
+        "constant": {"any_age": False, "least_age": 0.0, "sampled": False},
+    }
+    rate = system.delays[index].rate if assumption == "any" else None
+    delay = replace(system.delays[index], d=age, rate=rate, **kinds[assumption])
+    delays = (*system.delays[:index], delay, *system.delays[index + 1 :])
+    return replace(system, delays=delays)
+
+
+def _checked(ages: Sequence[float], least_age: float) -> list[float]:
+    """Return the ages, each once and sorted.
+
+    Raises
+    ------
+    InputError : there is none, or one is no age above the least.
+    """
+    for age in ages:
+        if not (math.isfinite(age) and age > least_age):
+            raise InputError(
+                "not an age of messages",
+                where="ages",
+                expected=f"seconds, more than {least_age:g}",
+                got=f"{age!r}",
+            )
+    if not ages:
+        raise InputError("no age to compute", where="ages", expected="one or more, in seconds")
+    return sorted(set(ages))
+
+
+def _ages(system: DelaySystem, index: int, least_age: float) -> list[float]:
+    """Return ages worth a look: about the present one, or else of the pace of the system."""
+    present = system.delays[index].d
+    if present > 0.0:
+        return [least_age + share * (present - least_age) for share in _SHARES]
+    A = system.A + sum(delay.A for delay in system.delays)
+    fastest = float(np.abs(np.linalg.eigvals(A)).max())
+    pace = 1.0 / (fastest or float(np.linalg.norm(A, 2)) or 1.0)
+    return [least_age + float(f"{share * pace:.2g}") for share in _OF_PACE]
+
+
+def _row(
+    system: DelaySystem,
+    index: int,
+    k1: Sequence[float] | None,
+    k2: Sequence[float] | None,
+    gain: ArrayLike | None,
+    gamma: float | None,
+) -> AgeRow:
+    """Design, or prove, at one age."""
+    age, reason = system.delays[index].d, None
+    found: Design | Analysis
+    try:
+        found = design(system, k1, k2, gamma=gamma, gain=gain)
+    except NotAchievableError as error:
+        if gain is None:
+            return AgeRow(age, None, None, None, None, None, stable=False, reason=error.what)
+        found = analyse(system, gain, gamma if system.has_performance else None)
+        reason = None if found.certified else found.reason
+    stable = found.abscissa is not None and found.abscissa < 0.0
+    margins = found.delay_margin if stable else None
+    K = gain_of(system, found.K)
+    return AgeRow(
+        age=age,
+        K=K,
+        gamma=found.gamma,
+        exact_norm=found.exact_norm,
+        control=_norm(_with_control_as_z(system), K) if stable else None,
+        margin=None if margins is None else margins[index],
+        stable=stable,
+        reason=reason,
+    )
+
+
+def _norm(system: DelaySystem, K: NDArray[np.float64]) -> float | None:
+    """Return the exact norm from w to z of a stable loop; None without w or z."""
+    found = hinf_norm(close(system, K)) if system.has_performance else None
+    return None if found is None else found.value
+
+
+def _with_control_as_z(system: DelaySystem) -> DelaySystem:
+    """Return the system with z = u."""
+    (n, m), q = system.B.shape, system.C.shape[1]
+    return replace(system, D=np.zeros((m, n)), D1=np.zeros((m, q)), D2=np.eye(m))
+
+
+def _limit(
+    system: DelaySystem,
+    index: int,
+    row: AgeRow,
+    gamma: float | None,
+    assumption: Assumption,
+    least_age: float,
+    limit: float,
+) -> AgeLimit:
+    """Return the greatest certified age of a row's gain under one assumption."""
+    at = _at(system, index, row.age, assumption, least_age)
+    found = certified_delay(at, row.K, gamma, delay_index=index, limit=limit, precision=_PRECISION)
+    return AgeLimit(assumption, found.d, found.limit_reached)

@@ -1,0 +1,258 @@
+"""A design: a gain with its proof; made of a proof of Theorem 2, or of an analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.core import NotAchievableError
+from cosim.hinf.certificate import (
+    Guarantees,
+    Variables,
+    certificate_to_json,
+    covers_smaller,
+    gamma_floor,
+)
+from cosim.hinf.lmi import Scaling, not_found, solver_words
+from cosim.hinf.nominal import NominalFigures, WorstCase, nominal_figures_of, worst_case_at
+from cosim.hinf.synthesis.analysis import (
+    Analysis,
+    Order,
+    analyse,
+    best_analysis,
+    check_gamma,
+)
+from cosim.hinf.synthesis.not_achievable import hint_after
+from cosim.models import DelaySystem, Matrix
+
+GAIN_DIGITS = 6
+"""Significant digits of a designed gain, relative to its largest entry."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A certified gain, with its proof and the figures of its nominal loop.
+
+    Attributes
+    ----------
+    system : the system it is designed for.
+    K : (m, n) the gain, as its doubles.
+    gamma : certified bound of the gain from w to z, uncertainty included; None where the
+        system has no w or no z, and stability alone is certified.
+    k1, k2 : one per delay; empty where the proof has an `order`.
+    least_gamma : the solver's least gamma at k1, k2; not proved.
+    abscissa, exact_norm, exact_norm_upper, norm_frequency, delay_margin : of the nominal loop
+        (`cosim.hinf.nominal.nominal_figures`); None also where it could not be computed (a delay
+        too long for its roots to be counted), or where an older file has none.
+    certificate : the proof as JSON values, for `check_certificate`.
+    order : Bessel-Legendre order of the proof, an analysis of K without k1, k2; None for
+        Theorem 2.
+    worst_case : the sinusoid that the nominal loop amplifies most; None where its norm is not
+        attained at a finite frequency, and in older files.
+    guarantees : the design constraints that are proved, also in the certificate.
+    """
+
+    system: DelaySystem
+    K: NDArray[np.float64]
+    gamma: float | None
+    k1: tuple[float, ...]
+    k2: tuple[float, ...]
+    least_gamma: float | None
+    abscissa: float | None
+    exact_norm: float | None
+    exact_norm_upper: float | None
+    norm_frequency: float | None
+    delay_margin: tuple[float | None, ...] | None
+    certificate: dict[str, Any]
+    order: int | None = None
+    worst_case: WorstCase | None = None
+    guarantees: Guarantees = field(default_factory=Guarantees)
+
+    @property
+    def covers_smaller_delays(self) -> bool:
+        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        return self.order is None or covers_smaller(self.certificate["claim"])
+
+    @property
+    def certified(self) -> bool:
+        """Always true: a `Design` is only made with a proof."""
+        return True
+
+
+def design_of_theorem_2(
+    system: DelaySystem, K: Matrix, variables: Variables, least: float | None
+) -> Design:
+    """Return the design of a gain that Theorem 2 proves, with the figures of its nominal loop."""
+    figures: NominalFigures | None = None
+    worst: WorstCase | None = None
+    # a proof does not depend on them
+    with suppress(NotAchievableError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+        figures = nominal_figures_of(system, K)
+        worst = worst_case_at(system, K, figures.norm_frequency)
+    return Design(
+        system=system,
+        K=K,
+        gamma=variables.gamma,
+        k1=variables.k1,
+        k2=variables.k2,
+        least_gamma=least,
+        certificate=certificate_to_json(system, K, variables),
+        worst_case=worst,
+        **(dict.fromkeys(NominalFigures._fields) if figures is None else figures._asdict()),
+    )
+
+
+def design_of_analysis(found: Analysis, worst_case: WorstCase | None = None) -> Design:
+    """Return the design of a gain that an analysis proves; `worst_case` where it is known."""
+    if found.K is None or found.certificate is None:
+        raise ValueError("expected a proved gain, got an analysis without")
+    return Design(
+        system=found.system,
+        K=found.K,
+        gamma=found.gamma,
+        k1=(),
+        k2=(),
+        least_gamma=found.least_gamma,
+        certificate=found.certificate,
+        order=found.order,
+        worst_case=worst_case or worst_case_at(found.system, found.K, found.norm_frequency),
+        **{name: getattr(found, name) for name in NominalFigures._fields},
+    )
+
+
+def proved_by_analysis(
+    system: DelaySystem,
+    gains: Iterable[Matrix],
+    gamma: float | None,
+    order: Order,
+    *,
+    enough: Callable[[Sequence[Analysis]], bool] = lambda made: made[-1].certified,
+) -> Design:
+    """Return the best proof of the gains that are proposed, each analysed at this order.
+
+    Parameters
+    ----------
+    gains : (m, n) proposed gains; made one by one, so that what comes late may cost more.
+    gamma : a bound to prove instead of the least one.
+    order : of the analysis, or "auto".
+    enough : whether these analyses, of the gains so far, end the proposals.
+
+    Raises
+    ------
+    NotAchievableError : none of them is proved, or none was proposed: why.
+    """
+    made: list[Analysis] = []
+    count, reason = 0, ""
+    with solver_words() as words:
+        for K in gains:
+            count += 1
+            try:
+                figures = nominal_figures_of(system, K)
+            except NotAchievableError as error:  # a loop too fast for its roots to be counted
+                reason = error.what
+                continue
+            made.append(best_analysis(system, K, gamma, order, figures))
+            if enough(made) or (
+                made[-1].certified and (made[-1].gamma is None or gamma is not None)
+            ):
+                break
+            reason = made[-1].reason or reason
+    proved = [one for one in made if one.certified]
+    if proved:
+        return design_of_analysis(min(proved, key=lambda one: one.gamma or 0.0))
+    at_order = "" if order == "auto" else f" at order {order}"
+    leasts = [one.least_gamma for one in made if one.least_gamma is not None]
+    if gamma is not None and leasts and min(leasts) > gamma:
+        raise NotAchievableError(
+            f"gamma = {gamma:g} was not reached{at_order}",
+            where=system.name or None,
+            expected=f"a gain whose analysis has less than {gamma:g}",
+            got=f"{min(leasts):.6g}, the least that was found",
+            hint="other k1, k2 to start from, or a search for them; a higher order",
+        )
+    goal = "stability" if gamma is None else f"gamma = {gamma:g}"
+    failure = reason if count else not_found(words)
+    raise NotAchievableError(
+        f"no gain could be certified{at_order}",
+        where=system.name or None,
+        expected=f"an exact proof of {goal}",
+        got=f"{count} gains, none of them proved; of the last, {failure}"
+        if count
+        else f"no gain was found: {failure}",
+        hint=hint_after(
+            failure, "a larger gamma, a shorter delay, a smaller envelope, another order"
+        ),
+    )
+
+
+def given_gain_design(
+    system: DelaySystem, gain: ArrayLike, gamma: float | None, order: Order
+) -> Design:
+    """Return the design of a given gain: its analysis, which must be certified.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : it is not.
+    """
+    found = analyse(system, gain, gamma, order=order)
+    if not found.certified:
+        raise NotAchievableError(
+            "this gain could not be certified" + ("" if order == "auto" else f" at order {order}"),
+            where=system.name or None,
+            expected="an exact proof" if gamma is None else f"a proof of gamma = {gamma:g}",
+            got=found.reason,
+            hint=hint_after(str(found.reason), "a larger gamma, another order"),
+        )
+    return design_of_analysis(found)
+
+
+def rounded_gain(K: Matrix, units: Scaling | None = None) -> Matrix:
+    """Round K to `GAIN_DIGITS` significant digits of its largest entry; the rest is noise.
+
+    units : in which states and inputs compare: largest in these, each entry to decimals of its
+        own; None: the system's.
+    """
+    if not K.any():
+        return K  # no inputs, or nothing that acts
+    largest = np.full(K.shape, np.abs(K).max())
+    if units is not None:
+        largest = np.abs(units.gain(K)).max() * units.input[:, None] / units.state
+    decimals = GAIN_DIGITS - 1 - np.floor(np.log10(largest)).astype(int)
+    rounded = [
+        [round(k, int(d)) for k, d in zip(*x, strict=True)] for x in zip(K, decimals, strict=True)
+    ]
+    return np.array(rounded, dtype=np.float64) + 0.0  # no negative zero
+
+
+def check_achievable(gamma: float, system: DelaySystem) -> None:
+    """Refuse a gamma that no delay, k1, k2 or gain can achieve.
+
+    Raises
+    ------
+    InputError : no positive number, or a system without w and z.
+    NotAchievableError : gamma <= ||D1||.
+    """
+    floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
+    check_gamma(gamma, system)
+    proof = gamma_floor(system, gamma)
+    if proof is not None or gamma <= floor:
+        raise NotAchievableError(
+            f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
+            "that of D1, for any controller",
+            where=system.name or None,
+            expected=f"gamma > {floor:g}",
+            got=f"{gamma:g}"
+            + (
+                ", which is ||D1|| to the last digits"
+                if proof is None
+                else f"; proved in rational arithmetic: |D1 w| >= {gamma:g} |w|"
+            ),
+            hint="another D1, or a larger gamma; no delay, k1, k2 or gain helps",
+            certificate=proof,
+        )
