@@ -12,6 +12,7 @@ from rich.text import Text
 from cosim.cli.terminal import NONE, facts_table, number
 from cosim.replay import Rerun
 from cosim.scenario import Demo, Outcome
+from cosim.trace import age_lines
 
 _STATUS = {
     "finished": "green",
@@ -46,6 +47,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_pace(outcome),
         *_links(outcome.links),
         _assumptions(outcome.metrics["assumptions"]),
+        *_age(outcome.metrics.get("feedback_age")),
         *_assertions(outcome),
     ]
     if outcome.design is not None:
@@ -187,7 +189,10 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
     if not links:
         return []
     table = Table(box=None, pad_edge=False)
-    for column in ("link", "sent", "delivered", "dropped", "mean delay", "max delay", "max age"):
+    buffered = any(s.get("late") is not None for s in links.values())
+    late = ("late",) if buffered else ()
+    columns = ("link", "sent", "delivered", "dropped", *late, "mean delay", "max delay", "max age")
+    for column in columns:
         table.add_column(column, justify="left" if column == "link" else "right")
     for name, s in links.items():
         table.add_row(
@@ -195,6 +200,7 @@ def _links(links: Mapping[str, Mapping[str, Any]]) -> list[RenderableType]:
             str(s["sent"]),
             str(s["delivered"]),
             str(s["dropped"]),
+            *(number(s.get(key), 12) for key in late),
             *(number(s[key], 4, "s") for key in ("mean_delay_s", "max_delay_s", "max_age_s")),
         )
     return [table]
@@ -213,6 +219,13 @@ def _assumptions(assumptions: Mapping[str, bool]) -> RenderableType:
     for name, met in assumptions.items():
         table.add_row(_tick(met), name.replace("_", " "))
     return table
+
+
+def _age(age: Mapping[str, Any] | None) -> list[RenderableType]:
+    """Show which ages the guarantee assumes, which the run had, and what its settings justify."""
+    if age is None:
+        return []
+    return [Text(line) for line in age_lines(age)]
 
 
 def _assertions(outcome: Outcome) -> list[RenderableType]:

@@ -7,6 +7,7 @@ from .arrivals import (
     DELIVERED as DELIVERED,
     DUPLICATE as DUPLICATE,
     IN_FLIGHT as IN_FLIGHT,
+    LATE as LATE,
     LOST as LOST,
     OVERTAKEN as OVERTAKEN,
     QUEUE_FULL as QUEUE_FULL,

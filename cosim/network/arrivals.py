@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE = 0, 1, 2, 3, 4, 5
+DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE, LATE = 0, 1, 2, 3, 4, 5, 6
 """What became of a message by the end of the run (`PacketSchedule.status`)."""
 
-REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate")
+REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate", "late")
 """Names of the values of `status`."""
 
 
@@ -19,8 +19,8 @@ class Arrivals(NamedTuple):
 
     Attributes
     ----------
-    arrival_ns : instant at which each arrived, was due, or was refused [ns], int64, never
-        decreasing.
+    arrival_ns : instant at which each arrived, was released (`playout`), was due, or was refused
+        [ns], int64, never decreasing.
     sent_ns : instant of sending [ns], int64.
     sequence : sequence number, int64.
     status : as in `PacketSchedule`, IN_FLIGHT excepted, int8.

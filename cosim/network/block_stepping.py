@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.network.arrivals import DELIVERED, DUPLICATE, LOST, OVERTAKEN, QUEUE_FULL
+from cosim.network.arrivals import DELIVERED, DUPLICATE, LATE, LOST, OVERTAKEN, QUEUE_FULL
 from cosim.network.messages import Messages
 from cosim.network.received import Received
 from cosim.network.state import NONE_YET, SUBSTITUTE
@@ -23,10 +23,11 @@ class Entries(NamedTuple):
 
     Attributes
     ----------
-    arrival_ns : when each arrives, or would if it is lost; refused, the instant of sending [ns].
+    arrival_ns : when each arrives, or would if it is lost; refused, the instant of sending; with a
+        play-out buffer, when it is released or missed [ns].
     sent_ns : instant of sending [ns], int64.
     message : number of the message, int64.
-    fate : DELIVERED, LOST or QUEUE_FULL, as far as that is known before the receiver, int8.
+    fate : DELIVERED, LOST, LATE or QUEUE_FULL, as far as known before the receiver, int8.
     """
 
     arrival_ns: NDArray[np.int64]
@@ -102,6 +103,10 @@ def send_block(rules: Rules, sender: Sender | Sending, messages: Messages, first
         ahead = np.maximum.accumulate(np.where(fate == DELIVERED, arrival, behind))
         ahead = np.maximum(ahead, behind)
         arrival, behind = np.maximum(arrival, ahead), int(ahead[-1])
+    if rules.playout_ns > 0:
+        release = sent + rules.playout_ns
+        fate[(fate == DELIVERED) & (arrival > release)] = LATE
+        arrival = release
     refused = fate == QUEUE_FULL
     arrival[refused] = sent[refused]
     entries = Entries(arrival, sent, message, fate)
@@ -129,7 +134,7 @@ def receive_block(
         accepted = status == DELIVERED
     changed, used = accepted, message
     if rules.substitutes:
-        noticed = (fate == LOST) & (newest[:-1] < message)
+        noticed = ((fate == LOST) | (fate == LATE)) & (newest[:-1] < message)
         changed, used = accepted | noticed, np.where(noticed, SUBSTITUTE, message)
     received = Received(
         before=receiver,

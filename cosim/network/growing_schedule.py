@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
-from cosim.network.arrivals import DELIVERED, Arrivals
+from cosim.network.arrivals import Arrivals
 from cosim.network.block_stepping import NONE_SENT, receive_block, send_block
 from cosim.network.delay_signal import DelaySignal
 from cosim.network.messages import MAX_STREAMED, MessageStream, Sendings
@@ -146,7 +146,8 @@ class GrowingSchedule:
 
         Returns
         -------
-        Instant at which it arrives [ns], or would if it is lost; that of sending if it is refused.
+        Instant at which it arrives or is released [ns], or would be if it is lost or late; that
+        of sending if it is refused.
 
         Raises
         ------
@@ -178,7 +179,7 @@ class GrowingSchedule:
         sent = self._horizon_ns
         arrival = self._due_at(found.arrival_ns, Arrival(k, sent, found.fate))
         if found.copies:
-            self._due_at(found.copy_arrival_ns, Arrival(k, sent, DELIVERED))
+            self._due_at(found.copy_arrival_ns, Arrival(k, sent, found.copy_fate))
             self._copies.append(sent)
         self._horizon_ns = self._next_sending()
         while self._due and self._due[0][0] < self._horizon_ns:

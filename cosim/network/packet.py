@@ -51,6 +51,13 @@ class PacketLink:
     duplicate : probability that a message which is not lost arrives twice. The network copies it
         after the sender's queue, so that it takes sending time at a limited `data_rate` once;
         the copy has the same sequence number and its own jitter.
+    playout_ns : a play-out buffer at the receiver: what arrives no later than sent + playout is
+        released at exactly that instant, so that its age there is always the same; what arrives
+        later is discarded ("late"). A loss is noticed at sent + playout, too, and a late message
+        counts as one there. `order` acts on the way to the buffer, on copies and, under fifo, on
+        what waits for its predecessors; the buffer itself releases in order of sending. On a
+        grid a message is released at the first point at or after sent + playout, if it arrived
+        by that instant itself. 0: no buffer.
     order : "newest-wins": a message that arrives after a newer one is discarded ("overtaken"),
         and so is one that arrives a second time ("duplicate"); "fifo": a message is not
         delivered before its predecessors, its copy after it and before its successors;
@@ -80,6 +87,9 @@ class PacketLink:
     sample_time_ns: Annotated[int, DurationKey("time between two messages", least_ns=1)]
     offset_ns: Annotated[int, DurationKey("instant of the first message")] = 0
     delay_ns: Annotated[int, DurationKey("least time from sending to arrival")] = 0
+    playout_ns: Annotated[
+        int, DurationKey("age at which messages are released, later ones discarded; 0: no buffer")
+    ] = 0
     jitter: Annotated[Jitter, TableKey("extra delay of each message", Jitter)] = field(
         default_factory=Jitter
     )
@@ -125,6 +135,15 @@ class PacketLink:
                 expected="a data_rate and a frame_size, or None",
                 got=repr(self.queue_limit),
             )
+        if 0 < self.playout_ns < self.least_transit_ns:
+            raise InputError(
+                "every message would be late for its play-out",
+                where=f"{where}: playout_ns",
+                expected=f"at least {self.least_transit_ns} ns, the least that a message takes "
+                f"({self.frame_ns} ns to send it, and its least delay), or 0 for no buffer",
+                got=f"{self.playout_ns} ns",
+                hint="delay + jitter + frame_size / data_rate + the wait in the queue must fit",
+            )
 
     @property
     def frame_ns(self) -> int:
@@ -132,6 +151,17 @@ class PacketLink:
         if self.data_rate == 0:
             return 0
         return -(-int(self.frame_size) * 10**9 // int(self.data_rate))
+
+    @property
+    def least_transit_ns(self) -> int:
+        """Return the least time from sending to arrival [ns], without the play-out buffer.
+
+        Of a delay that follows a signal nothing is known beside its sign.
+        """
+        least = self.delay_ns
+        if isinstance(self.delay, DelayProfile):
+            least = int(self.delay.delays_ns.min())
+        return self.frame_ns + least
 
     @property
     def substitute(self) -> float | None:

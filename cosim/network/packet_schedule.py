@@ -35,11 +35,12 @@ class PacketSchedule:
     transit_ns : delay + jitter [ns], int64 (n,), also of those that are lost.
     arrival_ns : instant at which the message arrives or would have [ns], int64 (n,): sending,
         the sender's queue (`data_rate`), transit, and under fifo waiting for its predecessors;
-        where the queue refuses it, that of sending.
+        with `playout`, that at which it is released or missed; where the queue refuses it, that
+        of sending.
     delivered_ns : instant of delivery [ns], int64 (n,); -1 if not delivered in the run.
     sequence : sequence number, int64 (n,).
-    status : DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL or DUPLICATE, int8 (n,). What
-        arrives, or would, after the end is in flight.
+    status : DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE or LATE, int8 (n,).
+        What arrives, or would, after the end is in flight.
     lost : which messages the channel loses, bool (n,); drawn for all, also those in flight at
         the end or refused by the queue.
     copy : which are copies, bool (n,).
@@ -104,7 +105,7 @@ class PacketSchedule:
         """Return the statistics of the link over the run, JSON-safe.
 
         sent + duplicated = delivered + dropped + in_flight, and
-        dropped = lost + overtaken + queue_full + discarded_copies.
+        dropped = lost + overtaken + late + queue_full + discarded_copies.
 
         Returns
         -------
@@ -115,7 +116,8 @@ class PacketSchedule:
         or at the end of the run. The last three are None when nothing was delivered
         (`max_age_s` also when nothing delivered was ever in use). `duplicated` (copies made)
         and `discarded_copies` (second arrivals of a message) are None on a link without
-        `duplicate`, `queue_full` on one without `queue_limit`: 0 in both sums.
+        `duplicate`, `late` on one without `playout`, `queue_full` on one without `queue_limit`: 0
+        in both sums.
         """
         sent, copies = self.messages.sent_ns.size, int(np.count_nonzero(self.copy))
         last = self.received.after(self.received.message.size)

@@ -29,7 +29,7 @@ class LinkState(NamedTuple):
         delivery, `SUBSTITUTE` (-2) while the substitute is in use.
     dropped : how many messages and copies were dropped so far, int64: one that the queue
         refused counts from its sending, a lost one from the instant it was due, an overtaken
-        one or a duplicate from its arrival.
+        one or a duplicate from its arrival, a late one from the instant of its play-out.
     delivered : how many were delivered so far, int64.
     """
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cosim.network.arrivals import DELIVERED, DUPLICATE, LOST, OVERTAKEN, QUEUE_FULL
+from cosim.network.arrivals import DELIVERED, DUPLICATE, LATE, LOST, OVERTAKEN, QUEUE_FULL
 from cosim.network.packet import PacketLink
 from cosim.network.state import NONE_YET, SUBSTITUTE
 
@@ -19,13 +19,17 @@ NO_LIMIT = 2**62
 
 
 class Rules(NamedTuple):
-    """What a link does, the same for all messages; the last three are 0 or 1."""
+    """What a link does, the same for all messages; `fifo`, `newest_wins`, `substitutes` are 0 or 1.
+
+    `playout_ns` : 0 without a play-out buffer.
+    """
 
     frame_ns: int
     longest_wait_ns: int
     fifo: int
     newest_wins: int
     substitutes: int
+    playout_ns: int
 
 
 class Message(NamedTuple):
@@ -55,9 +59,10 @@ class Sending(NamedTuple):
     Attributes
     ----------
     free_ns, behind_ns : the `Sender` after it.
-    arrival_ns : when it arrives, or would if it is lost; refused, the instant of sending [ns].
-    fate : DELIVERED, LOST or QUEUE_FULL, as far as that is known before the receiver.
-    copies : 1 if a copy arrives, too, at `copy_arrival_ns`.
+    arrival_ns : when it arrives, or would if it is lost; refused, the instant of sending; with a
+        play-out buffer, when it is released or missed [ns].
+    fate : DELIVERED, LOST, LATE or QUEUE_FULL, as far as that is known before the receiver.
+    copies : 1 if a copy arrives, too, at `copy_arrival_ns`; its fate is `copy_fate`.
     """
 
     free_ns: int
@@ -66,10 +71,11 @@ class Sending(NamedTuple):
     fate: int
     copies: int
     copy_arrival_ns: int
+    copy_fate: int
 
 
 class Arrival(NamedTuple):
-    """A message that arrives, is due but lost, or was refused: its number, sending and fate."""
+    """A message that arrives, is due but lost or late, or was refused: number, sending, fate."""
 
     message: int
     sent_ns: int
@@ -118,6 +124,7 @@ def rules_of(link: PacketLink) -> Rules:
         fifo=int(link.order == "fifo"),
         newest_wins=int(link.order == "newest-wins"),
         substitutes=int(link.on_loss != "hold"),
+        playout_ns=int(link.playout_ns),
     )
 
 
@@ -126,7 +133,7 @@ def send(rules: Rules, sender: Sender | Sending, message: Message) -> Sending:
     free_ns = sender.free_ns
     behind_ns = sender.behind_ns
     if free_ns - message.sent_ns > rules.longest_wait_ns:
-        return Sending(free_ns, behind_ns, message.sent_ns, QUEUE_FULL, 0, 0)
+        return Sending(free_ns, behind_ns, message.sent_ns, QUEUE_FULL, 0, 0, DELIVERED)
     free_ns = max(free_ns, message.sent_ns) + rules.frame_ns
     arrival_ns = free_ns + message.delay_ns + message.jitter_ns
     copy_arrival_ns = free_ns + message.delay_ns + message.copy_jitter_ns
@@ -143,7 +150,16 @@ def send(rules: Rules, sender: Sender | Sending, message: Message) -> Sending:
         copy_arrival_ns = max(copy_arrival_ns, behind_ns)
         if copies:
             behind_ns = copy_arrival_ns
-    return Sending(free_ns, behind_ns, arrival_ns, fate, copies, copy_arrival_ns)
+    copy_fate = DELIVERED
+    if rules.playout_ns > 0:
+        release_ns = message.sent_ns + rules.playout_ns
+        if fate == DELIVERED and arrival_ns > release_ns:
+            fate = LATE
+        if copy_arrival_ns > release_ns:
+            copy_fate = LATE
+        arrival_ns = release_ns
+        copy_arrival_ns = release_ns
+    return Sending(free_ns, behind_ns, arrival_ns, fate, copies, copy_arrival_ns, copy_fate)
 
 
 def receive(rules: Rules, receiver: Receiver | Reception, arrival: Arrival) -> Reception:
@@ -159,7 +175,11 @@ def receive(rules: Rules, receiver: Receiver | Reception, arrival: Arrival) -> R
         sequence = arrival.message
         newest = max(newest, arrival.message)
         origin_ns = arrival.sent_ns
-    elif status == LOST and rules.substitutes and newest < arrival.message:
+    elif (
+        (status == LOST or status == LATE)  # noqa: PLR1714, SIM109 - C has no `in`
+        and rules.substitutes
+        and newest < arrival.message
+    ):
         sequence = SUBSTITUTE
         noticed = 1
     accepted = status == DELIVERED

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cosim.network.arrivals import (
     DELIVERED,
     DUPLICATE,
+    LATE,
     LOST,
     OVERTAKEN,
     QUEUE_FULL,
@@ -76,6 +77,7 @@ class Tally(NamedTuple):
             "dropped": sum(counts) - delivered,
             "lost": counts[LOST],
             "overtaken": counts[OVERTAKEN],
+            "late": counts[LATE] if link.playout_ns else None,
             "queue_full": counts[QUEUE_FULL] if has_queue_limit else None,
             "discarded_copies": counts[DUPLICATE] if copies else None,
             "in_flight": sent + duplicated - sum(counts),

@@ -8,6 +8,7 @@ link back, and the hold until the next command arrives.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +20,39 @@ Integers = NDArray[np.int64]
 NONE_IN_USE = -1
 
 
-class AgeMeasure(Measure[int | None]):
-    """The largest measurement age over the run [ns]; None if no measurement came into use.
+class MeasuredAges(NamedTuple):
+    """Ages of the measurements behind the commands in force, over a run.
+
+    Attributes
+    ----------
+    least_ns, greatest_ns : over all instants [ns].
+    in_use_ns : least and greatest age at the instants at which a measurement comes into use [ns].
+        The measurement of t = 0 counts neither here nor for the least age: it stands for all
+        before it, since the state is constant there. None where no other came into use.
+    first_ns : the first of these instants [ns].
+    alike : of parallel links, the measurements in use were always equally old.
+    """
+
+    least_ns: int | None
+    greatest_ns: int
+    in_use_ns: tuple[int, int] | None
+    first_ns: int
+    alike: bool
+
+
+class AgeMeasure(Measure[MeasuredAges | None]):
+    """The measurement ages over the run; None if no measurement came into use.
 
     Intervals in which no measurement is in use yet, or a link's substitute replaces it, do not
-    count. Of several parallel links, the oldest measurement counts.
+    count. Of several parallel links, the oldest measurement counts for every age but the least.
     """
 
     def __init__(self, plant: str, controller: str, algorithm: Algorithm = "jacobi") -> None:
         self._plant, self._controller, self._algorithm = plant, controller, algorithm
         self._paths: list[_Path] = []
         self._points: Integers | None = None
-        self._largest = NONE_IN_USE
+        self._found: MeasuredAges | None = None
+        self._taken = NONE_IN_USE  # when the measurement in use was taken
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Find the ways from the plant to the controller and back."""
@@ -52,13 +74,32 @@ class AgeMeasure(Measure[int | None]):
         points = after(self._points, self._instance.comm_points.points_ns[first:last])
         self._points = points[-1:].copy()
         taken = np.stack([path.add(first, last) for path in self._paths])[:, :-1]
-        ages = (points[1:] - taken.min(axis=0))[(taken >= 0).all(axis=0)]
-        self._largest = max(self._largest, int(ages.max(initial=NONE_IN_USE)))
+        there = (taken >= 0).all(axis=0)
+        oldest = np.where(there, taken.min(axis=0, initial=points[-1]), NONE_IN_USE)
+        newest = taken.max(axis=0, initial=NONE_IN_USE)
+        before = np.concatenate(([self._taken], oldest))[:-1]
+        self._taken = int(oldest[-1]) if oldest.size else self._taken
+        if not there.any():
+            return
+        known = self._found
+        comes = (points[:-1] - oldest)[(oldest > 0) & (oldest != before)].tolist()
+        young = (points[:-1] - newest)[oldest > 0].tolist()
+        oldest_age = int((points[1:] - oldest)[there].max())
+        if known is not None:
+            comes += known.in_use_ns or ()
+            young += () if known.least_ns is None else (known.least_ns,)
+        self._found = MeasuredAges(
+            least_ns=min(young, default=None),
+            greatest_ns=max(oldest_age, known.greatest_ns if known else 0),
+            in_use_ns=(min(comes), max(comes)) if comes else None,
+            first_ns=known.first_ns if known else int(points[:-1][there][0]),
+            alike=bool((oldest == newest)[there].all()) and (known is None or known.alike),
+        )
 
-    def result(self, run: Run) -> int | None:
-        """Return the largest age."""
+    def result(self, run: Run) -> MeasuredAges | None:
+        """Return the ages."""
         del run
-        return None if self._largest == NONE_IN_USE else self._largest
+        return self._found
 
 
 def _feedthrough(controller: ComponentInstance, back: Route) -> bool:

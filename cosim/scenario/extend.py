@@ -23,7 +23,7 @@ from cosim.scenario.key_paths import remove, split
 from cosim.scenario.origin import Layer
 from cosim.scenario.schema import MADE_WITH
 
-_INSTEAD_OF_FILE = (*MADE_WITH, "state_delay", "loop_delay")
+_INSTEAD_OF_FILE = (*MADE_WITH, "state_delay", "loop_delay", "least_age", "rate", "sampled")
 _ASKED = {*_INSTEAD_OF_FILE, "system", "damping", "position_weight", "envelope"}
 _CONNECTIONS = ("connections", "connect")
 _MOST = 32

@@ -24,7 +24,8 @@ from cosim.hinf import (
     first_difference,
     system_by_name,
 )
-from cosim.models import DelaySystem
+from cosim.models import Delay, DelaySystem
+from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.schema import DesignPart
 
 _AUV_ONLY = ("state_delay", "loop_delay", "damping", "position_weight", "envelope")
@@ -53,6 +54,12 @@ def problem_of(part: DesignPart, folder: Path) -> Problem:
     ------
     InputError : no such system, or keys that it does not have.
     """
+    found = _problem_of(part, folder)
+    return replace(found, system=_with_age(found.system, part))
+
+
+def _problem_of(part: DesignPart, folder: Path) -> Problem:
+    """Return the problem before what [design] says of the age of the feedback."""
     system = str(part.system)
     if system == "auv":
         return _auv_problem(part)
@@ -99,6 +106,9 @@ def problem_about(part: DesignPart, found: Design, where: str, folder: Path | No
         if part.state_delay is None:
             known["state_delay"] = late.get(False)
     described = problem_of(part.model_copy(update=known), folder or Path())
+    if not _says_age(part):  # the design knows it: from its own file, or from the links
+        like = next((d for d in found.system.delays if d.feedback), None)
+        described = replace(described, system=like_feedback(described.system, like))
     differs = first_difference(described.system, found.system)
     if differs is not None:
         raise InputError(
@@ -117,15 +127,85 @@ def _refuse_vehicle_keys(part: DesignPart, got: str) -> None:
         raise InputError(f"{', '.join(given)} belong to the system 'auv'", where="design", got=got)
 
 
+_AGE_KEYS = ("least_age", "rate", "sampled")
+
+
+def _says_age(part: DesignPart) -> bool:
+    return any(getattr(part, key) is not None for key in _AGE_KEYS)
+
+
+def _with_age(system: DelaySystem, part: DesignPart) -> DelaySystem:
+    """Return the system with what [design] says of the age of the feedback."""
+    given = {key: value for key in _AGE_KEYS if (value := getattr(part, key)) is not None}
+    if not given:
+        return system
+    if not any(delay.feedback and delay.d > 0 for delay in system.delays):
+        raise InputError(
+            "the feedback of this system has no age",
+            where=f"design.{next(iter(given))}",
+            expected="a system with feedback over a delay",
+            got=f"{system.name}, u = K x(t)",
+        )
+    try:
+        delays = [replace(x, **given) if x.feedback else x for x in system.delays]
+    except ValueError as error:
+        raise InputError(str(error), where=f"design.{next(iter(given))}") from error
+    return replace(system, delays=tuple(delays))
+
+
+def like_feedback(system: DelaySystem, like: Delay | None) -> DelaySystem:
+    """Return the system with as much known of the age of its feedback as of `like`.
+
+    Where that does not go with its own delay, and without `like`, the system as it is.
+    """
+    if like is None or not like.ages_are_known:
+        return system
+    kinds: dict[str, Any] = {
+        "least_age": like.least_age,
+        "rate": like.rate,
+        "sampled": like.sampled,
+    }
+    delays = [
+        replace(x, **kinds) if x.feedback and x.any_age and x.d > like.least_age else x
+        for x in system.delays
+    ]
+    return replace(system, delays=tuple(delays))
+
+
+_ONE_AGE = "constant, exactly d"
+_LARGE = 6  # more states than this, and order 1 takes minutes for a sampled age
+
+
 def require_up_to(found: Design) -> None:
-    """Refuse a design that is proved for exactly one measurement age (NotAchievableError)."""
-    if not found.covers_smaller_delays:
+    """Refuse a design for ages that no run has (NotAchievableError).
+
+    That is exactly one measurement age, and an age that changes at a bounded rate.
+    """
+    _refuse_rate(found.system)
+    if found.covers_smaller_delays:
+        return
+    # ages that are known better than by their bound are held against the run; constant ones in
+    # the plant are parameters of it
+    exact = [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
+    if any(x["feedback"] for x in exact) or (exact and not _known_ages(found.system)):
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
             where="design.order",
             expected="one that covers every age up to it: the age of a message varies",
             got=str(found.order),
             hint="order = 0 covers them, and so does a delay of any age",
+        )
+
+
+def _refuse_rate(system: DelaySystem) -> None:
+    """Refuse a bounded rate of the age of the feedback (NotAchievableError)."""
+    if any(delay.feedback and delay.rate is not None for delay in system.delays):
+        raise NotAchievableError(
+            "the age of the feedback has no bounded rate in a run",
+            where="design.rate",
+            expected="any age, one from least_age on, or a sampled one",
+            got="held values: their age grows at rate one, and falls when a newer one comes",
+            hint="sampled = true, where the links justify it",
         )
 
 
@@ -157,6 +237,7 @@ def solve(
     ------
     NotAchievableError : nothing could be certified, or only for exactly one age.
     """
+    _refuse_rate(problem.system)
     design_constraints = asdict(problem.design_constraints)
     found = design(
         problem.system,
@@ -166,11 +247,55 @@ def solve(
         order="auto" if order is None else order,
         **design_constraints,
     )
-    if order is None and not found.covers_smaller_delays:
+    if order is None and not found.covers_smaller_delays and not _known_ages(problem.system):
         # ages in a run are rarely one number: Theorem 2 covers all up to it
         found = design(problem.system, problem.k1, problem.k2, gain=gain, order=None)
     require_up_to(found)
     return found
+
+
+def with_known_age(problem: Problem, known: FeedbackAge | None) -> Problem:
+    """Return the problem with the sharpest kind of age of its feedback that `known` justifies.
+
+    The problem itself where that is no more than it says: feedback of any age, up to a bound.
+    """
+    late = next((x for x in problem.system.delays if x.feedback and x.d > 0), None)
+    if late is None or known is None or not late.any_age or late.ages_are_known:
+        return problem
+    least = known.least_ns / 1e9
+    if not 0 < least < late.d or problem.design_constraints.any:
+        return problem
+    like = replace(late, least_age=least, sampled=known.sampled)
+    return replace(problem, system=like_feedback(problem.system, like))
+
+
+def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> Design:
+    """Design for `problem`, and prove the gain for `linked`, the same with a better known age.
+
+    The better proof is claimed. Where nothing can be proved for `problem`, design for `linked`.
+
+    Raises
+    ------
+    NotAchievableError : as `solve`.
+    """
+    try:
+        found = solve(problem, part.gain, part.order)
+    except NotAchievableError:
+        if linked is problem:
+            raise
+        return solve(linked, part.gain, part.order)
+    if linked is problem or found.gamma is None or part.order is not None:
+        return found
+    try:
+        order = 1 if len(linked.system.A) <= _LARGE else 0
+        better = solve(linked, found.K.tolist(), order)
+    except NotAchievableError:
+        return found
+    return better if better.gamma is not None and better.gamma < found.gamma else found
+
+
+def _known_ages(system: DelaySystem) -> bool:
+    return any(delay.ages_are_known for delay in system.delays)
 
 
 def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:

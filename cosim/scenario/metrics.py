@@ -16,12 +16,14 @@ import numpy as np
 
 from cosim.hinf import Design, WorstCase, check_certificate, without_integrals
 from cosim.master import Connection, Run, System
-from cosim.models import total
-from cosim.scenario.age import AgeMeasure
+from cosim.models import Delay, total
+from cosim.scenario.age import AgeMeasure, MeasuredAges
+from cosim.scenario.age_claim import age_assumptions, age_figures, feedback_of
 from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
 from cosim.scenario.envelope import LargestMagnitudes
+from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem
 from cosim.scenario.limits import Saturation, SaturationMeasure
@@ -58,7 +60,7 @@ class RunFigures:
     ----------
     saturation : of the commands; None without a controller that has limits.
     largest : of the signals that the envelope bounds, by their names; None without one.
-    age_ns : the largest measurement age; None without one.
+    ages : of the measurements in use; None without one.
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
     assertions : the verdicts.
@@ -66,7 +68,7 @@ class RunFigures:
 
     saturation: Saturation | None
     largest: Mapping[str, float] | None
-    age_ns: int | None
+    ages: MeasuredAges | None
     last_outputs: Mapping[str, Mapping[str, float]]
     coupling_delays_s: Mapping[str, float]
     cut_delays_s: Mapping[Connection, float]
@@ -119,7 +121,7 @@ class RunMeasures(Measures):
         return RunFigures(
             saturation=None if self._saturation is None else self._saturation.result(run),
             largest=None if self._largest is None else self._largest.result(run),
-            age_ns=None if self._age is None else self._age.result(run),
+            ages=None if self._age is None else self._age.result(run),
             last_outputs=self._last_outputs.result(run),
             coupling_delays_s=self._coupling.result(run),
             cut_delays_s=self._cut.result(run),
@@ -173,8 +175,9 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
     """Return the metrics of a run, JSON-safe: None for what does not exist."""
     design = context.design
     gamma, norm = (None, None) if design is None else (design.gamma, design.exact_norm)
-    used, age_ns = context.figures.saturation, context.figures.age_ns
-    age = None if age_ns is None else age_ns / 1e9
+    used, ages = context.figures.saturation, context.figures.ages
+    age = None if ages is None else ages.greatest_ns / 1e9
+    known = _known_age(context)
     gain = None if context.zero_state is None else context.zero_state.gain
     return {
         "gain": gain,
@@ -189,9 +192,10 @@ def metrics_of(context: RunContext) -> dict[str, Any]:
         "largest_command": None if used is None else used.largest,
         "message_age_s": age,
         "designed_age_s": _designed_age_s(context),
+        "feedback_age": None if design is None else age_figures(_feedback(context), ages, known),
         "envelope_use": _envelope_use(context),
         **_coupling(context),
-        "assumptions": _assumptions(context, used, age),
+        "assumptions": _assumptions(context, used, age, known),
     }
 
 
@@ -215,7 +219,7 @@ def _coupling(context: RunContext) -> dict[str, Any]:
 
 
 def _assumptions(
-    context: RunContext, used: Saturation | None, age: float | None
+    context: RunContext, used: Saturation | None, age: float | None, known: FeedbackAge | None
 ) -> dict[str, bool]:
     """Return whether each assumption was met, by name; empty without a guarantee."""
     if context.design is None or context.problem is None:
@@ -227,6 +231,11 @@ def _assumptions(
         result["message_age_within_design"] = (
             age is not None and age <= designed * (1 + 1e-12) and not substituted
         )
+        step_ns = context.system.comm_schedule.step_ns
+        ages = context.figures.ages
+        if ages is not None and not ages.alike:
+            result["measurements_equally_old"] = False  # u = K x(t - age): one age for all of x
+        result |= age_assumptions(_feedback(context), ages, known, step_ns)
     use = _envelope_use(context)
     if use is not None:
         result["state_inside_envelope"] = all(share <= 1.0 for share in use.values())
@@ -277,6 +286,19 @@ def final_values(figures: RunFigures) -> dict[str, float | None]:
 def _designed_age_s(context: RunContext) -> float | None:
     """Return the largest measurement age the design allows; 0 for immediate feedback."""
     return None if context.problem is None else context.problem.system.feedback_delay
+
+
+def _feedback(context: RunContext) -> Delay | None:
+    """Return the delay of the design through which the control acts."""
+    return None if context.problem is None else feedback_of(context.problem.system)
+
+
+def _known_age(context: RunContext) -> FeedbackAge | None:
+    """Return what the settings of the scenario say of the age of the feedback."""
+    part = context.scenario.design
+    if part is None:
+        return None
+    return feedback_age(context.system, part.plant, part.controller)
 
 
 def _envelope_use(context: RunContext) -> dict[str, float] | None:

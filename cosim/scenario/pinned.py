@@ -8,6 +8,7 @@ next run. The proof of an existing design is checked again, exactly, before it i
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -23,7 +24,9 @@ from cosim.hinf import (
     first_difference,
     read_certificate,
 )
-from cosim.scenario.gain import Problem, problem_about, solve
+from cosim.scenario.age_claim import age_in_words, feedback_of
+from cosim.scenario.feedback_age import FeedbackAge
+from cosim.scenario.gain import Problem, problem_about, solve_sharply, with_known_age
 from cosim.scenario.read import LoadedScenario
 from cosim.scenario.schema import MADE_WITH, DesignPart
 
@@ -96,8 +99,13 @@ def design_content(name: str, folder: Path) -> tuple[str, bytes]:
     return f"design {name}", known[name].read_bytes()
 
 
-def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, DesignSource]:
+def kept_or_made(
+    loaded: LoadedScenario, problem: Problem, known: FeedbackAge | None = None
+) -> tuple[Design, DesignSource]:
     """Return the design that an earlier run kept beside the scenario; else make and keep one.
+
+    `known` : what the links justify of the age of the feedback; the gain is that for any age, its
+    proof the better one of both.
 
     A kept design is used if it answers the same question: same system, same design constraints.
     A file that no run of this scenario wrote is never overwritten.
@@ -109,17 +117,18 @@ def kept_or_made(loaded: LoadedScenario, problem: Problem) -> tuple[Design, Desi
     part = loaded.scenario.design
     if part is None:
         raise ValueError("expected a scenario with [design]")
-    made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem)}
+    linked = with_known_age(problem, known)
+    made_for = {"scenario": f"{loaded.name}.toml", "question": _question(part, problem, linked)}
     path = None if loaded.file is None else loaded.file.with_suffix(".design.json")
     if path is None:
-        return solve(problem, part.gain, part.order), _in_trace("the scenario is no file")
+        return solve_sharply(problem, linked, part), _in_trace("the scenario is no file")
     try:
-        found, why, ours = _kept(path, made_for, problem)
+        found, why, ours = _kept(path, made_for, (linked, problem))
     except OSError as error:
         found, why, ours = None, f"{path}: {error.strerror}", False
     if found is not None:
         return found, DesignSource(f"{path}, {why}", str(path))
-    made = solve(problem, part.gain, part.order)
+    made = solve_sharply(problem, linked, part)
     if ours and any(layer.path and layer.path[0] == "design" for layer in loaded.origin.layers):
         why, ours = "a setting changes [design]", False
     if not ours:
@@ -136,13 +145,18 @@ def _in_trace(why: str) -> DesignSource:
     return DesignSource(f"made for this run, kept in its trace alone: {why}", made=True)
 
 
-def _question(part: DesignPart, problem: Problem) -> Any:
+def _question(part: DesignPart, problem: Problem, linked: Problem) -> Any:
     """Return what is asked of a gain beside its system, as JSON values."""
     asked = {key: getattr(part, key) for key in MADE_WITH} | {"k1": problem.k1, "k2": problem.k2}
+    age = feedback_of(linked.system)
+    if linked is not problem and age is not None:  # only then: older files do not have it
+        asked["feedback_age"] = age_in_words(age)
     return json.loads(json.dumps(asked | asdict(problem.design_constraints)))
 
 
-def _kept(path: Path, made_for: Any, problem: Problem) -> tuple[Design | None, str, bool]:
+def _kept(
+    path: Path, made_for: Any, problems: Sequence[Problem]
+) -> tuple[Design | None, str, bool]:
     """Return the design in a file if it fits; the reason; whether the file may be replaced."""
     if not path.exists():
         return None, "none was kept before", True
@@ -160,7 +174,8 @@ def _kept(path: Path, made_for: Any, problem: Problem) -> tuple[Design | None, s
         found = design_from_json(data, where=str(path))
     except InputError as error:
         return None, f"the one kept before is refused: {error.what}", True
-    differs = first_difference(problem.system, found.system)
+    differences = [first_difference(problem.system, found.system) for problem in problems]
+    differs = None if None in differences else differences[-1]
     if differs is not None:
         return None, f"the one kept before is for another system: {differs}", True
     return found, "kept by an earlier run, its proof checked again", True

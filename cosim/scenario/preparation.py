@@ -11,6 +11,7 @@ from cosim.core import InputError, Progress, silent
 from cosim.fmu import FmuDescription
 from cosim.hinf import Design, WorstCase
 from cosim.scenario.assembly import assemble, find_fmus
+from cosim.scenario.feedback_age import feedback_age
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.gain import Problem, gain_parameters, problem_of
 from cosim.scenario.origin import Findings
@@ -50,11 +51,14 @@ def prepare(
     saved: tuple[Problem, Design] | None = None,
     worst_case: WorstCase | None = None,
     progress: Progress | None = None,
+    of_links: bool = True,
 ) -> PreparedScenario:
     """Find or build the FMUs; find the design that the scenario names, or make one.
 
     saved : problem and design to use instead of the scenario's.
     worst_case : its worst case, instead of the one in the design.
+    of_links : prove a gain that is made for the ages that the links justify; False where one
+        design serves many links, as in a study.
 
     Raises
     ------
@@ -87,9 +91,11 @@ def prepare(
     if found is None:
         # a scenario that cannot run fails before the design, which takes longest
         roles = {part.controller: blank}
-        assemble(scenario, fmus, parameters=roles, worst_case=still, origin=loaded.origin)
+        system = assemble(scenario, fmus, parameters=roles, worst_case=still, origin=loaded.origin)
         report_progress("design", 0.0)
-        found, source = kept_or_made(loaded, problem)
+        known = feedback_age(system, part.plant, part.controller) if of_links else None
+        found, source = kept_or_made(loaded, problem, known)
+        problem = replace(problem, system=found.system)
     if disturbance is not None and worst_case is None:
         worst_case = worst_case_of(disturbance, found)
     return PreparedScenario(loaded, fmus, problem, found, worst_case, source)

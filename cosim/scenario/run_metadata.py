@@ -75,7 +75,7 @@ def run_metadata_of(
     return entries, attachments
 
 
-_LATER = {"delay": None, "duplicate": 0.0, "queue_limit": None, "windows": ()}
+_LATER = {"delay": None, "duplicate": 0.0, "queue_limit": None, "windows": (), "playout_ns": 0}
 """Later fields of links and their unused values, which are left out: old traces lack them."""
 
 

@@ -22,6 +22,7 @@ from cosim.scenario.fields import (
     FmiValue,
     Frequency,
     Name,
+    NotNegative,
     Number,
     Part,
     PerSecond,
@@ -204,6 +205,8 @@ class DesignPart(Part):
     `file` : use this design: a `.json` that `cosim design --save` wrote, or the name of a design
     of the package; other keys about the system must agree with it. Without `file` the gain of
     least gamma is designed, or `gain` is analysed.
+    `least_age`, `rate` and `sampled` say more of the age of the feedback, as in the file of a
+    system; without them a design made here is proved for what the links justify.
     """
 
     model_config = ConfigDict(
@@ -219,6 +222,9 @@ class DesignPart(Part):
     order: Annotated[int, Field(ge=0, le=12)] | None = None
     state_delay: Delay | None = None
     loop_delay: Delay | None = None
+    least_age: Delay | None = None
+    rate: NotNegative | None = None
+    sampled: bool | None = None
     damping: Annotated[list[PerSecond], Field(min_length=4, max_length=4)] | None = None
     position_weight: Positive | None = None
     envelope: EnvelopePart | None = None

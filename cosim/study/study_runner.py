@@ -169,7 +169,7 @@ class StudyRunner:
             self._designs.move_to_end(key)
             return prepare(loaded, self.fmu_cache, saved=known)
         try:
-            prepared = prepare(loaded, self.fmu_cache)
+            prepared = prepare(loaded, self.fmu_cache, of_links=False)
         except NotAchievableError as error:
             self._keep(key, error)
             raise

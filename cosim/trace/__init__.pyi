@@ -19,6 +19,7 @@ from .diff_signals import (
     Diff as Diff,
     diff as diff,
 )
+from .feedback_age import age_lines as age_lines
 from .hold import rows_in_force as rows_in_force
 from .info import describe as describe
 from .info_view import render as render

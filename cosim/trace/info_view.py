@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cosim.core import at_most
 from cosim.trace.assertions import assertions_in, failed_in
+from cosim.trace.feedback_age import age_lines
 from cosim.trace.layout import HOST_PREFIX
 
 _HEADLINES = ("title", "scenario", "seed", "software")
@@ -24,7 +25,7 @@ _FIGURES = {
     "message_age_s": ("oldest measurement used", " s"),
     "designed_age_s": ("age designed for", " s"),
 }
-_LINK_FIGURES = ("sent", "delivered", "dropped", "mean_delay_s", "max_delay_s", "max_age_s")
+_LINK_FIGURES = ("sent", "delivered", "dropped", "late", "mean_delay_s", "max_delay_s", "max_age_s")
 _HOST = ("host.command", "host.started", "host.python", "host.platform")
 
 
@@ -123,6 +124,10 @@ def _verdict(result: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
         value = metrics.get(key)
         if isinstance(value, float | int) and math.isfinite(value):
             yield label, f"{value:.5g}{unit}"
+    age = metrics.get("feedback_age")
+    for line in age_lines(age) if isinstance(age, Mapping) else ():
+        label, _, words = line.partition(": ")
+        yield label, words
     assumptions = metrics.get("assumptions")
     for name, met in (assumptions if isinstance(assumptions, dict) else {}).items():
         yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"

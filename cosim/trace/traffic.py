@@ -45,7 +45,7 @@ def age(
     """Return instants [s] and the age [s] of the message in use there: the time since it was sent.
 
     The age is NaN where no message is in use: before the first, and while a lost message is
-    replaced by the link's `on_loss` value.
+    replaced by the link's `on_loss` value (so is a late one).
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def _substituted(
     if holds or topic not in trace.topics or not len(table):
         return substituted
     lost = trace.read(topic)
-    lost = lost.part(lost["reason"] == "lost")
+    lost = lost.part((lost["reason"] == "lost") | (lost["reason"] == "late"))
     last = rows_in_force(lost.log_time_ns, at_ns)
     known = (last >= 0) & (rows >= 0)
     due, number = lost.log_time_ns[last[known]], lost.sequence[last[known]]

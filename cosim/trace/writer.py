@@ -149,7 +149,7 @@ class TraceWriter:
         return topic_id
 
     def add_dropped_topic(self, link: str) -> int:
-        """Declare `/link/<link>/dropped`; its one value is the reason, "lost" or "overtaken".
+        """Declare `/link/<link>/dropped`; its one value is the reason, "lost", "late", ...
 
         Log time is when the message arrived or was due, publish time when it was sent.
         """

@@ -61,6 +61,14 @@ LINKS = {
         "loss": 0.2,
         "jitter": Jitter("uniform", width_ns=300 * MS),
     },
+    "played out": {
+        "delay_ns": 90 * MS,
+        "playout_ns": 333 * MS,
+        "jitter": Jitter("uniform", width_ns=300 * MS),
+        "loss": 0.1,
+        "duplicate": 0.3,
+        "on_loss": 5.5,
+    },
     "quantized": {"delay_ns": 90 * MS, "quantization": 0.01},
     "slow": {"delay_ns": 90 * MS, "data_rate": 1000, "frame_size": 103},
     "odd rate": {"delay_ns": 90 * MS, "data_rate": 9_999_991, "frame_size": 1_234_567},
@@ -129,7 +137,7 @@ def random_link(number: int) -> PacketLink:
     if r.random() < 0.5:
         rate = {"data_rate": r.randint(500, 10**6), "frame_size": r.randint(1, 500)}
         rate["queue_limit"] = r.choice([None, 0, 1, r.randint(0, 5)])
-    return PacketLink(
+    link = PacketLink(
         "uplink",
         sample_time_ns=r.randint(1, 120) * unit,
         offset_ns=r.choice([0, 0, r.randint(0, 300) * unit]),
@@ -143,6 +151,8 @@ def random_link(number: int) -> PacketLink:
         seed=r.randrange(2**31),
         **rate,
     )
+    late = r.choice([None, None, 0, r.randint(0, 300) * unit])
+    return link if late is None else replace(link, playout_ns=link.least_transit_ns + late)
 
 
 def check_random_links(channel: Path, numbers: range) -> None:
@@ -269,6 +279,7 @@ def test_transport_link_fmu_reads_the_past(tmp_path: Path, delay_ns: int) -> Non
         ({"data_rate": 10.0}, "both or neither"),
         ({"data_rate": 1.0, "frame_size": 1e9}, "frame_size / data_rate"),
         ({"queue_limit": 3}, "queue_limit"),
+        ({"delay": 0.2, "playout": 0.1}, "playout"),
         ({"jitter.kind": 3, "jitter.mean": 0.2, "jitter.max": 0.1}, "jitter.max"),
         ({"sample_time": 0.0}, "sample_time"),
         ({"loss.good": 1.5}, "loss.good"),

@@ -2,7 +2,7 @@
 
 It shares nothing with `cosim.network` but the declaration of the link and the raw draws (which
 message is lost or copied, and its jitter). The sender's queue is a list of waiting messages,
-the channel a heap of events, the receiver a person with a notebook.
+the channel a heap of events, the play-out buffer a shelf, the receiver a person with a notebook.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Label = tuple[int, int]
 """A message and which of its two: 0 itself, 1 its copy."""
 
 _CODES = {"none": -1, "substitute": -2}
-_SENDER_DONE, _SEND, _ARRIVE = 0, 1, 2
+_SENDER_DONE, _SEND, _ARRIVE, _PLAY, _OUT = 0, 1, 2, 3, 4
 
 
 @dataclass
@@ -32,6 +32,7 @@ class Entry:
     transit: int
     lost: bool
     refused: bool
+    late: bool = False
     due: int | None = None  # when it has crossed the channel
     arrival: int | None = None  # when the receiver gets, or misses, it
     fate: str = "in flight"
@@ -97,6 +98,7 @@ class Outcome:
             "dropped": dropped,
             "lost": fates.count("lost"),
             "overtaken": fates.count("overtaken"),
+            "late": fates.count("late"),
             "queue_full": fates.count("queue full"),
             "discarded_copies": fates.count("duplicate"),
             "in_flight": fates.count("in flight"),
@@ -163,6 +165,7 @@ class _Model:
         self.busy_until: int | None = None
         self.line: list[Label] = []  # sent and neither received nor missed yet
         self.newest = -1
+        self.buffered: set[Label] = set()  # arrived, and waiting for their play-out
 
     def up(self, t: int) -> int:
         if self.points is None:
@@ -185,18 +188,28 @@ class _Model:
                 if raw.copied[k] and not entries[k, 0].gone:
                     entries[k, 1] = Entry(t, delay + raw.copy_jitter[k], lost=False, refused=False)
                     self.line.append((k, 1))
+                if self.link.playout_ns:
+                    heapq.heappush(self.events, (t + self.link.playout_ns, _PLAY, k))
                 self.hand_to_sender(t, k, refused=refused)
             elif what == _SENDER_DONE:
                 self.busy_until = None
                 self.leave(t, k)
                 if self.waiting:
                     self.begin(t, self.waiting.pop(0))
+            elif what == _PLAY:
+                self.play(t, k)
+            elif what == _OUT:
+                self.receive(t, (k, more[0]))
             else:
-                together = [(k, more[0])]
-                while self.events and self.events[0][:2] == (t, _ARRIVE):
-                    together.append(heapq.heappop(self.events)[2:])
-                self.arrived(t, together)
+                self.arrived(t, [(k, more[0]), *self.others(t)])
         return self.outcome
+
+    def others(self, t: int) -> list[Label]:
+        """Take what else crosses the channel at this instant."""
+        together = []
+        while self.events and self.events[0][:2] == (t, _ARRIVE):
+            together.append(heapq.heappop(self.events)[2:])
+        return together
 
     def is_full(self) -> bool:
         busy = self.busy_until is not None
@@ -205,7 +218,8 @@ class _Model:
 
     def hand_to_sender(self, t: int, k: int, *, refused: bool) -> None:
         if refused:
-            heapq.heappush(self.events, (t, _ARRIVE, k, 0))
+            what = _OUT if self.link.playout_ns else _ARRIVE
+            heapq.heappush(self.events, (t, what, k, 0))
         elif self.busy_until is not None:
             self.waiting.append(k)
         else:
@@ -222,7 +236,18 @@ class _Model:
         for label in ((k, 0), (k, 1)):
             entry = self.outcome.entries.get(label)
             if entry is not None:
-                heapq.heappush(self.events, (self.up(t + entry.transit), _ARRIVE, *label))
+                over = t + entry.transit
+                # a buffer compares instants as they are; what it releases waits for a point
+                at = over if self.link.playout_ns else self.up(over)
+                heapq.heappush(self.events, (at, _ARRIVE, *label))
+
+    def play(self, t: int, k: int) -> None:
+        """The instant at which message k and its copy leave the buffer, if they are there."""
+        for label in ((k, 0), (k, 1)):
+            entry = self.outcome.entries.get(label)
+            if entry is not None and not entry.refused:
+                entry.late = label not in self.buffered
+                heapq.heappush(self.events, (self.up(t), _OUT, *label))
 
     def arrived(self, t: int, labels: list[Label]) -> None:
         """All that crosses the channel at one instant."""
@@ -231,7 +256,7 @@ class _Model:
         if self.link.order != "fifo":
             for label in labels:
                 self.line.remove(label)
-                self.receive(t, label)
+                self.out(t, label)
             return
         for other in list(self.line):
             due = self.outcome.entries[other].due
@@ -241,7 +266,14 @@ class _Model:
             refused = self.outcome.entries[other].refused
             if refused or all(self.outcome.entries[a].gone for a in ahead):
                 self.line.remove(other)
-                self.receive(t, other)
+                self.out(t, other)
+
+    def out(self, t: int, label: Label) -> None:
+        """A message leaves the channel: for the receiver, or for the shelf."""
+        if self.link.playout_ns:
+            self.buffered.add(label)
+        else:
+            self.receive(t, label)
 
     def receive(self, t: int, label: Label) -> None:
         entry, k = self.outcome.entries[label], label[0]
@@ -255,8 +287,8 @@ class _Model:
             self.outcome.notes.pop()
         self.outcome.notes.append(note)
         newest_wins = self.link.order == "newest-wins"
-        if entry.gone:
-            entry.fate = "queue full" if entry.refused else "lost"
+        if entry.gone or entry.late:
+            entry.fate = "queue full" if entry.refused else "lost" if entry.lost else "late"
             if not entry.refused and self.link.on_loss != "hold" and self.newest < k:
                 note.used, note.effect = "substitute", "noticed"
         elif newest_wins and k <= self.newest:

@@ -85,7 +85,12 @@ def draw_case(number: int) -> Case:
     )
     points = draw_points(r, end, unit)
     values = [r.choice([0, r.randint(0, 40), r.uniform(0, 40)]) for _ in range(messages + 20)]
-    return Case(replace(link, windows=draw_windows(r, end)), end, points, values)
+    link = replace(link, windows=draw_windows(r, end))
+    # drawn last: the other keys of a case are what they were before there was a play-out
+    if r.random() < 0.4:
+        late = r.choice([0, r.randint(0, 10), r.randint(0, 60)]) * unit
+        link = replace(link, playout_ns=max(1, link.least_transit_ns + late))
+    return Case(link, end, points, values)
 
 
 def draw_jitter(r: random.Random, unit: int) -> Jitter:
@@ -217,6 +222,8 @@ def check_statistics(link: PacketLink, got: dict[str, Any], model: link_model.Ou
             assert abs(given - float(value)) <= 2 * math.ulp(float(value)), key
         elif given is None and key in ("duplicated", "discarded_copies"):
             assert link.duplicate == value == 0
+        elif given is None and key == "late":
+            assert link.playout_ns == value == 0
         elif given is None and key == "queue_full":
             assert link.queue_limit is None
             assert value == 0
@@ -227,7 +234,11 @@ def check_statistics(link: PacketLink, got: dict[str, Any], model: link_model.Ou
         counts["delivered"] + counts["dropped"] + counts["in_flight"]
     )
     assert counts["dropped"] == (
-        counts["lost"] + counts["overtaken"] + counts["queue_full"] + counts["discarded_copies"]
+        counts["lost"]
+        + counts["overtaken"]
+        + counts["late"]
+        + counts["queue_full"]
+        + counts["discarded_copies"]
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from typing import Any
 
 import link_model
@@ -51,6 +52,8 @@ def test_no_message_arrives_early(number: int) -> None:
     case = draw_case(number)
     s = schedule_of(number)
     there = [word != "queue full" for word in words(s)]
+    if s.link.playout_ns:  # anything else is missed before it would have come
+        there = [word == "delivered" for word in words(s)]
     entries = (s.sequence[there], s.sent_ns[there].tolist(), s.arrival_ns[there].tolist())
     for k, sent, arrival in zip(*entries, strict=True):
         assert arrival >= sent + case.link.frame_ns + case.delay(int(k), sent)
@@ -155,7 +158,7 @@ def test_a_schedule_is_the_same_everywhere() -> None:
         seed=2024,
     )
     s = schedule(link, 20 * 10**9)
-    assert set(words(s)) == set(REASONS)
+    assert set(words(s)) == set(REASONS) - {"late"}
     assert sha(s.sequence, s.arrival_ns, s.status.astype(np.int64)) == "0d67cd3b5a81cb20"
 
 
@@ -180,6 +183,53 @@ def test_a_copy_is_discarded_or_used_again() -> None:
         assert (figures["sent"], figures["duplicated"], figures["in_flight"]) == (5, 5, 6)
         assert (figures["delivered"], figures["discarded_copies"]) == ((4, 0) if twice else (2, 2))
         assert s.state([34, 35, 44]).sequence.tolist() == [0, 1, 1]
+
+
+def test_played_out_messages_by_hand() -> None:
+    """Delays 5, 30, 12, 31 behind a buffer of 30: three at exactly 30, the last one too late."""
+    delays = DelayProfile(np.array([0, 10, 20, 30, 40]), np.array([5, 30, 12, 31, 0]))
+    for order in ("newest-wins", "fifo", "as-arrived"):
+        link = PacketLink("a", 10, delay=delays, playout_ns=30, order=order, on_loss="zero")
+        s = schedule(link, 65)
+        assert s.arrival_ns.tolist() == [30, 40, 50, 60, 70, 80, 90]
+        assert words(s) == ["delivered"] * 3 + ["late"] + ["in flight"] * 3
+        # the late message is missed at its play-out, as a lost one would be
+        assert s.state([29, 30, 49, 50, 59, 60]).sequence.tolist() == [-1, 0, 1, 2, 2, -2]
+        figures = s.statistics()
+        assert (figures["late"], figures["lost"], figures["dropped"]) == (1, 0, 1)
+        assert (figures["substitutions"], figures["max_delay_s"]) == (1, 30e-9)
+        assert figures["mean_delay_s"] == 30e-9
+
+
+def test_a_message_kept_waiting_under_fifo_may_be_late() -> None:
+    """Message 1 waits for message 0, which is late itself; the buffer comes after the channel."""
+    delays = DelayProfile(np.array([0, 10, 20]), np.array([60, 0, 0]))
+    fates = {
+        order: words(schedule(PacketLink("a", 10, delay=delays, playout_ns=45, order=order), 80))
+        for order in ("fifo", "newest-wins")
+    }
+    assert fates["fifo"][:3] == ["late", "late", "delivered"]
+    assert fates["newest-wins"][:3] == ["late", "delivered", "delivered"]
+
+
+def test_a_copy_may_be_in_time_where_its_message_is_late() -> None:
+    """Each of the two has its own jitter, and what is in time comes out."""
+    wide = Jitter("uniform", width_ns=100)
+    s = schedule(PacketLink("a", 10, jitter=wide, duplicate=1.0, playout_ns=50), 10_000)
+    fates = np.array(words(s)).reshape(-1, 2)
+    both = {tuple(pair) for pair in fates.tolist()}
+    assert both >= {("late", "delivered"), ("delivered", "late"), ("delivered", "duplicate")}
+    arrived = s.delivered_ns >= 0
+    assert (s.delivered_ns[arrived] - s.sent_ns[arrived] == 50).all()
+
+
+def test_on_a_grid_the_play_out_itself_decides() -> None:
+    """Arrival at 12 after a play-out of 11 is late, though the grid releases at 20 only."""
+    for delay, fate in ((11, "delivered"), (12, "late")):
+        changing = DelayProfile(np.array([0, 1]), np.array([delay, 0]))
+        link = PacketLink("a", 100, delay=changing, playout_ns=11)
+        s = align([schedule(link, 40)], 20, "grid").schedules[0]
+        assert (words(s), s.arrival_ns.tolist()) == ([fate], [20])
 
 
 def test_copies_do_not_change_losses_and_delays() -> None:
@@ -309,9 +359,10 @@ def test_statistics_have_the_same_keys_for_every_link() -> None:
     """Figures that do not apply to a link are None, and all are JSON."""
     plain = schedule(PacketLink("a", 10), 100).statistics()
     full = PacketLink("a", 10, duplicate=0.5, data_rate=10**9, frame_size=8, queue_limit=1)
-    figures = schedule(full, 100).statistics()
+    figures = schedule(replace(full, playout_ns=9), 100).statistics()
     assert list(plain) == list(figures)
     assert plain["duplicated"] is plain["discarded_copies"] is plain["queue_full"] is None
+    assert plain["late"] is None
     assert None not in figures.values()
     json.dumps([plain, figures], allow_nan=False)
 

@@ -96,7 +96,7 @@ def test_steps_in_c_are_the_python_bit_for_bit(core: Core) -> None:
         return r.randint(0, 1)
 
     count = 20_000
-    rules = [Rules(time(), time(), bit(), bit(), bit()) for _ in range(count)]
+    rules = [Rules(time(), time(), bit(), bit(), bit(), bit() * time()) for _ in range(count)]
     senders = [Sender(time(), time()) for _ in range(count)]
     messages = [Message(time(), time(), time(), bit(), bit(), time()) for _ in range(count)]
     expected = [send(*given) for given in zip(rules, senders, messages, strict=True)]
@@ -105,10 +105,11 @@ def test_steps_in_c_are_the_python_bit_for_bit(core: Core) -> None:
     receivers = [
         Receiver(r.choice(small), r.choice(small), time(), time(), time()) for _ in range(count)
     ]
-    arrivals = [Arrival(r.choice(small), time(), r.randrange(6)) for _ in range(count)]
+    arrivals = [Arrival(r.choice(small), time(), r.randrange(7)) for _ in range(count)]
     wanted = [receive(*given) for given in zip(rules, receivers, arrivals, strict=True)]
     assert core.each("receive_all", rules, receivers, arrivals, Reception) == wanted
-    assert {found.fate for found in expected} == {0, 1, 4}
+    assert {found.fate for found in expected} == {0, 1, 4, 6}
+    assert {found.copy_fate for found in expected if found.copies} == {0, 6}
     assert {found.noticed for found in wanted} == {0, 1}
 
 
@@ -186,7 +187,7 @@ def core_entries(
         arrival = Arrival(k, sent[k], found.fate)
         entries.append(Entry(rounded(found.arrival_ns), len(entries), 0, arrival))
         if found.copies:
-            copy = Arrival(k, sent[k], DELIVERED)
+            copy = Arrival(k, sent[k], found.copy_fate)
             entries.append(Entry(rounded(found.copy_arrival_ns), len(entries), 1, copy))
     return entries
 

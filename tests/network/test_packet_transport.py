@@ -11,6 +11,7 @@ from hypothesis import given, strategies as st
 
 from cosim.core.errors import InputError
 from cosim.network import (
+    DelayProfile,
     DelaySignal,
     GilbertElliott,
     Jitter,
@@ -49,6 +50,10 @@ from cosim.network import (
         ({"queue_limit": 3}, "queue_limit"),
         ({"queue_limit": -1, "data_rate": 9600, "frame_size": 8}, "queue_limit"),
         ({"queue_limit": 1.0, "data_rate": 9600, "frame_size": 8}, "queue_limit"),
+        ({"playout_ns": -1}, "playout_ns"),
+        ({"playout_ns": 19, "delay_ns": 20}, "at least 20 ns"),
+        ({"playout_ns": 19, "data_rate": 10**9, "frame_size": 20}, "at least 20 ns"),
+        ({"playout_ns": 3, "delay": DelayProfile((0, 9), (7, 4))}, "at least 4 ns"),
         ({"delay": 5}, "delay"),
         ({"delay": DelaySignal(1.0), "delay_ns": 5}, "one delay"),
         ({"seed": -1}, "seed"),

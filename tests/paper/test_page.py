@@ -212,5 +212,7 @@ def test_whole_report(tmp_path: Path) -> None:
     assert all(rows[error]["errors"] == [error] for error in output["errors"])
     assert len(output["errors"]) == 20
     faulty = [row for row in output["rows"] if row["verdict"] not in ("holds", "not comparable")]
-    assert {w for claims in output["errors"].values() for w in claims} == {r["what"] for r in faulty}
+    assert {w for claims in output["errors"].values() for w in claims} == {
+        r["what"] for r in faulty
+    }
     assert (tmp_path / "page.html").stat().st_size > 100_000

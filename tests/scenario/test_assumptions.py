@@ -45,7 +45,7 @@ on_loss = "{on_loss}"
 
 [design]
 system = "auv"
-loop_delay = 1.25
+file = "auv-1.25s"
 
 {events}
 """

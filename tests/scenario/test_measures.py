@@ -135,7 +135,7 @@ def truths(system: System, run: Run) -> dict[str, Any]:
     used = whole_run.saturation_of(run, "controller", bounds) if bounds else None
     binding = binding_for(plant, VEHICLE)
     return {
-        "age": whole_run.largest_age_ns(
+        "age": whole_run.measured_ages(
             run, "plant", "controller", jacobi=system.algorithm == "jacobi"
         ),
         "coupling": whole_run.coupling_delays(run, system),

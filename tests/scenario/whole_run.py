@@ -14,12 +14,15 @@ import numpy as np
 from cosim.master import Run, System, receiving_order
 from cosim.models import DelaySystem
 from cosim.network import PacketLink
+from cosim.scenario.age import MeasuredAges
 from cosim.scenario.events import AssertionPart
 from cosim.scenario.performance import Binding
 
 
-def largest_age_ns(run: Run, plant: str, controller: str, *, jacobi: bool = True) -> int | None:
-    """The oldest measurement, by following every row back from the plant to the plant."""
+def measured_ages(
+    run: Run, plant: str, controller: str, *, jacobi: bool = True
+) -> MeasuredAges | None:
+    """Ages of measurements, by following every row back from the plant to the plant."""
     by_name = {s.name: s for s in run.instances}
     points, c = run.points_ns, by_name[controller]
     down = [r for r in by_name[plant].routes if r.source == controller]
@@ -36,9 +39,9 @@ def largest_age_ns(run: Run, plant: str, controller: str, *, jacobi: bool = True
         if period <= 0 or -(-first // period) * period < last:
             latest = begin
         used[end] = latest
-    oldest = -1
+    intervals: list[tuple[int, list[int]]] = []  # point, and when what is in use there was taken
     for k in range(points.size - 1):
-        ages = []
+        taken = []
         for back in down:
             ports = [c.output_columns[int(j) - c.output_column].port for j in back.columns]
             prompt = jacobi and all(p.feedthrough and p.feedthrough_declared for p in ports)
@@ -46,10 +49,24 @@ def largest_age_ns(run: Run, plant: str, controller: str, *, jacobi: bool = True
             read = -1 if command < 0 else command if prompt else used[command]
             for forth in up:
                 row = -1 if read < 0 else int(forth.in_step.row[read])
-                ages.append(None if row < 0 else int(points[k + 1] - points[row]))
-        if None not in ages:
-            oldest = max(oldest, *ages)  # type: ignore[type-var]
-    return None if oldest < 0 else oldest
+                taken.append(-1 if row < 0 else int(points[row]))
+        intervals.append((k, taken))
+    known = [(k, taken) for k, taken in intervals if min(taken) >= 0]
+    if not known:
+        return None
+    comes = [
+        int(points[k]) - min(taken)
+        for k, taken in known
+        if min(taken) > 0 and (k == 0 or min(intervals[k - 1][1]) != min(taken))
+    ]
+    young = [int(points[k]) - max(taken) for k, taken in known if min(taken) > 0]
+    return MeasuredAges(
+        least_ns=min(young, default=None),
+        greatest_ns=max(int(points[k + 1]) - min(taken) for k, taken in known),
+        in_use_ns=(min(comes), max(comes)) if comes else None,
+        first_ns=int(points[known[0][0]]),
+        alike=all(min(taken) == max(taken) for _, taken in known),
+    )
 
 
 def saturation_of(run: Run, controller: str, bounds: dict[str, float]) -> tuple[Any, ...] | None:

@@ -66,6 +66,7 @@ loss = {{ p_enter = 0.1, p_exit = 0.4 }}
 order = "as-arrived"
 on_loss = "zero"
 quantization = 1e-3
+playout = 0.07
 data_rate = 9600
 frame_size = 80
 [links.downlink]

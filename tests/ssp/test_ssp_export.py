@@ -69,7 +69,7 @@ def test_link_annotation_has_every_parameter(native_fmus: Path, tmp_path: Path) 
     assert own["up-link"]["jitter"]["sigma"] == 0.02
     assert own["up-link"]["loss"]["p_exit"] == 0.4
     assert own["up-link"]["data_rate"] == 9600
-    assert {"offset", "order", "on_loss", "quantization", "frame_size"} <= set(own["up-link"])
+    assert {"offset", "order", "on_loss", "playout", "frame_size"} <= set(own["up-link"])
     over = [c for c in root.iter(f"{{{NAMESPACES['ssd']}}}Connection") if len(c)]
     assert len(over) == 3
 

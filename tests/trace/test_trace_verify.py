@@ -21,7 +21,7 @@ from test_trace_recover import foreign
 
 from cosim.core.errors import InputError
 from cosim.network import DELIVERED, IN_FLIGHT, REASONS, Jitter, PacketLink, schedule
-from cosim.trace import Attachment, Signal, TraceWriter, result_of_link, verify
+from cosim.trace import Attachment, Signal, Trace, TraceWriter, result_of_link, verify
 
 END = 2000
 LINK = PacketLink(
@@ -135,6 +135,10 @@ def test_good_traces_pass(tmp_path: Path) -> None:
             wide = Jitter("uniform", width_ns=90)
             link = PacketLink("l", 20, jitter=wide, loss=0.1, duplicate=duplicate, order=order)
             assert failing(a_run(tmp_path / "good.mcap", link)) == set(), link
+    buffered = PacketLink("l", 20, jitter=Jitter("uniform", width_ns=90), loss=0.1, playout_ns=60)
+    path = a_run(tmp_path / "buffered.mcap", buffered)
+    assert failing(path) == set()
+    assert set(Trace(path).dropped("l")["reason"].tolist()) == {"lost", "late"}
     path = a_run(tmp_path / "a.mcap")
     found = verify(path)
     assert (found.verdict, found.ours) == ("ok", True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.core import at_most
 from cosim.trace.assertions import assertions_in, failed_in
+from cosim.trace.feedback_age import age_lines
 
 GOOD, BAD, OPEN = "good", "bad", "open"
 
@@ -150,7 +151,25 @@ def _words(name: str, met: Any, metrics: Mapping[str, Any]) -> tuple[str, str]:
             same = "every parameter of the plant is that of the design's model"
             other = "the plant of the run has other parameters than the design's model"
             return "The plant is the one designed for", same if met is True else other
-    return name.replace("_", " ").capitalize(), "met" if met is True else "not met"
+    words, line = _AGES.get(name, (name.replace("_", " ").capitalize(), None))
+    plain = "met" if met is True else "not met"
+    return words, plain if line is None else _age_line(metrics, line)
+
+
+_AGES: dict[str, tuple[str, int | None]] = {
+    "message_age_not_below_least": ("Measurements were never newer than the proof assumes", 1),
+    "message_age_sampled": ("Every measurement came into use at the age of the proof", 1),
+    "message_age_constant": ("The age of measurements was constant, up to the steps", 1),
+    "links_justify_sampled_age": ("By their settings the links give a sampled age", 2),
+}
+"""Assumption -> its words, and the line of `age_lines` with its numbers."""
+
+
+def _age_line(metrics: Mapping[str, Any], which: int) -> str:
+    """Return what was assumed, and the line of the metric `feedback_age` that tells of it."""
+    age = metrics.get("feedback_age")
+    lines = age_lines(age) if isinstance(age, Mapping) else []
+    return "; ".join(lines[:1] + lines[which : which + 1]) or "not measured"
 
 
 def _age(met: Any, metrics: Mapping[str, Any]) -> str:
@@ -158,6 +177,10 @@ def _age(met: Any, metrics: Mapping[str, Any]) -> str:
     if age is None or designed is None:
         return "no measurement was ever in use"
     text = f"oldest in use {age:.6g} s, designed for any age up to {designed:.6g} s"
+    known = metrics.get("feedback_age")
+    assumed = known.get("assumed") if isinstance(known, Mapping) else None
+    if isinstance(assumed, str) and not assumed.startswith("any age up to"):
+        text = f"oldest in use {age:.6g} s, designed for {assumed}"
     if designed == 0.0:
         text = f"oldest in use {age:.6g} s, designed for feedback without delay"
     if met is not True and age <= designed * (1 + 1e-12):

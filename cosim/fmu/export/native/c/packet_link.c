@@ -1,7 +1,8 @@
 /* A packet link between two communication points of whatever master steps it.
 
    What becomes of a message is decided in link_step.h. As cosim/network with events = "grid": a message is sent at the first point at or after its
-   instant and arrives at the first point at or after sending + queue + delay + jitter. What is
+   instant and arrives at the first point at or after sending + queue + delay + jitter, or, with a
+   play-out buffer, comes out at the first point at or after sending + playout. What is
    sent at the beginning of a step is what the inputs are there; what arrives by its end is in
    the outputs then. A message that would arrive where it was sent is thus one step late: there
    is no output that follows an input at once. */
@@ -81,6 +82,10 @@ static int settle(Settings *is, const double *v, Message *why) {
     is->rules.frame_ns = frame;
     is->rules.longest_wait_ns =
         limit < 0 || (limit > 0 && frame > LINK_NO_LIMIT / limit) ? LINK_NO_LIMIT : limit * frame;
+    is->rules.playout_ns = nanoseconds(v[V_playout]);
+    if (is->rules.playout_ns > 0 && is->rules.playout_ns < frame + is->delay)
+        return say(why, "playout must be 0 (no buffer) or at least delay + frame_size / data_rate: "
+                        "every message would be late");
     is->rules.fifo = v[V_order] == ORDER_FIFO;
     is->rules.newest_wins = v[V_order] == ORDER_NEWEST_WINS;
     is->rules.substitutes = v[V_on_loss_hold] == 0.0;
@@ -152,7 +157,7 @@ static void send(Behaviour *b, const double *v, const int64_t jitter[2]) {
     b->sender.free_ns = found.free_ns;
     b->sender.behind_ns = found.behind_ns;
     put(b, v, found.arrival_ns, found.fate);
-    if (found.copies) put(b, v, found.copy_arrival_ns, LINK_DELIVERED);
+    if (found.copies) put(b, v, found.copy_arrival_ns, found.copy_fate);
     b->next++;
 }
 
