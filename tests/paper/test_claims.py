@@ -54,8 +54,8 @@ def test_coefficients_that_no_misprint_touches_hold_as_printed(model: dict[str, 
 
 def test_an_error_is_counted_once_however_many_claims_show_it(model: dict[str, Row]) -> None:
     """The sign of X_udot: at its own row, in four coefficients and in one entry of the thrust."""
-    shown = [row.what for row in model.values() if "X_udot in Table 1" in row.errors]
-    assert len(shown) == 6
+    claims = [row.what for row in model.values() if "X_udot in Table 1" in row.errors]
+    assert len(claims) == 6
     assert model["thrust map above Eq. (4): entry (4, 2)"].errors == (
         "thrust map above Eq. (4): entry (2, 4)",
     )

@@ -133,10 +133,24 @@ def _distinct(loop: ClosedLoop, roots: list[complex]) -> Roots:
 
 
 def _log_derivative(loop: ClosedLoop, s: Any) -> tuple[Roots, Roots]:
-    """Return the phase factor f/|f| and f'/f of f = det H at the points `s`."""
+    """Return the phase factor f/|f| and f'/f of f = det H at the points `s`.
+
+    Raises
+    ------
+    NotAchievableError : H is singular there in doubles.
+    """
     H, derivative = _characteristic(loop, s)
     phase, _ = np.linalg.slogdet(H)
-    return phase, np.trace(np.linalg.solve(H, derivative), axis1=-2, axis2=-1)
+    try:
+        return phase, np.trace(np.linalg.solve(H, derivative), axis1=-2, axis2=-1)
+    except np.linalg.LinAlgError:
+        # far to the left a late term may outweigh all others by more than doubles can tell
+        raise NotAchievableError(
+            "the roots of this loop cannot be counted",
+            where=f"delay {loop.delays[-1]:g} s",
+            expected="terms that doubles can add up",
+            got="a late term that outweighs all others, or a root where none was expected",
+        ) from None
 
 
 def _multiplicity(loop: ClosedLoop, root: complex, radius: float) -> int:

@@ -27,7 +27,7 @@ from cosim.hinf.nominal import (
 )
 from cosim.hinf.problem import refuse_structure
 from cosim.hinf.synthesis.analysis import Analysis, analyse, gain_of
-from cosim.hinf.synthesis.certified_delays import certified_delay
+from cosim.hinf.synthesis.certified_delays import certified_age
 from cosim.hinf.synthesis.designs import Design
 from cosim.hinf.synthesis.gain_design import design
 from cosim.hinf.synthesis.greatest_delays import DELAY_LIMIT
@@ -304,5 +304,7 @@ def _limit(
 ) -> AgeLimit:
     """Return the greatest certified age of a row's gain under one assumption."""
     at = _at(system, index, row.age, assumption, least_age)
-    found = certified_delay(at, row.K, gamma, delay_index=index, limit=limit, precision=_PRECISION)
-    return AgeLimit(assumption, found.d, found.limit_reached)
+    found, done = certified_age(
+        *(at, gain_of(at, row.K), gamma), delay_index=index, limit=limit, precision=_PRECISION
+    )
+    return AgeLimit(assumption, found, done)

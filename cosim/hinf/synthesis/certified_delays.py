@@ -94,23 +94,9 @@ def certified_delay(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    own_order = affordable_order(system, K, performance=gamma is not None)
-    own_order = own_order if order == "auto" else order
-    search = _Search(system, K, gamma, delay_index, precision)
-    if own_order and not system.delays[delay_index].any_age:
-        search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
-        if search.d != limit:
-            search.climb(own_order, limit, start=search.d or 0.0, step=_STEP)
-        if search.d is not None and search.d != limit and search.order != own_order:
-            search.climb(0, limit, start=search.d, step=_STEP)
-        if search.d is None:
-            # some loops need their delay
-            search.climb(own_order, limit, start=system.delays[delay_index].d, step=_STEP)
-    else:
-        # an age is greater than its least value
-        least = system.delays[delay_index].least_age
-        start = least + _FIRST * (limit - least) if least else 0.0
-        search.climb(own_order, limit, start=start, step=2.0)
+    affordable = affordable_order(system, K, performance=gamma is not None)
+    own_order = affordable if order == "auto" else order
+    search = _searched(system, K, gamma, delay_index, own_order, limit, precision)
     search.widen()
     done = search.d is not None and search.d >= limit
     system_at_d = system if search.d is None else search.at(search.d)
@@ -134,6 +120,48 @@ def certified_delay(
         limit_reached=done,
         analysis=analysis,
     )
+
+
+def certified_age(
+    system: DelaySystem,
+    K: NDArray[np.float64],
+    gamma: float | None,
+    *,
+    delay_index: int,
+    limit: float,
+    precision: float,
+) -> tuple[float | None, bool]:
+    """Return the age [s] that `certified_delay` finds, and whether it is the limit; no figures."""
+    order = affordable_order(system, K, performance=gamma is not None)
+    found = _searched(system, K, gamma, delay_index, order, limit, precision).d
+    return found, found is not None and found >= limit
+
+
+def _searched(
+    system: DelaySystem,
+    K: NDArray[np.float64],
+    gamma: float | None,
+    delay_index: int,
+    order: int,
+    limit: float,
+    precision: float,
+) -> _Search:
+    search = _Search(system, K, gamma, delay_index, precision)
+    if order and not system.delays[delay_index].any_age:
+        search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
+        if search.d != limit:
+            search.climb(order, limit, start=search.d or 0.0, step=_STEP)
+        if search.d is not None and search.d != limit and search.order != order:
+            search.climb(0, limit, start=search.d, step=_STEP)
+        if search.d is None:
+            # some loops need their delay
+            search.climb(order, limit, start=system.delays[delay_index].d, step=_STEP)
+    else:
+        # an age is greater than its least value
+        least = system.delays[delay_index].least_age
+        start = least + _FIRST * (limit - least) if least else 0.0
+        search.climb(order, limit, start=start, step=2.0)
+    return search
 
 
 class _Search:
