@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number
+from cosim.core import at_least, at_most
 from cosim.hinf import AgeLimit, AgeRow, MessageAges, Modem
 from cosim.trace import pyplot, save_picture
 
@@ -93,10 +94,9 @@ def _limits(name: str, found: MessageAges) -> RenderableType:
 def _age(limit: AgeLimit) -> str:
     if limit.age is None:
         return "no limit" if limit.assumption == "exact" else NONE
-    digits = f"{limit.age:.4g} s"
     if limit.assumption == "exact":
-        return digits
-    return f"{'≥ ' if limit.limit_reached else ''}{digits}"
+        return f"{limit.age:.4g} s"
+    return f"{'≥ ' if limit.limit_reached else ''}{at_least(limit.age, 4)} s"
 
 
 def _meaning(limit: AgeLimit, found: MessageAges) -> str:
@@ -150,7 +150,7 @@ def _table(found: MessageAges) -> Table:
 
 def _gamma(row: AgeRow) -> str:
     if row.gamma is not None:
-        return f"{row.gamma:.5g}"
+        return at_most(row.gamma, 5)
     return "stable" if row.certified else "not proved"
 
 

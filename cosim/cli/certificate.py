@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from cosim.cli.arguments import named_problem
+from cosim.cli.certificate_view import certificate_view, system_facts
 from cosim.cli.common import JsonOption, answer
-from cosim.cli.design_view import certificate_view
 from cosim.core import CheckFailedError
-from cosim.hinf import check_certificate
+from cosim.hinf import check_certificate, differences, system_from_json, theorem_of
+from cosim.models import DelaySystem
 from cosim.replay import certificate_in
 
 certificate_app = typer.Typer(
@@ -26,19 +28,35 @@ def check(
         typer.Argument(help="A file written by --save, or an FMU or trace with a certificate."),
     ],
     *,
+    system: Annotated[
+        str | None,
+        typer.Option(
+            help="Also check that the certificate is about exactly this system: paper, auv, the "
+            "name of a scenario, or a system FILE.toml."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Prove the claim of a certificate again from the file alone: no solver, no rounding.
 
-    For a controller FMU or a trace, the command also checks that the certificate is about the
-    gain in it: the start values of K[i,j], or the gain that the run used.
+    The output names the system that the certificate is about, and the theorem with all its
+    hypotheses. With --system, every matrix, delay and age is compared, entry by entry. For a
+    controller FMU or a trace, the command also checks that the certificate is about the gain in
+    it: the start values of K[i,j], or the gain that the run used.
 
-    Exit code 0: the claim is proved; 1: it is not; 2: there is no certificate.
+    Exit code 0: the claim is proved, and about that system; 1: it is not; 2: there is no
+    certificate.
     """
     found = certificate_in(file)
     checked = check_certificate(found.data)
+    own = system_from_json(found.data["system"])
     if checked.valid and found.mismatch is not None:
         checked = replace(checked, valid=False, reason=found.mismatch)
+    apart = None if system is None else _differences(own, system)
+    if checked.valid and apart:
+        reason = f"it is proved, but about another system than {system}: {apart[0]}"
+        checked = replace(checked, valid=False, reason=reason)
+    theorem = theorem_of(checked.claim)
     answer(
         as_json,
         lambda: {
@@ -48,8 +66,18 @@ def check(
             "valid": checked.valid,
             "reason": checked.reason,
             "claim": checked.claim,
+            "system": system_facts(own),
+            "theorem": theorem,
+            "compared_with": system,
+            "differences": apart,
         },
-        lambda: certificate_view(str(file), checked, found),
+        lambda: certificate_view(str(file), checked, found, own, theorem, system, apart),
     )
     if not checked.valid:
         raise typer.Exit(CheckFailedError.exit_code)
+
+
+def _differences(own: DelaySystem, name: str) -> list[str]:
+    """Return where the system of a certificate differs from the one of that name."""
+    named: Any = named_problem(name)[0]
+    return list(differences(own, named.system))

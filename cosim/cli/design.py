@@ -9,6 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
+import numpy as np
 import typer
 
 from cosim.cli.arguments import gain_from, named_problem, numbers, with_weights, write_json
@@ -18,19 +19,29 @@ from cosim.cli.design_view import analysis_view, design_view
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     DELAY_LIMIT,
+    Analysis,
     CertifiedDelay,
+    Design,
     GreatestDelay,
     analyse as make_analysis,
     certified_delay,
     design as make_design,
     design_to_json,
+    gain_remark,
     greatest_delay,
     nominal_gamma,
+    norm_certificate,
     with_ages,
     with_delays,
 )
 from cosim.models import DelaySystem
 
+SaveNormOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write the proof of the upper bound of the exact norm to this file, if there is one."
+    ),
+]
 SystemArgument = Annotated[
     str, typer.Argument(help="paper, auv, the name of a scenario, or a system FILE.toml.")
 ]
@@ -146,6 +157,7 @@ def design(
     save: Annotated[
         Path | None, typer.Option(help="Write the design and its exact certificate to this file.")
     ] = None,
+    save_norm: SaveNormOption = None,
     save_refutation: Annotated[
         Path | None,
         typer.Option(help="Write the proof that no solution exists to this file, if there is one."),
@@ -233,10 +245,16 @@ def design(
     kept = None if refutation is None else save_refutation
     if kept is not None:
         write_json(kept, refutation)
+    norm_file = _save_norm(save_norm, found)
+    has_limit = found.guarantees.gain_limit is not None
+    remark = None if has_limit else gain_remark(found.system, found.K)
     answer(
         as_json,
-        lambda: design_json(name, found, greatest, save, kept, nominal, named.weights),
-        lambda: design_view(name, found, greatest, nominal),
+        lambda: (
+            design_json(name, found, greatest, save, kept, nominal, named.weights)
+            | {"remark": remark, "norm_certificate": norm_file}
+        ),
+        lambda: design_view(name, found, greatest, nominal, remark),
     )
 
 
@@ -268,6 +286,18 @@ def _refutation_saved(path: Path | None) -> Iterator[None]:
                 next_step = f"check the proof: cosim certificate check {path}"
             error.hint = next_step if error.hint is None else f"{error.hint}; {next_step}"
         raise
+
+
+def _save_norm(path: Path | None, found: Design | Analysis) -> str | None:
+    """Write the proof of the upper bound of the nominal norm; return where, None without one."""
+    if path is None or found.exact_norm_upper is None:
+        return None
+    K = np.zeros(found.system.B.shape[::-1]) if found.K is None else found.K
+    proof = norm_certificate(found.system, K, found.exact_norm_upper)
+    if proof is None:
+        return None
+    write_json(path, proof)
+    return str(path)
 
 
 def _varied_delay(system: DelaySystem) -> int:
@@ -308,13 +338,17 @@ def analyse(
     save: Annotated[
         Path | None, typer.Option(help="Write the exact certificate to this file, if there is one.")
     ] = None,
+    save_norm: SaveNormOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Analyse the loop with a given gain, or the system without control, and prove the result.
 
     The result is the least gamma that can be certified for every admissible uncertainty, or
-    stability if the system has no w and z. A bound that is not certified may still hold; the
-    exit code is 0 in both cases.
+    stability if the system has no w and z. The verdict is "certified", "unstable" (a root of the
+    nominal loop is proved to have a positive real part) or "undecided": a bound that is not
+    certified may still hold, and a root on the imaginary axis decides nothing.
+
+    Exit code 0: there is a verdict, whichever; 2: bad input.
     """
     named, own_gain = named_problem(name)
     system = named.system
@@ -339,8 +373,9 @@ def analyse(
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)
+    norm_file = _save_norm(save_norm, found)
     answer(
         as_json,
-        lambda: analysis_json(name, found, greatest, saved),
+        lambda: analysis_json(name, found, greatest, saved) | {"norm_certificate": norm_file},
         lambda: analysis_view(name, found, greatest),
     )

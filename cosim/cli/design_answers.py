@@ -70,6 +70,7 @@ def analysis_json(
         "k1": None,
         "k2": None,
         "certified": found.certified,
+        "verdict": found.verdict,
         "reason": found.reason,
         "certificate": None if save is None else str(save),
         "order": found.order,

@@ -1,4 +1,4 @@
-"""Designs, analyses, certificates and exported FMUs, formatted for a terminal."""
+"""Designs, analyses and exported FMUs, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -10,17 +10,12 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import facts_table, number
+from cosim.core import at_least, at_most
 from cosim.fmu import ControllerFmu, PlantFmu
-from cosim.hinf import Analysis, CertificateCheck, CertifiedDelay, Design, GreatestDelay, Guarantees
+from cosim.hinf import Analysis, CertifiedDelay, Design, GreatestDelay, Guarantees
 from cosim.models import Delay
-from cosim.replay import EmbeddedCertificate
 
 _LIMIT_REACHED = "certified; the search ended here, longer delays may be certified too"
-_WHOSE = {
-    "file": "",
-    "FMU": "the gain that the FMU starts with; the proof does not hold for any other",
-    "trace": "the gain of the run",
-}
 
 
 def design_view(
@@ -28,20 +23,21 @@ def design_view(
     design: Design,
     greatest: GreatestDelay | None = None,
     nominal: float | None = None,
+    remark: str | None = None,
 ) -> RenderableType:
-    """Show a design: what is proved, what is computed, and the gain."""
+    """Show a design: what is proved, what is computed, the gain, and a remark on its size."""
     facts = facts_table()
-    gamma = "stability only" if design.gamma is None else f"{design.gamma:.6g}"
+    gamma = "stability only" if design.gamma is None else at_most(design.gamma)
     facts.add_row("gamma", gamma, "certified: exact rational proof for the gain below")
     if nominal is not None and design.gamma is not None:
         facts.add_row(
             "  without uncertainty",
-            f"{nominal:.6g}",
+            at_most(nominal),
             f"certified, same gain and condition: E and H account for {design.gamma - nominal:.3g}",
         )
     _nominal_rows(facts, design)
     if design.order is not None:
-        facts.add_row("condition", _condition(design.certificate["claim"]), "")
+        facts.add_row("condition", condition_of(design.certificate["claim"]), "")
     for row in _guarantees(design.guarantees):
         facts.add_row(*row)
     for i, delay in enumerate(design.system.delays):
@@ -52,11 +48,13 @@ def design_view(
             _age(delay, design) + scalars,
         )
     if greatest is not None:
-        facts.add_row("greatest delay", f"{greatest.delay:.6g} s", _end(greatest))
+        facts.add_row("greatest delay", f"{at_least(greatest.delay)} s", _end(greatest))
     gain = Table(title=f"K ({name}): u = K x", title_justify="left", show_header=False, box=None)
     for row in design.K:
         gain.add_row(*(f"{value:.4g}" for value in row))
-    return Group(facts, gain)
+    if remark is None:
+        return Group(facts, gain)
+    return Group(facts, gain, Text.assemble(("remark", "bold yellow"), f": {remark}"))
 
 
 def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
@@ -64,17 +62,17 @@ def _guarantees(more: Guarantees) -> list[tuple[str, str, str]]:
     rows = []
     if more.decay is not None:
         text = "certified: with w = 0 every solution decays at least as exp(-rate t)"
-        rows.append(("rate of decay", f"{float(more.decay.rate):.6g} 1/s", text))
+        rows.append(("rate of decay", f"{at_least(str(more.decay.rate))} 1/s", text))
     if more.gain_limit is not None:
-        rows.append(("|K|", f"{float(more.gain_limit.bound):.6g}", "certified: at most this"))
+        rows.append(("|K|", at_most(str(more.gain_limit.bound)), "certified: at most this"))
     if more.peak_control is not None:
         peak = more.peak_control
-        start = ", ".join(f"{float(x):g}" for x in peak.offset)
+        start = ", ".join(at_least(str(x)) for x in peak.offset)
         text = f"certified: |u_{{}}(t)| at most this, from |x| <= ({start})"
         if peak.energy != 0:
-            text += f", with (int w'w)^(1/2) <= {float(peak.energy):g}"
+            text += f", with (int w'w)^(1/2) <= {at_least(str(peak.energy))}"
         rows += [
-            (f"peak of u_{i}", f"{float(bound):.6g}", text.format(i))
+            (f"peak of u_{i}", at_most(str(bound)), text.format(i))
             for i, bound in enumerate(peak.bounds, 1)
         ]
     return rows
@@ -88,12 +86,14 @@ def analysis_view(
     if analysis.certified:
         head = Text.assemble(("certified", "bold green"), f": {what}")
     else:
-        head = Text.assemble(("not certified", "bold yellow"), f": {what}\n  {analysis.reason}")
+        head = Text.assemble(
+            (f"not certified, {analysis.verdict}", "bold yellow"), f": {what}\n  {analysis.reason}"
+        )
     facts = facts_table()
-    proof = analysis.certificate or {"claim": {"order": analysis.order}}
-    facts.add_row("condition", _condition(proof["claim"]), "")
+    proof = analysis.certificate or {"claim": {"property": "", "order": analysis.order}}
+    facts.add_row("condition", condition_of(proof["claim"]), "")
     if analysis.certified:
-        gamma = "stability only" if analysis.gamma is None else f"{analysis.gamma:.6g}"
+        gamma = "stability only" if analysis.gamma is None else at_most(analysis.gamma)
         facts.add_row("gamma", gamma, "certified: exact rational proof for this gain")
     _nominal_rows(facts, analysis)
     for i, delay in enumerate(analysis.system.delays):
@@ -104,9 +104,9 @@ def analysis_view(
         )
     if greatest is not None and greatest.d is not None:
         end = _LIMIT_REACHED
-        if not greatest.limit_reached:
-            end = f"certified; not certified at {greatest.not_certified_at:.7g} s"
-        facts.add_row("greatest delay", f"{greatest.d:.7g} s", end)
+        if greatest.not_certified_at is not None:
+            end = f"certified; not certified at {at_most(greatest.not_certified_at)} s"
+        facts.add_row("greatest delay", f"{at_least(greatest.d)} s", end)
     return Group(head, facts)
 
 
@@ -138,7 +138,7 @@ def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
         )
         facts.add_row("exact norm", f"{norm:.6g}", f"computed: nominal loop, peak at {at}{ratio}")
         if upper is not None:
-            above = f"norm + {upper - norm:.1e}"
+            above = f"norm + {at_most(Fraction(upper) - Fraction(norm), 2)}"
             facts.add_row("  at most", above, "proved in ball arithmetic, and so is stability")
     if any(delay.sampled for delay in found.system.delays):
         facts.add_row("  nominal loop", "", "a sampled age stands there with its mean, a constant")
@@ -159,8 +159,10 @@ def _nominal_rows(facts: Table, found: Design | Analysis) -> None:
             )
 
 
-def _condition(claim: dict[str, Any]) -> str:
+def condition_of(claim: dict[str, Any]) -> str:
     """Name the condition behind a claim."""
+    if "nominal loop" in claim["property"]:
+        return "level of the norm, argument principle, ball arithmetic"
     if "order" not in claim:
         return "Theorem 2"
     if "hypotheses" in claim:
@@ -173,46 +175,9 @@ def _end(greatest: GreatestDelay) -> str:
     if greatest.limit_reached:
         return _LIMIT_REACHED
     if greatest.refuted_at is not None:
-        return f"certified; from {greatest.refuted_at:.6g} s on no solution exists at these k1, k2"
+        beyond = at_most(greatest.refuted_at)
+        return f"certified; from {beyond} s on no solution exists at these k1, k2"
     return "certified; longer delays are not"
-
-
-def certificate_view(
-    file: str, certificate: CertificateCheck, found: EmbeddedCertificate
-) -> RenderableType:
-    """Show the check of a certificate: proved or not, the claim, and for which gain."""
-    claim = certificate.claim
-    verdict = (
-        Text.assemble(("proved", "bold green"), f": {file}")
-        if certificate.valid
-        else Text.assemble(("not proved", "bold red"), f": {file}\n  {certificate.reason}")
-    )
-    facts = facts_table()
-    facts.add_row("claim", claim["property"], "")
-    facts.add_row("condition", _condition(claim), "")
-    if claim["gamma"] is not None:
-        facts.add_row(
-            "gamma", f"{float(Fraction(claim['gamma'])):.7g}", "rounded here, exact in the file"
-        )
-    for name in (name for name in ("k1", "k2") if name in claim):
-        facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
-    for i, delay in enumerate(claim["delays"], 1):
-        acts = ", the control acts through this delay" if delay["feedback"] else ""
-        known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
-        more = f" ({', '.join(known)})" if known else ""
-        facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")
-    for i, text in enumerate(claim.get("hypotheses", ()), 1):
-        facts.add_row(f"hypothesis {i}", "", text)
-    facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
-    for name, more in claim.get("guarantees", {}).items():
-        exact = more.get("rate", more.get("bound", more.get("bounds")))
-        values = exact if isinstance(exact, list) else [exact]
-        formatted = ", ".join(f"{float(Fraction(value)):.7g}" for value in values)
-        facts.add_row(name.replace("_", " "), formatted, more["property"])
-    if "K" in found.data:  # a refutation is about every gain
-        facts.add_row("gain", "K in the certificate", _WHOSE[found.container])
-    facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without its notes")
-    return Group(verdict, facts)
 
 
 def packed_view(packed: ControllerFmu) -> RenderableType:
@@ -224,7 +189,7 @@ def packed_view(packed: ControllerFmu) -> RenderableType:
     facts.add_row("K", f"{len(packed.K)} x {len(packed.K[0])}", Text("start values of K[i,j]"))
     gamma = packed.claim["gamma"]
     if gamma is not None:
-        facts.add_row("gamma", f"{float(Fraction(gamma)):.7g}", "certified, for this K")
+        facts.add_row("gamma", at_most(gamma), "certified, for this K")
     facts.add_row("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json")
     return Group(head, facts)
 

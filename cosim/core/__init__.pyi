@@ -21,3 +21,7 @@ from .progress import (
     Progress as Progress,
     silent as silent,
 )
+from .rounding import (
+    at_least as at_least,
+    at_most as at_most,
+)

@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from cosim.core import at_most
 from cosim.hinf import design, system_by_name
 from cosim.models import (
     TABLE_1,
@@ -306,7 +307,7 @@ def _vehicle_design() -> Row:
         MODEL,
         "Eqs. (5), (6): the vehicle as an uncertain system with delay",
         "ΔA, A1, C, E, H without numbers; no controller for the vehicle",
-        f"with this project's choice: γ = {found.gamma:.5g} certified, exact nominal norm "
+        f"with this project's choice: γ = {at_most(found.gamma, 5)} certified, exact nominal norm "
         f"{found.exact_norm:.4g}",
         How.CERTIFIED,
         Verdict.NOT_COMPARABLE,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import Progress, silent
+from cosim.core import Progress, at_most, silent
 from cosim.hinf import DELAY_LIMIT, one_thread
 from cosim.models import paper_example
 from cosim.paper.every_delay import EveryDelay, every_delay
@@ -146,11 +146,11 @@ def _theorem(rows: Sequence[Row]) -> str:
 def _example(known: Example) -> str:
     floor = float(np.linalg.norm(known.system.D1, 2))
     K, least = known.by_theorem_1, known.searched.gamma
-    proved = "no γ" if K.gamma is None else f"γ = {K.gamma:.5g}"
+    proved = "no γ" if K.gamma is None else f"γ = {at_most(K.gamma, 5)}"
     return (
         f"Section 5: Theorem 2 cannot give γ = {paper_example.GAMMA:g}, since every γ of it "
         f"exceeds ‖D1‖ = {floor:g}. The printed K is certified for {proved}, its exact norm being "
-        f"{K.exact_norm:.5g}; a better K for {least:.7g}. The loop is stable, as claimed."
+        f"{K.exact_norm:.5g}; a better K for {at_most(least)}. The loop is stable, as claimed."
     )
 
 

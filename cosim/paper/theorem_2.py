@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.core import at_most
 from cosim.hinf import ExactVariables, minus_omega
 from cosim.models import Delay, DelaySystem
 from cosim.paper.exact import (
@@ -197,7 +198,7 @@ def remark_rows(known: Example, table: Sequence[Entry]) -> list[Row]:
             THEOREM_2,
             "Remark 2, Eq. (19): the least γ",
             "minimise over X, R̄, Q̄, ε",
-            f"Y too is unknown: γ = {least.gamma:.7g} at d = 0.3 s, certified",
+            f"Y too is unknown: γ = {at_most(least.gamma)} at d = 0.3 s, certified",
             How.CERTIFIED,
             Verdict.CORRECTED,
             "Without Y among the unknowns there would be no gain to find.",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, at_least
 from cosim.study.pictures import BLUE, DPI, GREEN, GREY, RED, edges, grid_of, numbers
 from cosim.study.schema import StabilityPart, Study
 from cosim.study.stability_boundary import Boundary, boundary
@@ -85,7 +85,7 @@ def _over_delay(axis: Any, frame: Any, part: StabilityPart, found: Boundary) -> 
             color=GREEN,
             alpha=0.18,
             lw=0,
-            label=f"certified: every age up to {found.certified_age:.4g} s",
+            label=f"certified: every age up to {at_least(found.certified_age, 4)} s",
         )
     if found.exact_margin is not None:
         axis.axvline(

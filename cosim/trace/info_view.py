@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from fractions import Fraction
 from typing import Any
 
 from rich.console import Group
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from cosim.core import at_most
 from cosim.trace.assertions import assertions_in, failed_in
 from cosim.trace.layout import HOST_PREFIX
 
@@ -109,7 +109,7 @@ def _certificate(certificate: Mapping[str, Any] | None) -> Iterator[tuple[str, o
 def _gamma(text: object) -> str:
     """Format the bound as a decimal number; the file has it exactly."""
     try:
-        return f", gamma = {float(Fraction(str(text))):.7g}"
+        return f", gamma = {at_most(str(text))}"
     except (ValueError, ZeroDivisionError, OverflowError):
         return ""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -63,12 +64,48 @@ def test_a_certificate_is_proved_from_its_file(
         "valid": True,
         "reason": None,
         "claim": certificate["claim"],
+        "system": output["system"],
+        "theorem": certificate["theorem"],
+        "compared_with": None,
+        "differences": None,
     }
+    assert output["system"]["name"] == "paper"
+    assert output["system"]["matrices"].startswith("A, B, C, D, D1, D2, E, H, A1, H1")
     assert Fraction(output["claim"]["gamma"]) == Fraction(5.05)
     code, out, _ = cosim("certificate", "check", path)
     assert code == 0
     assert "proved" in out
     assert "5.05" in out
+    assert "2 states, 1 input" in out
+    assert "[dA_0 ... dA_N] = E F(t) [H_0 ... H_N]" in " ".join(out.split())
+
+
+def test_a_certificate_is_compared_with_a_system(
+    cosim: Run, certificate: Any, tmp_path: Path
+) -> None:
+    """The same system: exit 0. One last bit of one entry, or a delay: exit 1, and where."""
+    path = _file(tmp_path, certificate)
+    code, out, _ = cosim("certificate", "check", path, "--system", "paper", "--json")
+    assert (code, json.loads(out)["differences"]) == (0, [])
+    other = tmp_path / "other.toml"
+    a = certificate["system"]
+    own = {key: a[key] for key in ("A", "B", "C", "D", "D1", "D2", "E", "H")}
+    late = a["delays"][0]
+    for name, value in (("B", None), ("d", 0.2), ("A1", None)):
+        table = copy.deepcopy(own) | {"A1": late["A"], "H1": late["H"], "d": late["d"]}
+        if value is not None:
+            table[name] = value
+        else:
+            table[name] = copy.deepcopy(table[name])
+            table[name][1][0] = math.nextafter(table[name][1][0], 9.0)
+        lines = (f"{key} = {json.dumps(entry)}" for key, entry in table.items())
+        other.write_text("\n".join(["[system]", *lines]), encoding="utf-8")
+        code, out, _ = cosim("certificate", "check", path, "--system", str(other), "--json")
+        found = json.loads(out)
+        assert (code, found["valid"]) == (1, False)
+        assert len(found["differences"]) == 1
+        assert found["differences"][0].startswith("delays" if name == "d" else f"{name}[2,1]: ")
+        assert "another system" in found["reason"]
 
 
 def _places(data: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

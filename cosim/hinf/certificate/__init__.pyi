@@ -70,6 +70,14 @@ from .guarantees import (
     Guarantees as Guarantees,
     guarantees_from_json as guarantees_from_json,
 )
+from .norm_certificate import norm_to_json as norm_to_json
+from .norm_proof import (
+    MAX_STEPS as MAX_STEPS,
+    NORM_BITS as NORM_BITS,
+    NormPoint as NormPoint,
+    NormProof as NormProof,
+    bend as bend,
+)
 from .proof import (
     CertificateCheck as CertificateCheck,
     Variables as Variables,
@@ -79,6 +87,7 @@ from .proof import (
 from .rational import (
     exact as exact,
     exact_matrix as exact_matrix,
+    exact_symmetric as exact_symmetric,
     first_bad_pivot as first_bad_pivot,
     norm_is_below as norm_is_below,
     rounded_up as rounded_up,
@@ -97,6 +106,7 @@ from .system_json import (
     MATRICES as MATRICES,
     assembled as assembled,
     delay_from as delay_from,
+    differences as differences,
     first_difference as first_difference,
     format_value as format_value,
     known_keys as known_keys,
@@ -104,3 +114,4 @@ from .system_json import (
     number as number,
     system_from_json as system_from_json,
 )
+from .theorem import theorem_of as theorem_of

@@ -25,12 +25,12 @@ from cosim.hinf.certificate.ages_terms import (
     unknowns_of,
 )
 from cosim.hinf.certificate.analysis_certificate import check_null, gain_from_json, order_from_json
-from cosim.hinf.certificate.proof import CertificateCheck
+from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
     exact_matrix,
+    exact_symmetric,
     from_text,
-    is_symmetric,
     matrix_from_text,
     matrix_to_text,
     to_text,
@@ -41,6 +41,7 @@ from cosim.hinf.certificate.system_json import (
     system_from_json,
     system_to_json,
 )
+from cosim.hinf.certificate.theorem import theorem_of
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -53,16 +54,11 @@ _TERMS = ("functional", "matrices")
 
 def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
     """Convert the doubles of `v` to rationals, and symmetrise the symmetric matrices exactly."""
-
-    def symmetric(value: Matrix) -> Any:
-        rational = exact_matrix(value)
-        return (rational + rational.transpose()) / 2
-
     terms = tuple(
         AgeTerms(
             own.functional,
             {
-                name: symmetric(value) if is_symmetric_unknown(name) else exact_matrix(value)
+                name: exact_symmetric(value) if is_symmetric_unknown(name) else exact_matrix(value)
                 for name, value in own.matrices.items()
             },
         )
@@ -70,7 +66,7 @@ def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
     )
     return AgesVariables(
         order=v.order,
-        P=symmetric(v.P),
+        P=exact_symmetric(v.P),
         terms=terms,
         eps=None if v.eps is None or not system.E.size else exact(v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
@@ -80,9 +76,11 @@ def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
 
 def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[str, Any]:
     """Return the certificate as JSON values for `check_ages`, without checking it."""
+    claim = ages_claim(system, v)
     return {
         "kind": AGES,
-        "claim": ages_claim(system, v),
+        "theorem": theorem_of(claim),
+        "claim": claim,
         "system": system_to_json(system),
         "variables": {
             "order": v.order,
@@ -115,19 +113,8 @@ def check_ages(data: dict[str, Any]) -> CertificateCheck:
     gain = gain_from_json(data["K"], system)
     v = _variables(system, data["variables"])
     claim = ages_claim(system, v)
-    if data["claim"] != claim:
-        return CertificateCheck(
-            valid=False,
-            reason="the claim is not the one that system and variables make",
-            claim=claim,
-        )
-    matrices = [("P", v.P)]
-    for j, terms in enumerate(v.terms):
-        matrices += [(f"{k}[{j}]", M) for k, M in terms.matrices.items() if is_symmetric_unknown(k)]
-    for name, value in matrices:
-        if not is_symmetric(value):
-            return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
-    return ages_proved(system, gain, v)
+    named = v.symmetric_matrices()
+    return judged(data, claim, named, lambda: ages_proved(system, gain, v).reason)
 
 
 def _variables(system: DelaySystem, data: Any) -> AgesVariables:

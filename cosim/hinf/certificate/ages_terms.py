@@ -58,6 +58,13 @@ class AgesVariables:
         """The functional of every positive delay."""
         return tuple(own.functional for own in self.terms)
 
+    def symmetric_matrices(self) -> list[tuple[str, Any]]:
+        """Return every matrix that must be symmetric, with its name."""
+        found = [("P", self.P)]
+        for j, own in enumerate(self.terms):
+            found += [(f"{k}[{j}]", M) for k, M in own.matrices.items() if is_symmetric_unknown(k)]
+        return found
+
 
 def late_delays(system: DelaySystem) -> list[Delay]:
     """Return the positive delays; one of zero is none, its term belongs to x(t)."""

@@ -22,12 +22,11 @@ from cosim.hinf.certificate.analysis_proof import (
     analysis_proved,
     orders_of,
 )
-from cosim.hinf.certificate.proof import CertificateCheck
+from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
-    exact_matrix,
+    exact_symmetric,
     from_text,
-    is_symmetric,
     matrix_from_text,
     matrix_to_text,
     to_text,
@@ -39,6 +38,7 @@ from cosim.hinf.certificate.system_json import (
     system_from_json,
     system_to_json,
 )
+from cosim.hinf.certificate.theorem import theorem_of
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Matrix
@@ -51,16 +51,11 @@ _VARIABLES = (*_REQUIRED, "lower")
 
 def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
     """Convert the doubles of `v` to rationals, and symmetrise the matrices exactly."""
-
-    def symmetric(value: Matrix) -> Any:
-        rational = exact_matrix(value)
-        return (rational + rational.transpose()) / 2
-
     return ExactAnalysis(
         order=v.order,
-        P=symmetric(v.P),
-        Q=tuple(None if Q is None else symmetric(Q) for Q in v.Q),
-        R=tuple(symmetric(R) for R in v.R),
+        P=exact_symmetric(v.P),
+        Q=tuple(None if Q is None else exact_symmetric(Q) for Q in v.Q),
+        R=tuple(exact_symmetric(R) for R in v.R),
         eps=None if v.eps is None or not system.E.size else exact(v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
         lower=None if v.lower is None else tuple(None if d is None else exact(d) for d in v.lower),
@@ -70,9 +65,11 @@ def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
 def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dict[str, Any]:
     """Return the certificate as JSON values for `check_analysis`, without checking it."""
     lower = None if v.lower is None else [None if d is None else to_text(d) for d in v.lower]
+    claim = analysis_claim(system, v)
     return {
         "kind": KIND,
-        "claim": analysis_claim(system, v),
+        "theorem": theorem_of(claim),
+        "claim": claim,
         "system": system_to_json(system),
         "variables": {
             "order": v.order,
@@ -100,17 +97,7 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     gain = gain_from_json(data["K"], system)
     v = _variables(system, data["variables"])
     claim = analysis_claim(system, v)
-    if data["claim"] != claim:
-        return CertificateCheck(
-            valid=False,
-            reason="the claim is not the one that system and variables make",
-            claim=claim,
-        )
-    named = [("P", v.P), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q) if Q is not None)]
-    for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
-        if not is_symmetric(value):
-            return CertificateCheck(valid=False, reason=f"{name} is not symmetric", claim=claim)
-    return analysis_proved(system, gain, v)
+    return judged(data, claim, v.matrices(), lambda: analysis_proved(system, gain, v).reason)
 
 
 def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:

@@ -86,6 +86,11 @@ class ExactAnalysis:
     gamma: Any
     lower: tuple[Any, ...] | None = None
 
+    def matrices(self) -> list[tuple[str, Any]]:
+        """Return every matrix with its name: all must be symmetric."""
+        several = [(f"Q[{j}]", Q) for j, Q in enumerate(self.Q) if Q is not None]
+        return [("P", self.P), *several, *((f"R[{j}]", R) for j, R in enumerate(self.R))]
+
 
 @dataclass(frozen=True)
 class ExactLoop:

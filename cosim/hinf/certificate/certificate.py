@@ -28,11 +28,13 @@ from cosim.hinf.certificate.ages_certificate import AGES, check_ages
 from cosim.hinf.certificate.analysis_certificate import KIND, check_analysis
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
+from cosim.hinf.certificate.norm_certificate import NORM, check_norm
 from cosim.hinf.certificate.proof import (
     CertificateCheck,
     Variables,
     claim_of,
     exact_variables,
+    judged,
     proved,
 )
 from cosim.hinf.certificate.rational import exact_matrix, matrix_from_text, matrix_to_text
@@ -49,7 +51,8 @@ from cosim.hinf.certificate.system_json import (
     system_from_json,
     system_to_json,
 )
-from cosim.hinf.certificate.variables_json import asymmetric, variables_from_json, variables_to_json
+from cosim.hinf.certificate.theorem import theorem_of
+from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
 from cosim.models import DelaySystem, Matrix
 
 _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
@@ -57,6 +60,7 @@ _OTHERS: dict[str, Callable[[dict[str, Any]], CertificateCheck]] = {
     AGES: check_ages,
     REFUTATION: check_refutation,
     FLOOR: check_gamma_floor,
+    NORM: check_norm,
 }
 """Checks of certificates by kind; a gain proved by Theorem 2 has no kind."""
 
@@ -100,8 +104,10 @@ def certificate_to_json(
     v = exact_variables(system, variables)
     more = guarantees or Guarantees()
     texts, Y = variables_to_json(v), matrix_to_text(exact_matrix(gain) * v.X)
+    claim = claim_of(system, v.gamma) | more.claim()
     return {
-        "claim": claim_of(system, v.gamma) | more.claim(),
+        "theorem": theorem_of(claim),
+        "claim": claim,
         "system": system_to_json(system),
         "variables": {"X": texts.pop("X"), "Y": Y, **texts},
         "K": gain.tolist(),
@@ -113,7 +119,7 @@ def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
     With `"kind": "analysis"` it is one of `analysis_certificate`, with "ages" one of
-    `ages_certificate`, with "refutation" or "gamma
+    `ages_certificate`, with "norm" one of `norm_certificate`, with "refutation" or "gamma
     floor" one of `refutation_certificate`, without a kind one of Theorem 2. Other top-level
     keys than those of the module's docstring are notes, which are not checked.
 
@@ -145,17 +151,13 @@ def check_certificate(data: Any) -> CertificateCheck:
     v, Y = _variables_from_json(system, data["variables"])
     more = guarantees_from_json(data, system)
     claim = claim_of(system, v.gamma) | more.claim()
-    name = asymmetric(v)
-    reason: str | None
-    if data["claim"] != claim:
-        reason = "the claim is not the one that system and variables make"
-    elif name is not None:
-        reason = f"{name} is not symmetric"
-    elif exact_matrix(gain) * v.X != Y:
-        reason = "Y is not K X"
-    else:
-        reason = proved(system, gain, v).reason or more.failure(system, gain)
-    return CertificateCheck(valid=reason is None, reason=reason, claim=claim)
+
+    def reason() -> str | None:
+        if exact_matrix(gain) * v.X != Y:
+            return "Y is not K X"
+        return proved(system, gain, v).reason or more.failure(system, gain)
+
+    return judged(data, claim, v.matrices(), reason)
 
 
 def read_certificate(path: str | Path) -> Any:

@@ -31,6 +31,7 @@ from cosim.core import InputError
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.proof import failure
 from cosim.hinf.certificate.rational import (
+    asymmetric,
     exact,
     exact_matrix,
     from_text,
@@ -39,7 +40,7 @@ from cosim.hinf.certificate.rational import (
     to_text,
 )
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.variables_json import asymmetric, variables_from_json, variables_to_json
+from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
 from cosim.models import DelaySystem, Matrix
 
 MAX_OFFSETS = 8
@@ -130,7 +131,7 @@ class PeakControl:
         if self.energy < 0 or any(value < 0 for value in (*self.bounds, *self.offset)):
             return "a bound, an offset or the energy is negative"
         v = self.variables
-        name = asymmetric(v)
+        name = asymmetric(v.matrices())
         if name is not None:
             return f"{name} is not symmetric"
         reason = failure(peak_system(system, energy=self.energy != 0), gain, v)

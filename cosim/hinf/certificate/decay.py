@@ -26,9 +26,9 @@ import flint
 from cosim.core import InputError
 from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift
 from cosim.hinf.certificate.proof import failure
-from cosim.hinf.certificate.rational import exact, from_text, to_text
+from cosim.hinf.certificate.rational import asymmetric, exact, from_text, to_text
 from cosim.hinf.certificate.system_json import known_keys
-from cosim.hinf.certificate.variables_json import asymmetric, variables_from_json, variables_to_json
+from cosim.hinf.certificate.variables_json import variables_from_json, variables_to_json
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
@@ -81,7 +81,7 @@ class Decay:
         for j in acting:
             if not is_above_exponential(self.growth[j], self.rate * exact(system.delays[j].d)):
                 return f"growth[{j}] is not at least exp(rate d)"
-        name = asymmetric(self.variables)
+        name = asymmetric(self.variables.matrices())
         if name is not None:
             return f"{name} is not symmetric"
         for growth in corners(self.growth, acting):

@@ -56,6 +56,11 @@ class ExactVariables:
     k2: tuple[Any, ...]
     gamma: Any
 
+    def matrices(self) -> list[tuple[str, Any]]:
+        """Return every matrix with its name: all must be symmetric."""
+        several = [(f"{name}[{j}]", M) for name in "QR" for j, M in enumerate(getattr(self, name))]
+        return [("X", self.X), *several]
+
 
 @dataclass(frozen=True)
 class Shift:

@@ -10,6 +10,7 @@ each delay grow with it, so what holds at dj holds for every constant delay up t
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +19,15 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift, minus_omega
 from cosim.hinf.certificate.rational import (
+    asymmetric,
     exact,
     exact_matrix,
+    exact_symmetric,
     first_bad_matrix,
     first_bad_pivot,
     to_text,
 )
+from cosim.hinf.certificate.theorem import theorem_of
 from cosim.models import DelaySystem, Matrix
 
 MAX_ROWS = 400
@@ -59,6 +63,35 @@ class CertificateCheck:
     valid: bool
     reason: str | None
     claim: dict[str, Any]
+
+
+def judged(
+    data: dict[str, Any],
+    claim: dict[str, Any],
+    matrices: Iterable[tuple[str, Any]],
+    reason: Callable[[], str | None],
+    *,
+    makers: str = "system and variables",
+) -> CertificateCheck:
+    """Check that a file claims what it can, and then the proof.
+
+    Parameters
+    ----------
+    data : the certificate, with `claim`, and perhaps `theorem`.
+    claim : the one that it makes.
+    matrices : those that must be symmetric, with their names.
+    reason : runs the proof; why the claim is not proved, or None.
+    makers : the parts of the file that make the claim, for messages.
+    """
+    theorem, name = theorem_of(claim), asymmetric(matrices)
+    why: str | None
+    if data["claim"] != claim:
+        why = f"the claim is not the one that {makers} make"
+    elif data.get("theorem", theorem) != theorem:
+        why = "the theorem is not the one of the claim"
+    else:
+        why = reason() if name is None else f"{name} is not symmetric"
+    return CertificateCheck(valid=why is None, reason=why, claim=claim)
 
 
 def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
@@ -161,8 +194,7 @@ def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
                 expected=f"shape ({n}, {n})",
                 got=f"shape {array.shape}",
             )
-        rational = exact_matrix(array)
-        return (rational + rational.transpose()) / 2
+        return exact_symmetric(array)
 
     def scalar(name: str, value: float | None) -> Any:
         if value is None or not np.isfinite(value):

@@ -45,6 +45,12 @@ def exact_matrix(matrix: Matrix) -> Any:
     return flint.fmpq_mat(rows, columns, [exact(value) for value in matrix.ravel()])
 
 
+def exact_symmetric(matrix: Matrix) -> Any:
+    """Convert a square array of finite doubles as `exact_matrix`, then symmetrise it exactly."""
+    rational = exact_matrix(matrix)
+    return (rational + rational.transpose()) / 2
+
+
 def to_text(value: Any) -> str:
     """Return a rational as "p/q" in lowest terms, or "p"."""
     return str(value)
@@ -115,9 +121,9 @@ def identity(n: int) -> Any:
     return flint.fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
-def is_symmetric(matrix: Any) -> bool:
-    """Whether a square `flint.fmpq_mat` equals its transpose exactly."""
-    return bool(matrix == matrix.transpose())
+def asymmetric(matrices: Iterable[tuple[str, Any]]) -> str | None:
+    """Return the name of the first square `flint.fmpq_mat` that is not symmetric, or None."""
+    return next((name for name, one in matrices if one != one.transpose()), None)
 
 
 def lower_triangle(

@@ -20,12 +20,11 @@ import flint
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.certificate.proof import CertificateCheck
+from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
     exact_matrix,
     from_text,
-    is_symmetric,
     matrix_from_text,
     matrix_to_text,
     to_text,
@@ -37,6 +36,7 @@ from cosim.hinf.certificate.system_json import (
     system_from_json,
     system_to_json,
 )
+from cosim.hinf.certificate.theorem import theorem_of
 
 if TYPE_CHECKING:
     from cosim.models import DelaySystem
@@ -51,9 +51,11 @@ def refutation_to_json(
     system: DelaySystem, place: Place, multipliers: Multipliers
 ) -> dict[str, Any]:
     """Return the certificate as JSON values for `check_refutation`, without checking it."""
+    claim = refutation_claim(system, place)
     return {
         "kind": REFUTATION,
-        "claim": refutation_claim(system, place),
+        "theorem": theorem_of(claim),
+        "claim": claim,
         "system": system_to_json(system),
         "at": {
             "k1": [to_text(value) for value in place.k1],
@@ -81,14 +83,13 @@ def check_refutation(data: dict[str, Any]) -> CertificateCheck:
     place = _place(system, data["at"])
     multipliers = _multipliers(system, data["multipliers"])
     claim = refutation_claim(system, place)
-    if data["claim"] != claim:
-        return _not_proved("the claim is not the one that system and place make", claim)
-    named = [("Z", multipliers.Z), ("X", multipliers.X)]
-    named += [(f"Q[{j}]", Q) for j, Q in enumerate(multipliers.Q) if Q is not None]
-    for name, matrix in named:
-        if not is_symmetric(matrix):
-            return _not_proved(f"the multiplier {name} is not symmetric", claim)
-    return refuted(system, place, multipliers)
+    return judged(
+        data,
+        claim,
+        [(f"the multiplier {name}", M) for name, M in multipliers.matrices()],
+        lambda: refuted(system, place, multipliers).reason,
+        makers="system and place",
+    )
 
 
 def gamma_floor(system: DelaySystem, gamma: float) -> dict[str, Any] | None:
@@ -97,9 +98,11 @@ def gamma_floor(system: DelaySystem, gamma: float) -> dict[str, Any] | None:
     for w in (right[0], *np.eye(system.D1.shape[1])):
         column = exact_matrix(np.asarray(w, dtype=np.float64)[:, None])
         if _attains(system, exact(gamma), column):
+            claim = _floor_claim(system, exact(gamma))
             return {
                 "kind": FLOOR,
-                "claim": _floor_claim(system, exact(gamma)),
+                "theorem": theorem_of(claim),
+                "claim": claim,
                 "system": system_to_json(system),
                 "gamma": to_text(exact(gamma)),
                 "w": [to_text(column[i, 0]) for i in range(column.nrows())],
@@ -122,15 +125,9 @@ def check_gamma_floor(data: dict[str, Any]) -> CertificateCheck:
     rows = [[x] for x in data["w"]] if isinstance(data["w"], list) else data["w"]
     w = matrix_from_text(rows, "certificate.w", q, 1)
     claim = _floor_claim(system, gamma)
-    if data["claim"] != claim:
-        return _not_proved("the claim is not the one that system and gamma make", claim)
-    if not _attains(system, gamma, w):
-        return _not_proved("|D1 w| is less than gamma |w|, or w is zero", claim)
-    return CertificateCheck(valid=True, reason=None, claim=claim)
-
-
-def _not_proved(reason: str, claim: dict[str, Any]) -> CertificateCheck:
-    return CertificateCheck(valid=False, reason=reason, claim=claim)
+    short = "|D1 w| is less than gamma |w|, or w is zero"
+    reason = None if _attains(system, gamma, w) else short
+    return judged(data, claim, [], lambda: reason, makers="system and gamma")
 
 
 def _floor_claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:

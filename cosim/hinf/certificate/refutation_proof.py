@@ -57,6 +57,11 @@ class Multipliers:
     X: Any
     Q: tuple[Any, ...]
 
+    def matrices(self) -> list[tuple[str, Any]]:
+        """Return every multiplier with its name: all must be symmetric and positive."""
+        several = [(f"Q[{j}]", Q) for j, Q in enumerate(self.Q) if Q is not None]
+        return [("Z", self.Z), ("X", self.X), *several]
+
 
 class AffineLmi:
     """-Omega at a place, entry by entry: its constant, and its part by each unknown.
@@ -193,9 +198,7 @@ def _failure(system: DelaySystem, place: Place, multipliers: Multipliers) -> str
         )
     if any(value == 0 for value in place.k2):
         return "a k2 is 0"
-    named = [("Z", multipliers.Z), ("X", multipliers.X)]
-    named += [(f"Q[{j}]", Q) for j, Q in enumerate(multipliers.Q) if Q is not None]
-    bad = first_bad_matrix(named)
+    bad = first_bad_matrix(multipliers.matrices())
     if bad is not None:
         return f"the multiplier {bad} is not positive definite"
     lmi = AffineLmi(system, place)

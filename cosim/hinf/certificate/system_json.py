@@ -9,6 +9,7 @@ without entries is left out; its shape follows from the others.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -176,22 +177,34 @@ def first_difference(one: DelaySystem, other: DelaySystem) -> str | None:
 
     Names are ignored; E and H must agree to a relative 1e-9, everything else exactly.
     """
-    kinds = [[(d.d, d.feedback, d.any_age) for d in system.delays] for system in (one, other)]
-    if kinds[0] != kinds[1]:
-        return f"delays (d, feedback, any_age): {kinds[0]} and {kinds[1]}"
-    ages = [[(d.least_age, d.rate, d.sampled) for d in system.delays] for system in (one, other)]
-    if ages[0] != ages[1]:
-        return f"delays (least_age, rate, sampled): {ages[0]} and {ages[1]}"
+    return next(differences(one, other, close=_CLOSE), None)
+
+
+def differences(one: DelaySystem, other: DelaySystem, *, close: float = 0.0) -> Iterator[str]:
+    """Yield every place where two systems differ, as `A[1,2]: 0.5 and 0.6`; names are ignored.
+
+    close : relative distance that entries of E and H may have.
+    """
+    if len(one.delays) != len(other.delays):
+        yield f"delays: {len(one.delays)} and {len(other.delays)}"
+        return
+    for kind in (("d", "feedback", "any_age"), ("least_age", "rate", "sampled")):
+        facts = [
+            [tuple(getattr(d, key) for key in kind) for d in system.delays]
+            for system in (one, other)
+        ]
+        if facts[0] != facts[1]:
+            yield f"delays ({', '.join(kind)}): {facts[0]} and {facts[1]}"
     pairs = {key: (getattr(one, key), getattr(other, key)) for key in MATRICES}
     for i, (a, b) in enumerate(zip(one.delays, other.delays, strict=True), 1):
         pairs |= {f"A{i}": (a.A, b.A), f"H{i}": (a.H, b.H)}
     for key, (a, b) in pairs.items():
         if a.shape != b.shape:
-            return f"{key}: {a.shape} and {b.shape} entries"
-        allowed = (_CLOSE if key[0] in "EH" else 0.0) * np.abs(b)
+            yield f"{key}: {a.shape} and {b.shape} entries"
+            continue
+        allowed = (close if key[0] in "EH" else 0.0) * np.abs(b)
         for i, j in np.argwhere(np.abs(a - b) > allowed).tolist():
-            return f"{key}[{i + 1},{j + 1}]: {float(a[i, j])!r} and {float(b[i, j])!r}"
-    return None
+            yield f"{key}[{i + 1},{j + 1}]: {float(a[i, j])!r} and {float(b[i, j])!r}"
 
 
 def format_value(value: Any) -> str:

@@ -14,7 +14,6 @@ from cosim.core import InputError
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.rational import (
     from_text,
-    is_symmetric,
     matrix_from_text,
     matrix_to_text,
     to_text,
@@ -81,12 +80,3 @@ def variables_from_json(
         k2=scalars("k2"),
         gamma=scalar("gamma", needed=gain),
     )
-
-
-def asymmetric(v: ExactVariables) -> str | None:
-    """Return the name of the first matrix that is not symmetric, or None."""
-    named = [("X", v.X), *((f"Q[{j}]", Q) for j, Q in enumerate(v.Q))]
-    for name, value in [*named, *((f"R[{j}]", R) for j, R in enumerate(v.R))]:
-        if not is_symmetric(value):
-            return name
-    return None

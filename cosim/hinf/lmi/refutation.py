@@ -22,7 +22,7 @@ from cosim.hinf.certificate import (
     Multipliers,
     Place,
     exact,
-    exact_matrix,
+    exact_symmetric,
     refutation_to_json,
     refuted,
 )
@@ -130,8 +130,7 @@ def _rows(problem: Problem, p: Scalars) -> Array:
 def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | None:
     """Multipliers near Z that meet the equalities exactly."""
     lmi = AffineLmi(system, place)
-    W = exact_matrix(np.asarray(Z / np.abs(Z).max(), dtype=np.float64))
-    W = (W + W.transpose()) / 2
+    W = exact_symmetric(np.asarray(Z / np.abs(Z).max(), dtype=np.float64))
     if not _cancel_Y(system, lmi, W):
         return None
     first = {name: lmi.rows.index(name) for name in reversed(lmi.rows)}

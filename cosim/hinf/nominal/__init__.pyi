@@ -8,6 +8,10 @@ from .from_control import (
     frequency_response as frequency_response,
     to_control as to_control,
 )
+from .instability import (
+    Verdict as Verdict,
+    verdict_of as verdict_of,
+)
 from .nominal_figures import (
     NominalFigures as NominalFigures,
     nominal_figures_of as nominal_figures_of,
@@ -17,7 +21,10 @@ from .norm import (
     gain_at as gain_at,
     hinf_norm as hinf_norm,
 )
-from .norm_proof import norm_proved as norm_proved
+from .norm_proof import (
+    norm_certificate as norm_certificate,
+    norm_proved as norm_proved,
+)
 from .roots import (
     characteristic_roots as characteristic_roots,
     spectral_abscissa as spectral_abscissa,

@@ -6,6 +6,7 @@ import math
 from contextlib import suppress
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
@@ -16,6 +17,9 @@ from cosim.hinf.nominal.norm_proof import norm_proved
 from cosim.hinf.nominal.roots import characteristic_roots
 from cosim.hinf.nominal.threads import one_thread
 from cosim.models import DelaySystem
+
+_BEYOND_DOUBLES = (ArithmeticError, np.linalg.LinAlgError)
+"""What numbers far from one, or a root all but on the axis, end a computation with."""
 
 # relative distances of the bounds tried: for a flat gain a close bound takes too long
 _ABOVE = (1e-8, 1e-6, 1e-4, 1e-2)
@@ -28,7 +32,7 @@ class NominalFigures(NamedTuple):
 
     abscissa : spectral abscissa [1/s], computed.
     exact_norm : H-infinity norm from w to z, computed: a gain that is attained. None if the
-        loop is not stable, or there is no w or no z.
+        loop is not stable, or there is no w or no z, or the numbers leave the range of doubles.
     exact_norm_upper : a number that the norm is proved to lie below, by ball arithmetic, and
         the loop proved stable with it; within 1e-8 of `exact_norm` where the gain has a peak,
         less close where it is flat or attained at infinite frequency only. None without a proof.
@@ -57,10 +61,14 @@ def nominal_figures_of(system: DelaySystem, K: ArrayLike) -> NominalFigures:
     loop = close(system, K)
     roots = characteristic_roots(loop, ROOTS if system.has_performance else 1)
     abscissa = float(roots[0].real)
-    peak = hinf_norm(loop, roots) if system.has_performance else None
+    peak = None
+    if system.has_performance:
+        with suppress(*_BEYOND_DOUBLES), np.errstate(over="raise", invalid="raise"):
+            peak = hinf_norm(loop, roots)
     finite = peak is not None and math.isfinite(peak.frequency)
     margins = None
-    with suppress(NotAchievableError):  # a root too close to the axis to decide
+    # also a root too close to the axis to decide
+    with suppress(NotAchievableError, *_BEYOND_DOUBLES):
         margins = delay_margin(system, K, abscissa)
     return NominalFigures(
         abscissa=abscissa,

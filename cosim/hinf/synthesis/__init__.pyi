@@ -27,6 +27,7 @@ from .gain_design import (
     greatest_delay as greatest_delay,
     nominal_gamma as nominal_gamma,
 )
+from .gain_size import gain_remark as gain_remark
 from .greatest_delays import (
     DELAY_LIMIT as DELAY_LIMIT,
     GreatestDelay as GreatestDelay,

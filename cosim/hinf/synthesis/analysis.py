@@ -21,7 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from cosim.core import InputError
 from cosim.hinf.certificate import MAX_ORDER, covers_smaller
 from cosim.hinf.lmi import not_found, solver_words
-from cosim.hinf.nominal import NominalFigures, checked_system, nominal_figures_of
+from cosim.hinf.nominal import (
+    NominalFigures,
+    Verdict,
+    checked_system,
+    nominal_figures_of,
+    verdict_of,
+)
 from cosim.hinf.problem import ages_are_known
 from cosim.hinf.synthesis.conditions import (
     AFFORDABLE_ORDERS,
@@ -75,6 +81,15 @@ class Analysis:
         """Whether the proof covers every delay up to the system's, not exactly these alone."""
         return self.certificate is not None and covers_smaller(self.certificate["claim"])
 
+    @property
+    def verdict(self) -> Literal["certified"] | Verdict:
+        """What is decided: "certified", "unstable" (proved for the nominal loop), "undecided"."""
+        if self.certified:
+            return "certified"
+        if self.abscissa < 0 or any(delay.sampled for delay in self.system.delays):
+            return "undecided"
+        return verdict_of(self.system, gain_of(self.system, self.K), self.abscissa)[0]
+
 
 Order = int | Literal["auto"]
 
@@ -109,7 +124,15 @@ def analyse(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    found = best_analysis(system, K, gamma, order, nominal_figures_of(system, K))
+    figures = nominal_figures_of(system, K)
+    try:
+        with np.errstate(over="raise", invalid="raise"):
+            found = best_analysis(system, K, gamma, order, figures)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        reason = f"numbers that leave the range of doubles ({error}): choose other units"
+        first = AFFORDABLE_ORDERS[0] if order == "auto" else order
+        nothing: dict[str, Any] = dict.fromkeys(("gamma", "least_gamma", "certificate"))
+        found = Analysis(system, K, first, False, reason, **nothing, **figures._asdict())  # noqa: FBT003
     return found if gain is not None else replace(found, K=None)
 
 
@@ -207,10 +230,7 @@ def _analysed(
     proof, level, reason = None, None, None
     least: float | None = None
     if not conditions:
-        reason = (
-            "the nominal loop is not stable: its rightmost root has real part "
-            f"{figures.abscissa:.6g}"
-        )
+        reason = verdict_of(system, K, figures.abscissa)[1]
     floor = float(np.linalg.norm(system.D1, 2))
     reference = max(floor, figures.exact_norm or 0.0) or 1.0
     for condition in conditions:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import NotAchievableError
-from cosim.hinf.certificate import GainLimit, Guarantees, exact, norm_above
+from cosim.hinf.certificate import GainLimit, Guarantees, exact, norm_above, theorem_of
 from cosim.hinf.lmi import (
     FAILED,
     Answer,
@@ -68,7 +68,8 @@ def prove_constraints(
 def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
     """Return the design with the guarantees in its claim, their proofs in its certificate."""
     claim = found.certificate["claim"] | guarantees.claim()
-    certificate = found.certificate | {"claim": claim} | guarantees.to_json()
+    stated = {"theorem": theorem_of(claim), "claim": claim}
+    certificate = found.certificate | stated | guarantees.to_json()
     return replace(found, guarantees=guarantees, certificate=certificate)
 
 

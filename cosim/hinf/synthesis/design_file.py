@@ -75,7 +75,15 @@ def design_from_json(data: Any, *, where: str) -> Design:
     if worst is not None:
         worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
-    own = ("kind", "claim", "system", "variables", "K", *(() if order is not None else (KEY,)))
+    own = (
+        "kind",
+        "theorem",
+        "claim",
+        "system",
+        "variables",
+        "K",
+        *(() if order is not None else (KEY,)),
+    )
     return Design(
         system=system,
         K=np.array(data["K"], dtype=float),

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cosim.core import at_most
 from cosim.trace.assertions import assertions_in, failed_in
 
 GOOD, BAD, OPEN = "good", "bad", "open"
@@ -70,7 +71,7 @@ def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
     broken = [check for check in checks if check.tone == BAD]
     measured = "no gain was measured"
     if gain is not None and gamma is not None:
-        measured = f"measured gain {gain:.4g}, certified bound γ = {gamma:.4g}"
+        measured = f"measured gain {gain:.4g}, certified bound γ = {at_most(gamma, 5)}"
         if gain > gamma:
             word = "above γ" if broken else "above γ although every assumption was met"
             return Check(BAD, f"The measured gain is {word}", measured)

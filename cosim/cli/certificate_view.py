@@ -1,0 +1,107 @@
+"""The check of a certificate, formatted for a terminal."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from cosim.cli.design_view import condition_of
+from cosim.cli.terminal import facts_table
+from cosim.core import at_least, at_most
+from cosim.hinf import CertificateCheck
+from cosim.models import DelaySystem
+from cosim.replay import EmbeddedCertificate
+
+_MOST_DIFFERENCES = 10
+_WHOSE = {
+    "file": "",
+    "FMU": "the gain that the FMU starts with; the proof does not hold for any other",
+    "trace": "the gain of the run",
+}
+
+
+def certificate_view(
+    file: str,
+    certificate: CertificateCheck,
+    found: EmbeddedCertificate,
+    system: DelaySystem,
+    theorem: list[str],
+    compared_with: str | None,
+    differences: list[str] | None,
+) -> RenderableType:
+    """Show the check of a certificate: proved or not, of what, the claim, and for which gain.
+
+    compared_with, differences : the system of --system, and where it is another; or None.
+    """
+    claim = certificate.claim
+    verdict = (
+        Text.assemble(("proved", "bold green"), f": {file}")
+        if certificate.valid
+        else Text.assemble(("not proved", "bold red"), f": {file}\n  {certificate.reason}")
+    )
+    facts = facts_table()
+    about = system_facts(system)
+    facts.add_row("system", about["name"] or "without a name", about["sizes"])
+    facts.add_row("  matrices", "", about["matrices"])
+    if compared_with is not None:
+        same = "every matrix, delay and age is the same" if not differences else ""
+        facts.add_row("  compared with", compared_with, same)
+    for text in (differences or ())[:_MOST_DIFFERENCES]:
+        facts.add_row("    differs", "", text)
+    if len(differences or ()) > _MOST_DIFFERENCES:
+        facts.add_row("    differs", "", f"in {len(differences or ())} places in all")
+    facts.add_row("claim", claim["property"], "")
+    facts.add_row("condition", condition_of(claim), "")
+    gamma, refuted = claim["gamma"], not claim["property"].startswith("stability")
+    if gamma is not None:
+        facts.add_row(
+            "gamma",
+            at_least(gamma) if refuted else at_most(gamma),
+            "rounded here, exact in the file",
+        )
+    for name in (name for name in ("k1", "k2") if name in claim):
+        facts.add_row(name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), "")
+    for i, delay in enumerate(claim["delays"], 1):
+        acts = ", the control acts through this delay" if delay["feedback"] else ""
+        known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
+        more = f" ({', '.join(known)})" if known else ""
+        facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")
+    facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    for name, more in claim.get("guarantees", {}).items():
+        exact = more.get("rate", more.get("bound", more.get("bounds")))
+        values = exact if isinstance(exact, list) else [exact]
+        outward = at_least if "rate" in more else at_most
+        formatted = ", ".join(outward(value) for value in values)
+        facts.add_row(name.replace("_", " "), formatted, more["property"])
+    if "K" in found.data:  # a refutation is about every gain
+        facts.add_row("gain", "K in the certificate", _WHOSE[found.container])
+    facts.add_row("SHA-256", f"{found.sha256}"[:16], "of the certificate without its notes")
+    sentences = Text("theorem\n" + "\n".join(f"  {text}" for text in theorem))
+    return Group(verdict, facts, sentences)
+
+
+def system_facts(system: DelaySystem) -> dict[str, Any]:
+    """Return the name, the sizes and the matrices of a system, as JSON values."""
+    (n, m), (p, q), (r, s) = system.B.shape, system.D1.shape, (len(system.H), system.E.shape[1])
+    counts = ((n, "state"), (m, "input"), (q, "disturbance"), (p, "output"))
+    sizes = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
+    sizes += f", F(t) {s} x {r}" if s else ""
+    matrices = [key for key in ("A", "B", "C", "D", "D1", "D2", "E", "H") if _has(system, key)]
+    matrices += [
+        f"{key}{i}"
+        for i, delay in enumerate(system.delays, 1)
+        for key in ("A", "H")
+        if _has(delay, key)
+    ]
+    return {
+        "name": system.name,
+        "sizes": sizes,
+        "matrices": ", ".join(matrices) + "; the others are zero or absent",
+    }
+
+
+def _has(part: Any, key: str) -> bool:
+    return bool(getattr(part, key).any())

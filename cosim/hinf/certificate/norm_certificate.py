@@ -1,0 +1,100 @@
+"""The certificate of a bound of the nominal norm as JSON: `check_certificate`, kind "norm".
+
+    {"kind": "norm", "theorem": [...], "claim": {...}, "system": {...}, "K": [[...]],
+     "gamma": "p/q", "end": 12.5, "steps": [[c, h], ...]}
+
+All delays are constants, exactly d, and nothing is uncertain, whatever E, H of the system are. The
+intervals [c-h, c+h] of frequencies in rad/s, up to `end`, are what `norm_proof` needs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import flint
+
+from cosim.core import InputError
+from cosim.hinf.certificate.analysis_certificate import gain_from_json
+from cosim.hinf.certificate.analysis_proof import EXACTLY
+from cosim.hinf.certificate.norm_proof import MAX_STEPS, NORM_BITS, NormProof
+from cosim.hinf.certificate.proof import CertificateCheck, claim_of, judged
+from cosim.hinf.certificate.rational import exact, from_text, to_text
+from cosim.hinf.certificate.system_json import (
+    format_value,
+    known_keys,
+    number,
+    system_from_json,
+    system_to_json,
+)
+from cosim.hinf.certificate.theorem import theorem_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cosim.models import DelaySystem, Matrix
+
+NORM = "norm"
+_KEYS = ("kind", "claim", "system", "K", "gamma", "end", "steps")
+
+
+def norm_to_json(
+    system: DelaySystem,
+    gain: Matrix,
+    gamma: float,
+    steps: Sequence[tuple[float, float]],
+    end: float,
+) -> dict[str, Any]:
+    """Return the certificate as JSON values for `check_norm`, without checking it."""
+    claim = _claim(system, exact(gamma))
+    return {
+        "kind": NORM,
+        "theorem": theorem_of(claim),
+        "claim": claim,
+        "system": system_to_json(system),
+        "K": gain.tolist(),
+        "gamma": to_text(exact(gamma)),
+        "end": end,
+        "steps": [list(step) for step in steps],
+    }
+
+
+def check_norm(data: dict[str, Any]) -> CertificateCheck:
+    """Check a bound of the nominal norm from its JSON alone, in ball arithmetic.
+
+    Raises
+    ------
+    InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
+    """
+    own = {key: data[key] for key in _KEYS if key in data}
+    known_keys(own, "certificate", _KEYS, required=_KEYS)
+    system = system_from_json(data["system"])
+    gain = gain_from_json(data["K"], system)
+    if not system.has_performance:
+        raise InputError("this system has no gain to bound", where="system", expected="C and D")
+    gamma, end = from_text(data["gamma"], "gamma"), number(data["end"], "end")
+    rows = data["steps"]
+    fits = isinstance(rows, list) and all(isinstance(x, list) and len(x) == 2 for x in rows)
+    if not fits or len(rows) > MAX_STEPS:
+        raise InputError(
+            "not the intervals of a proof",
+            where="steps",
+            expected=f"at most {MAX_STEPS} pairs of a centre and a half width",
+            got=format_value(rows),
+        )
+    steps = [(number(c, f"steps[{i}]"), number(h, f"steps[{i}]")) for i, (c, h) in enumerate(rows)]
+
+    def reason() -> str | None:
+        if not gamma > 0:
+            return "gamma is not positive"
+        with flint.ctx.workprec(NORM_BITS):
+            return NormProof(system, gain, gamma).failure(steps, end)
+
+    return judged(data, _claim(system, gamma), [], reason, makers="system and gamma")
+
+
+def _claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
+    claim = claim_of(system, gamma)
+    for delay in claim["delays"]:
+        delay["age"] = EXACTLY
+    words = "stability and H-infinity norm < gamma of the nominal loop"
+    return claim | {"property": words, "uncertain": False}

@@ -1,0 +1,188 @@
+"""Proof that the nominal loop is stable and that no frequency has a gain above a level.
+
+Symbols as in `cosim.hinf.nominal.norm`; `cosim.hinf.nominal.norm_proof` finds the intervals. The
+doubles of the system and of K are taken exactly, A + B K is formed in rationals, and everything
+after that is ball arithmetic (`flint.arb`), which encloses its own rounding. Stability is part of
+the proof, not an assumption.
+
+A. Intervals. Steps cover [0, W] by intervals [c-h, c+h]. With S = S(jc), L1 = 1 + sum d_i |A_i|,
+   L2 = sum d_i^2 |A_i|, M1 = sum d_i |D_i|, M2 = sum d_i^2 |D_i| and rho = h L1 |S| < 1, H is
+   regular on the interval, |S(jw)| <= g |S|, |S(jw) C| <= g |S C| and
+   |D(jw) S(jw)| <= g (|D S| + h M1 |S|), g = 1/(1-rho), and so (primes: d/dw)
+
+       |G''| <= b = g|SC| (M2 + 2 M1 g|S| L1 + dr (2 L1^2 g|S| + L2)),  dr = g (|DS| + h M1|S|).
+
+   G(jc) + (w-c) G'(jc) is affine in w and the norm convex, so
+   |G(jw)| <= max |G(jc) +- h G'(jc)| + h^2 b / 2 on the interval.
+B. Beyond W > a = sum |A_i|. |S| <= 1/(w-a) and S = (I + S A)/(jw) give, P_i = D1'D_i C,
+
+       G*G <= D1'D1 + (|P_0 - P_0'| + 2 sum_{i>0} |P_i|)/w + 2 |D1| sum|D_i| sum|A_i C|/(w(w-a))
+              + (sum|D_i| |C|/(w-a))^2,
+
+   whose terms fall with w: once, at w = W, is enough.
+C. Stability. On each interval det H(jw)/det H(jc) = det(I + E) with |E| <= rho (Frobenius), so
+   that its phase, the sum of those of n eigenvalues, stays below sqrt(n) asin(rho), asin(x)/x
+   being increasing. This is kept below pi/2: from centre to centre the phase of det H turns by
+   less than pi, and the principal argument of the quotient is the whole turn, none missed. At
+   R = W and on the arc |s| = R, Re s >= 0, det H(s) = s^n det(I - A(s)/s) has the phase n arg s
+   to less than sqrt(n) asin(sum|A_i|/R) < pi. The argument principle then counts the roots with
+   Re s >= 0 within R, and beyond R there are none: the count is an integer, proved below 1/2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import flint
+
+from cosim.hinf.certificate.ball_matrices import balls, below, exact_terms, floats, size
+from cosim.hinf.certificate.rational import exact_matrix
+from cosim.models import DelaySystem
+
+NORM_BITS = 128
+"""Working precision of the balls."""
+
+MAX_STEPS = 1000
+"""Most intervals of a proof."""
+
+
+class NormProof:
+    """The loop and its constants in balls; to be used at `NORM_BITS` of precision.
+
+    system, K : as of `norm_proved`. level : a double, or a `fmpq`.
+    """
+
+    def __init__(self, system: DelaySystem, K: Any, level: float) -> None:
+        terms = exact_terms(system, K)
+        self.level = flint.arb(level)
+        self.n = system.A.shape[0]
+        self.C, self.D1 = balls(exact_matrix(system.C)), balls(exact_matrix(system.D1))
+        self.delays = [flint.arb(d) for d in terms]
+        self.A = [balls(A) for A, _ in terms.values()]
+        self.D = [balls(D) for _, D in terms.values()]
+        self.eye = flint.acb_mat([[int(i == j) for j in range(self.n)] for i in range(self.n)])
+        a, b = [size(A) for A in self.A], [size(D) for D in self.D]
+        zero = flint.arb(0)
+        self.L1 = 1 + sum((d * x for d, x in zip(self.delays, a, strict=True)), zero)
+        self.L2 = sum((d * d * x for d, x in zip(self.delays, a, strict=True)), zero)
+        self.M1 = sum((d * x for d, x in zip(self.delays, b, strict=True)), zero)
+        self.M2 = sum((d * d * x for d, x in zip(self.delays, b, strict=True)), zero)
+        self.a, self.through = sum(a, zero), sum(b, zero) * size(self.C)
+        self.second = size(self.D1) * sum(b, zero) * sum((size(A * self.C) for A in self.A), zero)
+        P = [self.D1.transpose() * D * self.C for D in self.D]
+        self.first = size(P[0] - P[0].transpose()) + 2 * sum(map(size, P[1:]), zero)
+        # largest rho with sqrt(n) asin(rho) < pi/2; for n = 1 that is 1
+        self.longest = (flint.arb.pi() / (2 * flint.arb(self.n).sqrt())).sin() * flint.arb("0.999")
+
+    def failure(self, steps: Sequence[tuple[float, float]], end: float) -> str | None:
+        """Return what the intervals [c-h, c+h] of `steps` do not prove; None: all is proved.
+
+        They start at c = 0, in order, without a gap, and reach `end`, W of part B.
+        """
+        if not 0 < len(steps) <= MAX_STEPS or steps[0][0] != 0.0:
+            return f"not 1 to {MAX_STEPS} intervals from 0 on"
+        try:
+            return self._failure(steps, end)
+        except ZeroDivisionError:  # H is singular at a centre, or as good as
+            return "a root on the imaginary axis, or as good as"
+
+    def _failure(self, steps: Sequence[tuple[float, float]], end: float) -> str | None:
+        if not self.ends_at(end):
+            return f"the gain beyond {end:g} rad/s is not below gamma"
+        last, done, turned = self.point(0.0), 0.0, flint.arb(0)
+        for c, h in steps:
+            point = self.point(c)
+            if not (h > 0 and c >= last.c and flint.arb(c) - flint.arb(h) <= done):
+                return f"a gap below {c:g} rad/s"
+            if not self.covers(point, h):
+                return f"the gain about {c:g} rad/s is not below gamma"
+            turned += (point.det / last.det).arg()
+            last, done = point, math.nextafter(c + h, 0.0)
+        if not abs(flint.arb(end) - flint.arb(last.c)) <= flint.arb(steps[-1][1]):
+            return "the last interval does not contain the end"
+        stable = self.without_roots(turned, last, end)
+        return None if stable else "the loop is not shown to be stable"
+
+    def ends_at(self, w: float) -> bool:
+        """Part B at W, and the phase on the arc."""
+        W = flint.arb(w)
+        if not self.a < W:
+            return False
+        arc = flint.arb(self.n).sqrt() * (self.a / W).asin() < 3
+        return bool(arc and below(self.D1, self.level**2 - self._beyond(W)))
+
+    def _beyond(self, W: Any) -> Any:
+        """Return the terms that part B adds to D1'D1 at W."""
+        rest = W - self.a
+        return self.first / W + 2 * self.second / (W * rest) + (self.through / rest) ** 2
+
+    def without_roots(self, turned: Any, last: NormPoint, end: float) -> bool:
+        """Part C, given the turn from 0 to `last`."""
+        R = flint.acb(0, end)
+        det = self._H(R)[0].det()
+        turned += (det / last.det).arg()
+        beyond = (det / R**self.n).arg()
+        roots = flint.arb(self.n) / 2 + (beyond - turned) / flint.arb.pi()
+        return bool(roots < 0.5)
+
+    def _H(self, s: Any) -> tuple[Any, list[Any]]:
+        """Return H(s) and the factors e^{-s d_i}."""
+        late = [(-s * d).exp() for d in self.delays]
+        H = s * self.eye
+        for A, e in zip(self.A, late, strict=True):
+            H = H - A * e
+        return H, late
+
+    def point(self, c: float) -> NormPoint:
+        """Return H and G with their derivatives at jc."""
+        j = flint.acb(0, 1)
+        H, late = self._H(flint.acb(0, c))
+        H1, D, D1 = self.eye * j, self.D[0], self.D[0] * 0
+        for d, e, A, Di in list(zip(self.delays, late, self.A, self.D, strict=True))[1:]:
+            H1 = H1 + A * (j * d * e)
+            D, D1 = D + Di * e, D1 - Di * (j * d * e)
+        S = H.inv()
+        SC, DS = S * self.C, D * S
+        G, slope = DS * self.C + self.D1, D1 * SC - DS * (H1 * SC)
+        sizes = (size(S), size(SC), size(DS))
+        return NormPoint(c, H.det(), G, slope, sizes, floats(G), floats(slope))
+
+    def covers(self, point: NormPoint, h: float) -> bool:
+        """Part A on [c-h, c+h], in balls."""
+        step = flint.arb(h)
+        if not step * self.L1 * point.sizes[0] < self.longest:
+            return False
+        constants = (self.L1, self.L2, self.M1, self.M2)
+        more = step**2 * bend(step, point.sizes, constants) / 2
+        room, change = self.level - more, point.slope * step
+        return bool(
+            room > 0 and below(point.G + change, room**2) and below(point.G - change, room**2)
+        )
+
+
+class NormPoint(NamedTuple):
+    """H and G about jc.
+
+    det : det H.
+    G, slope : G and dG/dw; `gain` and `change` are these as floats.
+    sizes : |S|, |S C|, |D S|.
+    """
+
+    c: float
+    det: Any
+    G: Any
+    slope: Any
+    sizes: tuple[Any, Any, Any]
+    gain: Any
+    change: Any
+
+
+def bend(h: Any, sizes: Sequence[Any], constants: Sequence[Any]) -> Any:
+    """Return b of part A, for floats or balls."""
+    S, SC, DS = sizes
+    L1, L2, M1, M2 = constants
+    g = 1 / (1 - h * L1 * S)
+    dr = g * (DS + h * M1 * S)
+    return g * SC * (M2 + 2 * M1 * g * S * L1 + dr * (2 * L1**2 * g * S + L2))

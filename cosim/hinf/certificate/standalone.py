@@ -1,0 +1,263 @@
+"""Check a certificate with Python's standard library alone: python standalone.py FILE.
+
+For those who doubt the prover: no line is shared with it, and all arithmetic is of fractions
+(`standalone_numbers.py`, to be kept beside this file). exact_lmi.py derives Theorem 2, decay.py and
+control_limits.py the guarantees, refutation_proof.py refutations, docs/theory.md the functionals of
+an analysis. The sentences under "theorem" and "hypotheses" are not read.
+"""
+# mypy: ignore-errors
+# ruff: noqa: ANN001, ANN201, ANN202, B905, D103, FBT002, N817, T201
+
+import sys
+from fractions import Fraction as F
+from itertools import product
+from pathlib import Path
+
+if __package__:
+    from cosim.hinf.certificate import standalone_numbers as sn
+    from cosim.hinf.certificate.standalone_analysis import analysis_proved
+else:
+    import standalone_numbers as sn
+    from standalone_analysis import analysis_proved
+M, need, total = sn.M, sn.need, sn.total
+
+UP_TO, ANY = "constant, up to d", "any, however it varies, up to d"
+
+
+def claim_of(s, gamma):
+    each = zip(s.d[1:], s.varies[1:], s.fed[1:])
+    claim = {
+        "property": "stability" if gamma is None else "stability and H-infinity gain <= gamma",
+        "gamma": None if gamma is None else str(gamma),
+        "delays": [
+            {"d": d, "age": ANY if varies else UP_TO, "feedback": fed} for d, varies, fed in each
+        ],
+        "uncertain": s.s > 0,
+        "inputs": "doubles",
+    }
+    return claim | ({"feedback": s.fed[0]} if isinstance(s.fed[0], list) else {})
+
+
+def variables_of(s, table, gain):
+    X, Q, R, eps, k1, k2, gamma = sn.values(table, "X Q R eps k1 k2 gamma", "Y")
+    need(all(len(x) == len(s.delays) for x in (Q, R, k1, k2)), "not one of each per delay")
+    Q, R = ([sn.symmetric(x, s.n) for x in each] for each in (Q, R))
+    k1, k2 = ([sn.text(x) for x in each] for each in (k1, k2))
+    eps, gamma = sn.scalar(eps, needed=s.s), sn.scalar(gamma, needed=gain)
+    return sn.symmetric(X, s.n), Q, R, eps, k1, k2, gamma
+
+
+def omega(s, loop, X, Q, R, eps, k1, k2, gamma, z=True, rate=0):
+    """Omega of Theorem 2 without its rows m_j (Schur complement); loop: G_i, Z_i, H_i X."""
+    late = range(1, len(s.d))
+    rows = [(f"x{i}", s.n) for i in range(len(s.d))]
+    rows += [("w", s.q), ("z", s.p * z)] if gamma is not None else []
+    o = sn.Form([*rows, *((f"r{j}", s.n) for j in late if s.d[j]), ("h", s.r)])
+    x = [o[f"x{i}"] for i in range(len(s.d))]
+    f, out, h = (total(A @ y for A, y in zip(each, x)) for each in loop)
+    f = f + s.C @ o["w"] + rate * X @ x[0]
+    o.add(x[0], f)
+    o.add(o["z"], out + s.D1 @ o["w"])
+    o.add(o["h"], h)
+    e = s.E.T @ (x[0] + total(s.d[j] * o[f"r{j}"] for j in late))
+    for y, weight in (
+        (e, eps),
+        (o["h"], -(eps or 0)),
+        (o["w"], -(gamma or 0)),
+        (o["z"], -(gamma or 0)),
+    ):
+        o.add(y, y, (weight or 0) / F(2))
+    for j, Q_j, R_j, one, two in zip(late, Q, R, k1, k2):
+        slack, r, d = one * x[0] + two * x[j], o[f"r{j}"], s.d[j]
+        o.square(x[0], Q_j)
+        o.square(x[j], Q_j, -1)
+        o.add(slack, X @ (x[0] + -1 * x[j]))
+        o.square(slack, R_j, d)
+        o.add(r, f, d)
+        o.square(r, R_j, -d)
+    return o
+
+
+def theorem_2(s, X, Q, R, eps, k1, k2, gamma, z=True, rate=0, growth=None):
+    """X > 0, Q > 0 (0 where any age is allowed), R > 0, k2 /= 0 and -Omega > 0 for Y = K X."""
+    need(s.whole and all(k2), "k2 is 0, or the state is not fed back as a whole")
+    sn.positive(X, s.n, "X")
+    for j, (Q_j, R_j) in enumerate(zip(Q, R), 1):
+        need(not s.varies[j] or not Q_j, "Q is not 0 where any age is allowed")
+        for name, A in (("R", R_j), *([] if s.varies[j] else [("Q", Q_j)])):
+            sn.positive(A, s.n, name)
+    growth = [1, *(growth or [1] * len(Q))]
+    G, H = ([c * A @ X for c, A in zip(growth, each)] for each in (s.A, s.H))
+    o = omega(s, (G, [D @ X for D in s.D], H), X, Q, R, eps, k1, k2, gamma, z, rate)
+    sn.positive(-1 * o.matrix, o.n, "-Omega")
+
+
+def design(c, s):
+    v = variables_of(s, c["variables"], s.q and s.p)
+    need(s.K @ v[0] == sn.matrix(c["variables"]["Y"], s.m, s.n), "Y is not K X")
+    theorem_2(s, *v)
+    readers = {"decay": decay, "gain_limit": gain_limit, "peak_control": peak_control}
+    more = {name: readers[name](s, table) for name, table in c.get("guarantees", {}).items()}
+    return claim_of(s, v[-1]) | ({"guarantees": more} if more else {})
+
+
+def above_exp(x):
+    """A bound of e^x: 50 terms of Taylor's series at x / 2^k < 1, then k squares, rounded up."""
+    k, bound = int(x).bit_length(), F(2)
+    for i in [*range(50, 0, -1), *[0] * k]:
+        bound = 1 + x / 2**k * bound / i if i else bound**2
+        bound = -(-bound * 2**300 // 1) / F(2**300)
+    return bound
+
+
+def decay(s, table):
+    rate, growth, v = sn.values(table, "rate growth variables")
+    rate, growth, v = sn.text(rate), [sn.text(x) for x in growth], variables_of(s, v, gain=False)
+    need(rate > 0 and len(growth) == len(s.delays), "no rate, or not one growth per delay")
+    ends = []
+    for j, end in enumerate(growth, 1):
+        acts = s.d[j] > 0 and (s.open[j] or s.H[j] or (s.fed[j] and s.B))
+        need(not acts or end >= above_exp(rate * s.d[j]), "growth is below exp(rate d)")
+        ends.append((1, end) if acts else (1,))
+    for corner in product(*ends):
+        theorem_2(s, *v, rate=rate, growth=corner)
+    words = "every solution with w = 0 decays at least as exp(-rate t)"
+    return {"property": words, "rate": str(rate)}
+
+
+def gain_limit(s, table):
+    bound = sn.text(*sn.values(table, "bound"))
+    need(bound >= 0, "the bound is negative")
+    sn.positive(bound**2 * sn.eye(s.m) + -1 * s.K @ s.K.T, s.m, "bound^2 - K K'")
+    return {"property": "the largest singular value of K is at most bound", "bound": str(bound)}
+
+
+def peak_control(s, table):
+    bounds, offset, energy, v = sn.values(table, "bounds offset energy variables")
+    bounds, offset, energy = [[sn.text(x) for x in each] for each in (bounds, offset, [energy])]
+    need(min(bounds + offset + energy) >= 0, "a bound, an offset or the energy is negative")
+    need((len(bounds), len(offset)) == (s.m, s.n) and (s.q or not energy[0]), "a wrong length")
+    need(sum(x > 0 for x in offset) <= 8, "too many corners")
+    X, Q, *v = variables_of(s, v, energy[0])
+    theorem_2(s, X, Q, *v, z=False)
+    P = inverse(X, s.n)
+    P = P @ (X + total(d * A for d, A in zip(s.d[1:], Q))) @ P
+    starts = product(*((x, -x)[: 1 + (x > 0)] for x in offset))
+    columns = [M({(i, 0): x for i, x in enumerate(start)}) for start in starts]
+    level = max((x.T @ P @ x).get((0, 0), 0) for x in columns) + (v[-1] or 0) * energy[0] ** 2
+    KXK = s.K @ X @ s.K.T
+    need(all(x**2 >= level * KXK.get((i, i), 0) for i, x in enumerate(bounds)), "bounds too low")
+    words = "|u_i(t)| <= bounds_i for every t, from any constant initial state with |x_i| <= "
+    words += "offset_i, with any w of int w'w <= energy^2"
+    texts = [str(x) for x in bounds], [str(x) for x in offset], str(energy[0])
+    return {"property": words, **dict(zip(("bounds", "offset", "energy"), texts))}
+
+
+def inverse(A, n):
+    """A^-1 for A > 0, by elimination."""
+    B = sn.eye(n)
+    for k in range(n):
+        column = M({(i, 0): A.get((i, k), 0) - (i == k) for i in range(n)})
+        rows = [M({(0, j): x / A[k, k] for (i, j), x in e.items() if i == k}) for e in (A, B)]
+        A, B = (each + -1 * column @ row for each, row in zip((A, B), rows))
+    return B
+
+
+def refutation(c, s):
+    """Farkas: multipliers > 0 that cancel every unknown of Omega and leave nothing positive."""
+    n, late, none = s.n, range(1, len(s.d)), M()
+    k1, k2, gamma = sn.values(c["at"], "k1 k2 gamma")
+    (k1, k2), gamma = (
+        [[sn.text(x) for x in each] for each in (k1, k2)],
+        sn.scalar(gamma, needed=s.q and s.p),
+    )
+    Z, X, Q = sn.values(c["multipliers"], "Z X Q")
+    need(
+        s.whole and len(k1) == len(k2) == len(Q) == len(s.delays) and all(k2), "no k2, or a length"
+    )
+    need([x is None for x in Q] == s.varies[1:], "a multiplier Q for any age, or none")
+
+    def at(X=none, Y=none, Q=(), R=(), eps=0):
+        G = [A @ X + (s.B @ Y if fed else none) for A, fed in zip(s.open, s.fed)]
+        out = [
+            (s.open_D @ X if i == 0 else none) + (s.D2 @ Y if fed else none)
+            for i, fed in enumerate(s.fed)
+        ]
+        matrices = [[own.get(j, none) for j in late] for own in (dict(Q), dict(R))]
+        return omega(s, (G, out, [H @ X for H in s.H]), X, *matrices, eps, k1, k2, gamma)
+
+    constant = at()
+    Z = sn.symmetric(Z, constant.n)
+    own = {"X": sn.symmetric(X, n)} | {j: sn.symmetric(A, n) for j, A in enumerate(Q, 1) if A}
+    sn.positive(Z, constant.n, "the multiplier Z")
+    for A in own.values():
+        sn.positive(A, n, "a multiplier")
+
+    def against(A, B):
+        return sum(x * B.get(key, 0) for key, x in A.items())
+
+    units = [M({(i, j): F(1), (j, i): F(1)}) for i in range(n) for j in range(i + 1)]
+    unknowns = [({"X": U}, own["X"], U) for U in units]
+    unknowns += [({"Q": [(j, U)]}, own[j], U) for U in units for j in late if not s.varies[j]]
+    unknowns += [({"R": [(j, U)]}, none, U) for U in units for j in late]
+    unknowns += [({"Y": M({(i, j): F(1)})}, none, none) for i in range(s.m) for j in range(n)]
+    unknowns += [({"eps": F(1)}, none, none)] if s.s else []
+    for unknown, A, U in unknowns:
+        change = at(**unknown).matrix + -1 * constant.matrix
+        need(against(change, Z) == against(U, A), "the multipliers do not cancel an unknown")
+    need(against(constant.matrix, Z) >= 0, "the multipliers leave a positive constant")
+    words = [("any age up to it" if x else "constant") + ", it or more" for x in s.varies[1:]]
+    delays = [{"d": d, "age": x, "feedback": y} for d, x, y in zip(s.d[1:], words, s.fed[1:])]
+    place = {"k1": [str(x) for x in k1], "k2": [str(x) for x in k2], "delays": delays}
+    words = "no X, Y, Q, R, eps meets the LMI of Theorem 2 at these k1, k2"
+    return claim_of(s, gamma) | place | {"property": words}
+
+
+def gamma_floor(c, s):
+    gamma, w = sn.text(c["gamma"]), sn.matrix([[x] for x in c["w"]], s.q, 1)
+    size, gain = ((x.T @ x).get((0, 0), 0) for x in (w, s.D1 @ w))
+    need(gamma > 0 and size > 0 and gain >= gamma**2 * size, "|D1 w| is below gamma |w|")
+    words = "no delay, k1, k2 and K meet the LMI of Theorem 2: gamma <= ||D1||"
+    return claim_of(s, gamma) | {"property": words, "delays": []}
+
+
+def analysis(c, s):
+    gamma, delays, more = analysis_proved(c, s)
+    claim = claim_of(s, gamma)
+    both = zip(claim["delays"], delays)
+    return claim | {"delays": [own | changed for own, changed in both]} | more
+
+
+CHECKS = {
+    None: (design, "claim system variables K"),
+    "analysis": (analysis, "kind claim system variables K"),
+    "ages": (analysis, "kind claim system variables K"),
+    "refutation": (refutation, "kind claim system at multipliers"),
+    "gamma floor": (gamma_floor, "kind claim system gamma w"),
+}
+
+
+def check(content):
+    """Return the claim that the bytes of a certificate prove; RefusedError if they prove none."""
+    try:
+        c = sn.loaded(content)
+        kind = c.get("kind")
+        need(kind in CHECKS, f"certificates of kind {kind!r} are not read here")
+        proof, required = CHECKS[kind]
+        need({*required.split()} <= {*c}, f"expected the keys {required}")
+        proved = proof(c, sn.Loop(c["system"], c.get("K")))
+        claim = {key: x for key, x in c["claim"].items() if key != "hypotheses"}
+        need(claim == proved, "the claim is not the one that is proved")
+    except sn.RefusedError:
+        raise
+    except Exception as error:
+        raise sn.RefusedError(f"not a certificate: {error!r}") from error
+    return proved
+
+
+if __name__ == "__main__":
+    try:
+        proved = check(Path(sys.argv[1]).read_bytes())
+    except sn.RefusedError as refused:
+        sys.exit(f"not proved: {refused}")
+    print("proved:", *(f"  {key}: {value}" for key, value in proved.items()), sep="\n")
