@@ -367,6 +367,7 @@ def test_a_delay_box_with_too_small_a_lower_end_is_refused() -> None:
 
     def down_to(lower: Any) -> Any:
         other = copy.deepcopy(data)
+        del other["theorem"]  # the words of another claim
         other["variables"]["lower"] = [lower]
         other["claim"]["delays"][0]["age"] = f"constant, from {lower} to d"
         return other
