@@ -40,6 +40,9 @@ from cosim.hinf.synthesis.conditions import (
 from cosim.models import DelaySystem, Matrix
 
 _ABOVE_LEAST = (2e-6, 1e-5, 5e-5, 3e-4, 2e-3, 1e-2, 5e-2)
+_COSTLY = 500
+"""Unknowns from which a proof takes seconds: the finest levels above the least gamma are left."""
+_FIRST_IF_COSTLY = 3
 _MUCH = 0.1  # share of gamma worth a proof of exactly these delays, or an odd gain
 
 
@@ -153,9 +156,18 @@ def check_order_of_analysis(order: Order) -> None:
 
 
 def best_analysis(
-    system: DelaySystem, K: Matrix, gamma: float | None, order: Order, figures: NominalFigures
+    system: DelaySystem,
+    K: Matrix,
+    gamma: float | None,
+    order: Order,
+    figures: NominalFigures,
+    *,
+    ranking: bool = False,
 ) -> Analysis:
-    """Return the best proof of this order or of all; where there is none, that of the first."""
+    """Return the best proof of this order or of all; where there is none, that of the first.
+
+    `ranking` : of all orders only what is quick, to compare gains with each other.
+    """
     made: list[Analysis] = []
     excluded = figures.abscissa >= 0 and not any(delay.sampled for delay in system.delays)
     bounded = system.has_performance
@@ -164,7 +176,7 @@ def best_analysis(
     for own in orders:
         conditions: list[Condition] = []
         if order == "auto" and not excluded:
-            conditions = affordable_conditions(system, K, own, performance=bounded)
+            conditions = affordable_conditions(system, K, own, performance=bounded, ranking=ranking)
         elif not excluded:
             conditions = conditions_of(system, K, own, performance=bounded)
         if not conditions and not excluded:
@@ -243,7 +255,9 @@ def _analysed(
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
             if gamma is None and found is not None:
-                levels = [float(f"{found * (1 + share):.7g}") for share in _ABOVE_LEAST]
+                costly = condition.unknowns(delays) > _COSTLY
+                shares = _ABOVE_LEAST[_FIRST_IF_COSTLY:] if costly else _ABOVE_LEAST
+                levels = [float(f"{found * (1 + share):.7g}") for share in shares]
         for level in levels:
             proof, why_not = prove(condition, system, K, level)
             if proof is not None:

@@ -28,6 +28,7 @@ from cosim.hinf.synthesis.analysis import (
 )
 from cosim.hinf.synthesis.conditions import (
     Condition,
+    affordable_conditions,
     affordable_order,
     conditions_of,
     prove,
@@ -131,9 +132,12 @@ def certified_age(
     limit: float,
     precision: float,
 ) -> tuple[float | None, bool]:
-    """Return the age [s] that `certified_delay` finds, and whether it is the limit; no figures."""
+    """Return the age [s] that `certified_delay` finds, and whether it is the limit.
+
+    By quick conditions alone, and without the figures of the loop.
+    """
     order = affordable_order(system, K, performance=gamma is not None)
-    found = _searched(system, K, gamma, delay_index, order, limit, precision).d
+    found = _searched(system, K, gamma, delay_index, order, limit, precision, quick=True).d
     return found, found is not None and found >= limit
 
 
@@ -145,8 +149,10 @@ def _searched(
     order: int,
     limit: float,
     precision: float,
+    *,
+    quick: bool = False,
 ) -> _Search:
-    search = _Search(system, K, gamma, delay_index, precision)
+    search = _Search(system, K, gamma, delay_index, precision, quick=quick)
     if order and not system.delays[delay_index].any_age:
         search.climb(0, limit, start=0.0, step=2.0, precision=_STEP - 1)
         if search.d != limit:
@@ -174,7 +180,10 @@ class _Search:
         gamma: float | None,
         delay_index: int,
         precision: float,
+        *,
+        quick: bool,
     ) -> None:
+        self._quick = quick
         self._system, self._K, self._gamma, self._which = system, K, gamma, delay_index
         self._precision = precision
         self.d: float | None = None
@@ -195,7 +204,15 @@ class _Search:
             self.certificate = wide or self.certificate
 
     def _conditions(self, order: int) -> list[Condition]:
-        return conditions_of(self._system, self._K, order, performance=self._gamma is not None)
+        bounded = self._gamma is not None
+        if self._quick:
+            # those that compare gains: many delays are tried
+            found = affordable_conditions(
+                self._system, self._K, order, performance=bounded, ranking=True
+            )
+            if found:
+                return found
+        return conditions_of(self._system, self._K, order, performance=bounded)
 
     def climb(
         self, order: int, limit: float, *, start: float, step: float, precision: float = 0.0

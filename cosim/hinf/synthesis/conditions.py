@@ -41,8 +41,10 @@ Its unknowns grow with the square of the rows: with 60 a solve takes about a min
 """
 _MOST_UNKNOWNS = 300
 """Unknowns, counted at every corner, up to which an order is affordable: a second per solve."""
-_MOST_WITH_AGES = 1200
-"""So too where more is known of an age than its bound: the four axes of the vehicle have 1140."""
+_MOST_WITH_AGES = 3500
+"""So too where more is known of an age than its bound: half a minute for a vehicle's axes."""
+_MOST_FOR_RANKING = 500
+"""So too where gains are compared with each other before the best one is analysed in full."""
 AFFORDABLE_ORDERS = (0, 1, 2)
 """Orders that are tried where none is asked for."""
 
@@ -74,11 +76,12 @@ def conditions_of(
 
 
 def affordable_conditions(
-    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool
+    system: DelaySystem, K: NDArray[Any], order: int, *, performance: bool, ranking: bool = False
 ) -> list[Condition]:
     """Return the conditions of this order that take a few seconds at most and may gain something.
 
-    At order 0, of which one is always affordable, and with known ages up to order 1.
+    At order 0, of which one is always affordable, and with known ages up to order 1. `ranking`:
+    to compare gains with each other; about a second each.
     """
     found = conditions_of(system, K, order, performance=performance)
     late = [x for x in system.delays if x.d > 0]
@@ -94,7 +97,7 @@ def affordable_conditions(
     known = any(x.ages_are_known for x in late)
     if known and order > 1:
         return []
-    most = _MOST_WITH_AGES if known else _MOST_UNKNOWNS
+    most = (_MOST_FOR_RANKING if ranking else _MOST_WITH_AGES) if known else _MOST_UNKNOWNS
     return [x for x in found if cost(x) <= most] or ([] if order else found[-1:])
 
 

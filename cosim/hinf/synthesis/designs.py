@@ -26,6 +26,7 @@ from cosim.hinf.synthesis.analysis import (
     analyse,
     best_analysis,
     check_gamma,
+    gain_of,
 )
 from cosim.hinf.synthesis.not_achievable import hint_after
 from cosim.models import DelaySystem, Matrix
@@ -132,6 +133,7 @@ def proved_by_analysis(
     order: Order,
     *,
     enough: Callable[[Sequence[Analysis]], bool] = lambda made: made[-1].certified,
+    ranking: bool = False,
 ) -> Design:
     """Return the best proof of the gains that are proposed, each analysed at this order.
 
@@ -141,6 +143,7 @@ def proved_by_analysis(
     gamma : a bound to prove instead of the least one.
     order : of the analysis, or "auto".
     enough : whether these analyses, of the gains so far, end the proposals.
+    ranking : compare the gains by quick analyses first, and analyse the best one in full.
 
     Raises
     ------
@@ -156,12 +159,16 @@ def proved_by_analysis(
             except NotAchievableError as error:  # a loop too fast for its roots to be counted
                 reason = error.what
                 continue
-            made.append(best_analysis(system, K, gamma, order, figures))
+            made.append(best_analysis(system, K, gamma, order, figures, ranking=ranking))
             if enough(made) or (
                 made[-1].certified and (made[-1].gamma is None or gamma is not None)
             ):
                 break
             reason = made[-1].reason or reason
+    if ranking:
+        proved = [one for one in made if one.certified]
+        best = sorted(proved, key=lambda one: one.gamma or 0.0)[:1]
+        made += [_in_full(one, gamma, order) for one in best or made]
     proved = [one for one in made if one.certified]
     if proved:
         return design_of_analysis(min(proved, key=lambda one: one.gamma or 0.0))
@@ -188,6 +195,12 @@ def proved_by_analysis(
             failure, "a larger gamma, a shorter delay, a smaller envelope, another order"
         ),
     )
+
+
+def _in_full(quick: Analysis, gamma: float | None, order: Order) -> Analysis:
+    """Return the full analysis of the gain of a quick one."""
+    figures = NominalFigures(**{name: getattr(quick, name) for name in NominalFigures._fields})
+    return best_analysis(quick.system, gain_of(quick.system, quick.K), gamma, order, figures)
 
 
 def given_gain_design(

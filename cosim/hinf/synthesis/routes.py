@@ -188,7 +188,9 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
         failures: list[str] = []
         gains = gains_for_shorter_ages(s, asked.k1, asked.k2, failures, search=search)
         try:
-            return proved_by_analysis(s, gains, gamma, order, enough=is_past_the_best)
+            return proved_by_analysis(
+                s, gains, gamma, order, enough=is_past_the_best, ranking=order == "auto"
+            )
         except NotAchievableError as error:
             if failures:
                 error.got = "; ".join([str(error.got), *failures[:2]])
