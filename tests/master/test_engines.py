@@ -77,7 +77,9 @@ def both(make: Callable[[], System]) -> Run:
 LINKS: dict[str, list[Link]] = {
     "wires": [],
     "packets": [
-        PacketLink("sc", ns(0.1), 0, ns(0.033), Jitter("uniform", width_ns=ns(0.05)), loss=0.2),
+        PacketLink(
+            "sc", ns(0.1), 0, ns(0.033), jitter=Jitter("uniform", width_ns=ns(0.05)), loss=0.2
+        ),
         PacketLink("ca", ns(0.07), ns(0.01), ns(0.02)),
     ],
     "as arrived": [
@@ -86,7 +88,7 @@ LINKS: dict[str, list[Link]] = {
             ns(0.05),
             0,
             ns(0.01),
-            Jitter("exponential", mean_ns=ns(0.1)),
+            jitter=Jitter("exponential", mean_ns=ns(0.1)),
             order="as-arrived",
         )
     ],

@@ -43,7 +43,9 @@ def engine(request: pytest.FixtureRequest) -> EngineName:
 def linked(fmu: Path, **more: Any) -> System:
     """Two scalars over a packet link that loses messages, and a transport link."""
     links = [
-        PacketLink("p", ns(0.05), 0, ns(0.033), Jitter("uniform", width_ns=ns(0.1)), loss=0.3),
+        PacketLink(
+            "p", ns(0.05), 0, ns(0.033), jitter=Jitter("uniform", width_ns=ns(0.1)), loss=0.3
+        ),
         TransportLink("t", ns(0.07)),
     ]
     pairs = (("a.x", "b.u", "p"), ("b.x", "a.u", "t"))
