@@ -85,4 +85,5 @@ from .synthesis import (
     greatest_delay as greatest_delay,
     message_ages as message_ages,
     nominal_gamma as nominal_gamma,
+    quickly_proved as quickly_proved,
 )

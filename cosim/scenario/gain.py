@@ -22,6 +22,7 @@ from cosim.hinf import (
     auv_system,
     design,
     first_difference,
+    quickly_proved,
     system_by_name,
 )
 from cosim.models import Delay, DelaySystem
@@ -173,7 +174,6 @@ def like_feedback(system: DelaySystem, like: Delay | None) -> DelaySystem:
 
 
 _ONE_AGE = "constant, exactly d"
-_LARGE = 6  # more states than this, and order 1 takes minutes for a sampled age
 
 
 def require_up_to(found: Design) -> None:
@@ -287,8 +287,10 @@ def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> Design
     if linked is problem or found.gamma is None or part.order is not None:
         return found
     try:
-        order = 1 if len(linked.system.A) <= _LARGE else 0
-        better = solve(linked, found.K.tolist(), order)
+        better = quickly_proved(linked.system, found.K)
+        if better is None:
+            return found
+        require_up_to(better)
     except NotAchievableError:
         return found
     return better if better.gamma is not None and better.gamma < found.gamma else found

@@ -147,7 +147,7 @@ def system_of(fmu: Path, n: int, *, steps: int, links: bool) -> System:
     if links:
         ways = {
             name: PacketLink(
-                name, 10 * _MS, 0, 30 * _MS, Jitter("uniform", width_ns=20 * _MS), loss=0.05
+                name, 10 * _MS, 0, 30 * _MS, jitter=Jitter("uniform", width_ns=20 * _MS), loss=0.05
             )
             for name in ("up", "down")
         }

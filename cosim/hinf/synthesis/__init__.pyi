@@ -21,7 +21,10 @@ from .design_file import (
     design_from_json as design_from_json,
     design_to_json as design_to_json,
 )
-from .designs import Design as Design
+from .designs import (
+    Design as Design,
+    quickly_proved as quickly_proved,
+)
 from .gain_design import (
     design as design,
     greatest_delay as greatest_delay,

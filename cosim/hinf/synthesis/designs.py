@@ -197,6 +197,20 @@ def proved_by_analysis(
     )
 
 
+def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Design | None:
+    """Return the best proof of a given gain that takes about a second; None without one.
+
+    Raises
+    ------
+    InputError : numbers that do not fit the system.
+    NotAchievableError : roots of the nominal loop that cannot be found.
+    """
+    K = gain_of(system, gain)
+    figures = nominal_figures_of(system, K)
+    found = best_analysis(system, K, None, "auto", figures, ranking=True)
+    return design_of_analysis(found) if found.certified else None
+
+
 def _in_full(quick: Analysis, gamma: float | None, order: Order) -> Analysis:
     """Return the full analysis of the gain of a quick one."""
     figures = NominalFigures(**{name: getattr(quick, name) for name in NominalFigures._fields})
