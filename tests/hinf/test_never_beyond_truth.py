@@ -223,6 +223,7 @@ def enough(tally: Counter[str], systems: int) -> None:
     assert tally["bessel_legendre design"] >= 1
 
 
+@pytest.mark.slow
 def test_nothing_is_claimed_beyond_the_truth_of_twenty_systems() -> None:
     """Some of the two hundred, of each number of states, with a part of their claims."""
     tally: Counter[str] = Counter()
