@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from cosim.core.errors import InputError
 from cosim.hinf.certificate.system_json import MATRICES, system_from_json, system_to_json
-from cosim.hinf.problem.system_toml import load_system, system_from_toml
+from cosim.hinf.problem.system_toml import load_system, parse_toml, system_from_toml
 from cosim.models import paper_example
 from cosim.models.delay_system import Delay, DelaySystem
 
@@ -269,3 +270,20 @@ def test_weights_that_are_wrong_are_named(line: str, words: list[str]) -> None:
         _read(PAPER.replace("d = 0.3\n", f"d = 0.3\n{line}\n"))
     for word in words:
         assert word in str(caught.value)
+
+
+def test_nothing_is_collected_where_nesting_uses_up_the_stack(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A finaliser would fail there and print why; the collector goes on afterwards."""
+    seen: list[bool] = []
+
+    def loads(_text: str) -> dict[str, object]:
+        seen.append(gc.isenabled())
+        raise RecursionError
+
+    monkeypatch.setattr("cosim.hinf.problem.system_toml.tomllib.loads", loads)
+    with pytest.raises(InputError, match="malformed TOML"):
+        parse_toml("", "here")
+    assert seen == [False]
+    assert gc.isenabled()

@@ -54,6 +54,7 @@ Optional settings of a design, k1 and k2 one number per delay, with its constrai
 
 from __future__ import annotations
 
+import gc
 import re
 import tomllib
 from dataclasses import dataclass, field
@@ -199,6 +200,9 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     ------
     InputError : it is malformed; the message has the line and its content.
     """
+    # a finaliser that the collector runs where nesting has used up the stack would fail, and say so
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -213,6 +217,9 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         # beyond the limits of the parser: an integer of thousands of digits, deep nesting
         raise InputError("malformed TOML", where=where, got=str(error)) from error
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def _delays(data: dict[str, Any], where: str) -> list[Delay]:
