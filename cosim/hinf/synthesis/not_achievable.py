@@ -40,7 +40,12 @@ def none_succeeded(errors: Sequence[tuple[str, NotAchievableError]]) -> NotAchie
     first = errors[0][1]
     if len(errors) == 1:
         return first
-    others = [f"{name}: {error.what}" for name, error in errors[1:]]
+    others = [
+        f"{name}: {error.what}"
+        # how near another route came
+        + (f" ({error.got})" if "least that was found" in str(error.got) else "")
+        for name, error in errors[1:]
+    ]
     proofs = [error.certificate for _, error in errors if error.certificate is not None]
     return NotAchievableError(
         first.what,
