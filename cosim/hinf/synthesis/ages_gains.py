@@ -23,7 +23,6 @@ from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.analysis import Analysis
 from cosim.hinf.synthesis.bessel_legendre_gains import rounded
 from cosim.hinf.synthesis.conditions import MOST_ROWS
-from cosim.hinf.synthesis.designs import Design
 from cosim.models import DelaySystem, Matrix
 
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
@@ -55,16 +54,26 @@ def is_past_the_best(made: Sequence[Analysis]) -> bool:
     return made[-1].certified and len(proved) > 1 and proved[-1] >= proved[-2]
 
 
+def nearest_to_a_goal(made: Sequence[Analysis]) -> tuple[Matrix, float] | None:
+    """Return the gain whose analysis came to the least gamma, proved or not, and this gamma."""
+    leasts = [(one.K, one.least_gamma) for one in made if one.K is not None]
+    bounded = [(K, least) for K, least in leasts if least is not None]
+    return min(bounded, key=lambda pair: pair[1], default=None)
+
+
 def gains_of_the_ages(
-    system: DelaySystem, order: int, starts: Sequence[Design]
+    system: DelaySystem, order: int, start: tuple[Matrix, float | None] | None
 ) -> Iterator[Matrix]:
-    """Yield gains of the LMI of the ages, the best first; none where it is too large."""
+    """Yield gains of the LMI of the ages, the best first; none where it is too large.
+
+    start : a gain and its gamma, which set the units; None: none is known.
+    """
     n, m = system.B.shape
     K, reference = np.zeros((m, n)), None
     if system.has_performance:
         reference = float(np.linalg.norm(system.D1, 2)) or 1.0
-    for start in starts[:1]:
-        K, reference = start.K, start.gamma
+    if start is not None:
+        K, reference = start
     lmi = AgesSynthesisLmi(system, order, [choices(x)[0] for x in system.delays], K, reference)
     if lmi.rows > MOST_ROWS:
         return

@@ -164,7 +164,7 @@ def best_analysis(
     *,
     ranking: bool = False,
 ) -> Analysis:
-    """Return the best proof of this order or of all; where there is none, that of the first.
+    """Return the best proof of this order or of all; where there is none, what came nearest.
 
     `ranking` : of all orders only what is quick, to compare gains with each other.
     """
@@ -185,7 +185,10 @@ def best_analysis(
         made.append(last)
         if last.certified and (known or gamma is not None or last.gamma is None or is_exact(last)):
             break
-    return preferred([one for one in made if one.certified] or made[:1])
+    certified = [one for one in made if one.certified]
+    if certified:
+        return preferred(certified)
+    return min(made, key=lambda one: np.inf if one.least_gamma is None else one.least_gamma)
 
 
 class Claim(Protocol):
@@ -240,7 +243,7 @@ def _analysed(
     """Analyse a gain whose nominal figures are known, by conditions of one order."""
     delays = [delay.d for delay in system.delays]
     proof, level, reason = None, None, None
-    least: float | None = None
+    leasts: list[float] = []
     if not conditions:
         reason = verdict_of(system, K, figures.abscissa)[1]
     floor = float(np.linalg.norm(system.D1, 2))
@@ -250,7 +253,7 @@ def _analysed(
         if system.has_performance:
             with solver_words() as words:
                 found = condition.least_gamma(delays, reference)
-            least = found or least
+            leasts += [] if found is None else [found]
             if gamma is None and found is None:
                 reason = reason or f"no gamma was found: {not_found(words)}"
                 continue
@@ -273,7 +276,7 @@ def _analysed(
         certified=proof is not None,
         reason=None if proof is not None else reason,
         gamma=None if proof is None else level,
-        least_gamma=least,
+        least_gamma=(leasts[-1] if proof is not None else min(leasts)) if leasts else None,
         certificate=proof,
         **figures._asdict(),
     )

@@ -36,6 +36,7 @@ from cosim.hinf.synthesis.ages_gains import (
     gains_for_shorter_ages,
     gains_of_the_ages,
     is_past_the_best,
+    nearest_to_a_goal,
 )
 from cosim.hinf.synthesis.analysis import Order, best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
@@ -182,6 +183,11 @@ def _routes(asked: Request) -> Iterator[Route]:
 def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
     """Routes where more is known of an age than its bound."""
     s, gamma, search = asked.system, asked.gamma, bool(asked.search)
+    tried: list[Analysis] = []
+
+    def past_the_best(made: Sequence[Analysis]) -> bool:
+        tried[:] = made
+        return is_past_the_best(made)
 
     def shorter(found: Sequence[Design]) -> Design:
         del found
@@ -189,7 +195,7 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
         gains = gains_for_shorter_ages(s, asked.k1, asked.k2, failures, search=search)
         try:
             return proved_by_analysis(
-                s, gains, gamma, order, enough=is_past_the_best, ranking=order == "auto"
+                s, gains, gamma, order, enough=past_the_best, ranking=order == "auto"
             )
         except NotAchievableError as error:
             if failures:
@@ -197,7 +203,9 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
             raise
 
     def of_the_ages(found: Sequence[Design]) -> Design:
-        gains = gains_of_the_ages(s, 1 if order == "auto" else order, found)
+        # where a gamma is missed, from the gain that came nearest to it
+        start = (found[0].K, found[0].gamma) if found else nearest_to_a_goal(tried)
+        gains = gains_of_the_ages(s, 1 if order == "auto" else order, start)
         return proved_by_analysis(s, gains, gamma, order, enough=lambda _: False)
 
     def by_cvxpy(found: Sequence[Design]) -> Design:
