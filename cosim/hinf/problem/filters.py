@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
-from scipy.signal import tf2ss
 
 from cosim.core import InputError
 from cosim.models import Delay, DelaySystem, Matrix
@@ -97,6 +96,8 @@ class Filter:
                 gain = (numerator[0] if numerator else 0.0) / denominator[0]
                 parts.append((np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[gain]]))
             else:
+                from scipy.signal import tf2ss  # noqa: PLC0415 - loading it takes half a second
+
                 parts.append(tf2ss(numerator or [0.0], denominator))
         matrices = [
             block_diag(*(np.asarray(M) for M in column)) for column in zip(*parts, strict=True)
