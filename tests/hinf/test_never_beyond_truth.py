@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from shared import share_of
 from truth_of_loops import (
     Array,
     abscissa,
@@ -131,14 +132,14 @@ def check_delay_claim(system: DelaySystem, K: Any, delay_index: int, d: float) -
         raise BeyondTruthError(f"claimed delay {d}, exact {loss}")
 
 
-def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
-    """What is claimed of one system, held against the truth; unless thorough, a part of it."""
+def claims(seed: int, tally: Counter[str]) -> None:
+    """What is claimed of one system, held against the truth."""
     system = random_stable(seed)
     n, N = len(system.A), len(system.delays)
     rows = {order: (1 + N * (1 + order)) * n for order in (0, 1, 2)}
     orders = [order for order in rows if rows[order] <= 18 or order == 0]
     least = None
-    for order in orders if thorough else orders[seed % len(orders) :][:1]:
+    for order in orders:
         found = analyse(system, order=order)
         if found.certified:
             check_claim(
@@ -153,7 +154,7 @@ def claims(seed: int, tally: Counter[str], *, thorough: bool = True) -> None:
             tally["up to"] += order > 0 and found.covers_smaller_delays
             tally["tight"] += least is not None and least < 1.02 * float(exact or 0)
     quick = [order for order in rows if rows[order] <= 12 or order == 0]
-    if seed % 2 or (thorough and n < 5):
+    if seed % 2 or n < 5:
         _delay(system, seed, quick[-1 - seed % 2 if len(quick) > 1 else 0], None, tally)
     if least is not None and seed % 16 == 1:
         _delay(system, seed, 0, 1.1 * least, tally)
@@ -227,16 +228,7 @@ def enough(tally: Counter[str], systems: int) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_claimed_beyond_the_truth_of_twenty_systems() -> None:
-    """Some of the two hundred, of each number of states, with a part of their claims."""
-    tally: Counter[str] = Counter()
-    for seed in range(0, 200, 11):
-        claims(seed, tally, thorough=False)
-    enough(tally, 19)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 200, 20))
+@pytest.mark.parametrize("first", share_of(range(0, 200, 20)))
 def test_nothing_is_claimed_beyond_the_truth_of_two_hundred_systems(first: int) -> None:
     """All of them and all that is claimed of them, twenty at a time."""
     tally: Counter[str] = Counter()
