@@ -77,6 +77,7 @@ from .tolerance import (
     Tolerance as Tolerance,
     Tolerances as Tolerances,
 )
+from .traces import Traces as Traces
 from .traffic import link_names as link_names
 from .verification import (
     Verification as Verification,
