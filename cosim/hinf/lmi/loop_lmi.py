@@ -98,6 +98,12 @@ def _solved(
     return solve_in_parts(asked, rows, q, tolerance=_TOLERANCE)
 
 
+def named_blocks(system: DelaySystem) -> dict[str, tuple[slice, slice]]:
+    """Return the name of the multiplier of every block of F, and the block."""
+    blocks = system.blocks
+    return {f"eps {i}" if len(blocks) > 1 else "eps": block for i, block in enumerate(blocks)}
+
+
 class LoopLmi(ABC, Generic[Variables]):
     """The LMI of one loop, to be solved at any delays.
 
@@ -119,6 +125,7 @@ class LoopLmi(ABC, Generic[Variables]):
         self._C = self._T * back[:, None] * system.C
         self._E = self._T * back[:, None] * system.E
         self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        self._blocks = named_blocks(system)
         on_output = system.D2 @ K
         self._D = [((i == 0) * system.D + on_output * S) / back for i, S in enumerate(chosen)]
         self._D1 = system.D1
@@ -216,6 +223,7 @@ class GainLmi(ABC, Generic[Multiplier]):
         self._C = self._T * back[:, None] * system.C
         self._E = self._T * back[:, None] * system.E
         self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        self._blocks = named_blocks(system)
         self._D, self._D1, self._D2 = system.D / back / size, system.D1 / size, system.D2 / size
 
     def least_gamma(self, multiplier: Multiplier) -> tuple[float, Array] | None:
