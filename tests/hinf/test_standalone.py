@@ -68,17 +68,17 @@ def refused_at(gamma: float) -> Any:
 
 
 def two_parameters(kind: str, **age: Any) -> Any:
-    """An uncertain stiffness of x and x(t-d), and an uncertain damping of it, as two blocks."""
+    """An uncertain stiffness, of 2 x 1, of x and x(t-d), and an uncertain damping as two blocks."""
     system = DelaySystem(
         [[0, 1], [-2, -1]],
         [[0], [1]],
         [[0], [1]],
         [[1, 0], [0, 0]],
         D2=[[0], [0.3]],
-        E=[[0, 0], [1, 1]],
+        E=[[0.1, 0, 0], [0, 1, 1]],
         H=[[0.4, 0], [0, 0.5]],
         delays=[Delay(0.3, [[0, 0], [-0.5, 0]], [[0.1, 0], [0, 0]], **age)],
-        uncertainty_blocks=[[1, 1], [1, 1]],
+        uncertainty_blocks=[[2, 1], [1, 1]],
     )
     if kind == "refutation":
         with pytest.raises(NotAchievableError) as refused:

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from cosim.core import InputError
+from cosim.fmu.export.certificate_section import certified_section
 from cosim.hinf import Delay, DelaySystem, analyse, check_certificate, close, design, hinf_norm
-from cosim.hinf.certificate import differences, standalone, theorem_of
+from cosim.hinf.certificate import certificate_bytes, differences, standalone, theorem_of
 from cosim.hinf.certificate.standalone_numbers import RefusedError
 from cosim.hinf.certificate.system_json import system_from_json, system_to_json
+from cosim.hinf.lmi import AgesLmi, AgesSynthesisLmi
 from cosim.hinf.problem.feedback_structure import with_integral, without_integrals
 from cosim.hinf.problem.other_delays import without_uncertainty
 from cosim.hinf.problem.system_toml import system_from_toml
@@ -142,6 +144,17 @@ def certificate() -> Any:
     return json.loads(json.dumps(analyse(spring(), NO_GAIN, order=1).certificate))
 
 
+def test_the_gain_of_the_lmi_of_the_ages_is_confirmed_by_its_analysis() -> None:
+    """The two LMIs are written apart: what a design says of its gain holds for that gain."""
+    late = [Delay(0.3, [[0, 0], [-0.5, 0]], any_age=True)]
+    system = replace(spring(), delays=late)
+    made = AgesSynthesisLmi(system, 1, ["interval"], NO_GAIN, 1.0).least_gamma(0.3)
+    assert made is not None
+    again = AgesLmi(system, made[1], 1, ["interval"], performance=True).least_gamma([0.3], made[0])
+    assert again is not None
+    assert again < made[0] * (1 + 1e-4)
+
+
 def accepted(data: Any) -> tuple[bool, bool]:
     """Return what the prover says, and what the second checker says."""
     verdicts = []
@@ -164,6 +177,8 @@ def test_the_certificate_says_which_F_it_covers(certificate: Any) -> None:
     assert "F = diag(F_1, F_2), F_1 1 x 1, F_2 1 x 1" in sentence
     assert "F_i(t)'F_i(t) <= I" in sentence
     assert "real or complex" in sentence
+    page = certified_section(certificate_bytes(certificate), "k.fmu")
+    assert "F&#x27;F ≤ I, block diagonal with blocks 1 x 1, 1 x 1" in page
     assert accepted(certificate) == (True, True)
 
 
@@ -174,19 +189,17 @@ def test_both_checkers_refuse_other_multipliers_and_other_blocks(certificate: An
     for eps in (first, [first], [second, first], [first, first], [first, "-" + second], None, []):
         data = certificate | {"variables": certificate["variables"] | {"eps": eps}}
         assert accepted(data) == (False, False), eps
-    for sizes in ([[2, 2]], [[1, 2], [1, 0]], [[1, 1]], [[1, 1], [1, True]], "F", [1, 1], None):
-        claim = {key: x for key, x in certificate["claim"].items() if key != "uncertainty_blocks"}
+    full = {key: x for key, x in certificate["claim"].items() if key != "uncertainty_blocks"}
+    one, half = [[1, 1], [1, True]], [[1.5, 1], [1.5, 1]]
+    for sizes in ([[2, 2]], [[1, 2], [1, 0]], [[1, 1]], one, half, "F", [1, 1], None):
         system = certificate["system"] | {"uncertainty_blocks": sizes}
         if sizes is None:  # every F of two rows and two columns, with one multiplier of them
             del system["uncertainty_blocks"]
         for eps in (certificate["variables"]["eps"], first, second):
-            changed = {
-                "system": system,
-                "claim": claim,
-                "theorem": theorem_of(claim),
-                "variables": certificate["variables"] | {"eps": eps},
-            }
-            assert accepted(certificate | changed) == (False, False), sizes
+            variables = certificate["variables"] | {"eps": eps}
+            for claim in (certificate["claim"], full):
+                own = {"claim": claim, "theorem": theorem_of(claim), "system": system}
+                assert accepted(certificate | own | {"variables": variables}) == (False, False)
 
 
 FILE = """

@@ -83,7 +83,7 @@ class ExactLmi:
     row_names: list[str]
 
 
-def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
+def minus_omega(  # noqa: C901 - one table, read from top to bottom
     system: DelaySystem, Y: Any, v: ExactVariables, shift: Shift | None = None
 ) -> ExactLmi:
     """Return -Omega of the module's table, exactly.

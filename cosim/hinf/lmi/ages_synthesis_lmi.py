@@ -125,8 +125,8 @@ class AgesSynthesisLmi(GainLmi[float]):
             p, h = at["p"], at["h"]
             for name, (columns, rows) in self._blocks.items():
                 own, q = p[columns], h[rows]
-                acting = symmetrised(M, self._E[:, columns] @ own)
-                form.multiple(name, acting - own.T @ own - q.T @ q)
+                f = symmetrised(M, self._E[:, columns] @ own)
+                form.multiple(name, f - own.T @ own - q.T @ q)
             for H, x in zip(self._H, on, strict=True):
                 form.twice("gain X", H.T @ h, x)
         if "z" in at:

@@ -71,7 +71,7 @@ def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -
     return Unknowns(X, Y, Q, R, eps, free)
 
 
-def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
+def omega(  # noqa: C901, PLR0912, PLR0915 - one table, read from top to bottom
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], v: Unknowns
 ) -> tuple[Any, list[Any]]:
     """Return Omega of the module's table, and the other matrices that must be positive.
