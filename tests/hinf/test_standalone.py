@@ -101,7 +101,6 @@ MADE: dict[str, Callable[[], Any]] = {
     "sampled": lambda: analysis_of(networked(1.3, sampled=True, least_age=0.2), NETWORKED, 1),
     "refutation": lambda: refused_at(5.005),
     "blocks, theorem 2": lambda: two_parameters("theorem 2"),
-    "blocks, order 1": lambda: two_parameters("order 1"),
     "blocks, rate": lambda: two_parameters("rate", rate=0.1),
     "blocks, refutation": lambda: two_parameters("refutation"),
     "gamma floor": lambda: refused_at(4.9),

@@ -105,6 +105,18 @@ def test_stability_that_no_full_block_has_is_certified_for_parameters() -> None:
     assert analyse(far, NO_GAIN, order=1).certified
 
 
+@pytest.mark.parametrize(
+    "age", [{}, {"sampled": True, "least_age": 0.1}], ids=["constant", "sampled"]
+)
+def test_the_units_of_a_block_do_not_matter(age: dict[str, Any]) -> None:
+    """E_1 F_1 H_1 with E_1 a million times larger, H_1 smaller: the same gamma, proved."""
+    plain = replace(spring(), delays=[Delay(0.3, [[0, 0], [-0.5, 0]], **age)])
+    other = replace(plain, E=plain.E * [1e6, 1e-3], H=plain.H / np.array([[1e6], [1e-3]]))
+    first, second = (analyse(own, NO_GAIN, order=1).gamma for own in (plain, other))
+    assert first is not None
+    assert second == pytest.approx(first, rel=1e-4)
+
+
 def axes(blocks: Any) -> DelaySystem:
     """Two loops of their own, the columns of E in the other order than the states."""
     return DelaySystem(

@@ -22,7 +22,6 @@ from cosim.hinf.certificate import (
     AgesVariables,
     AgeTerms,
     is_symmetric_unknown,
-    joined,
     rows_of,
     state_blocks,
     unknowns_of,
@@ -225,7 +224,7 @@ class AgesLmi(LoopLmi[AgesVariables]):
             order=self.order,
             P=P,
             terms=tuple(terms),
-            eps=joined([float(values[name][0, 0]) for name in self._blocks]),
+            eps=self._multipliers(values),
             gamma=gamma,
             down_to_zero=down_to_zero,
         )
@@ -237,7 +236,8 @@ class AgesLmi(LoopLmi[AgesVariables]):
             own = {"w": part.w, "p": part.p}.get(name, part.states)
             places.append(start + own)
             unit = self._T if name.startswith("r") else 1.0
-            factors.append(np.ones(own.size) if name in "wp" else unit * self._back[own])
+            of_signals = {"w": np.ones(own.size), "p": 1.0 / self._channel[part.p]}
+            factors.append(of_signals.get(name, unit * self._back[own]))
             start += size
         return np.concatenate(places).astype(np.intp), np.concatenate(factors)
 

@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import block_diag
 
-from cosim.hinf.certificate import AnalysisVariables, joined
+from cosim.hinf.certificate import AnalysisVariables
 from cosim.hinf.lmi.conic import Constraint
 from cosim.hinf.lmi.loop_lmi import Constraints, Labelled, LoopLmi
 from cosim.hinf.lmi.svec import Array, product, svec, symmetric
@@ -224,7 +224,7 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
             P=self._T * whole.T @ values["P"] @ whole,
             Q=tuple(None if self._any_age[i] else S @ values[f"Q{i}"] @ S for i, _, _ in times),
             R=tuple(S @ values[f"R{i}"] @ S / s**2 for i, _, s in times),
-            eps=joined([float(values[name][0, 0]) for name in self._blocks]),
+            eps=self._multipliers(values),
             gamma=gamma,
             lower=tuple(None if self._any_age[i] else 0.0 for i, _, _ in times)
             if down_to_zero
