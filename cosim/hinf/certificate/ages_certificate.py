@@ -25,6 +25,7 @@ from cosim.hinf.certificate.ages_terms import (
     unknowns_of,
 )
 from cosim.hinf.certificate.analysis_certificate import check_null, gain_from_json, order_from_json
+from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
@@ -68,7 +69,7 @@ def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
         order=v.order,
         P=exact_symmetric(v.P),
         terms=terms,
-        eps=None if v.eps is None or not system.E.size else exact(v.eps),
+        eps=exact_eps(system, v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
         down_to_zero=v.down_to_zero,
     )
@@ -92,7 +93,7 @@ def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[st
                 }
                 for own in v.terms
             ],
-            "eps": None if v.eps is None else to_text(v.eps),
+            "eps": eps_to_json(v.eps),
             "gamma": None if v.gamma is None else to_text(v.gamma),
             "down_to_zero": v.down_to_zero,
         },
@@ -139,7 +140,6 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
             expected="true or false",
             got=format_value(data["down_to_zero"]),
         )
-    check_null("eps", data["eps"], expected=not system.E.size)
     if not system.has_performance:
         check_null("gamma", data["gamma"], expected=True)
     gamma = None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma")
@@ -159,7 +159,7 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
         order=order,
         P=matrix_from_text(data["P"], "variables.P", rows, rows),
         terms=tuple(terms),
-        eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
+        eps=eps_from_json(system, data["eps"], "variables.eps"),
         gamma=gamma,
         down_to_zero=data["down_to_zero"],
     )

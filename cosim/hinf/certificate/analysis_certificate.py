@@ -22,6 +22,7 @@ from cosim.hinf.certificate.analysis_proof import (
     analysis_proved,
     orders_of,
 )
+from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
@@ -56,7 +57,7 @@ def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
         P=exact_symmetric(v.P),
         Q=tuple(None if Q is None else exact_symmetric(Q) for Q in v.Q),
         R=tuple(exact_symmetric(R) for R in v.R),
-        eps=None if v.eps is None or not system.E.size else exact(v.eps),
+        eps=exact_eps(system, v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
         lower=None if v.lower is None else tuple(None if d is None else exact(d) for d in v.lower),
     )
@@ -76,7 +77,7 @@ def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dic
             "P": matrix_to_text(v.P),
             "Q": [None if Q is None else matrix_to_text(Q) for Q in v.Q],
             "R": [matrix_to_text(R) for R in v.R],
-            "eps": None if v.eps is None else to_text(v.eps),
+            "eps": eps_to_json(v.eps),
             "gamma": None if v.gamma is None else to_text(v.gamma),
         }
         | ({} if lower is None else {"lower": lower}),
@@ -183,7 +184,6 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
                 got=format_value(data[name]),
             )
     checks = [(f"Q[{j}]", data["Q"][j], delay.any_age) for j, delay in enumerate(late)]
-    checks.append(("eps", data["eps"], not system.E.size))
     if not system.has_performance:
         checks.append(("gamma", data["gamma"], True))
     for name, value, expected in checks:
@@ -197,7 +197,7 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
             for j, Q in enumerate(data["Q"])
         ),
         R=tuple(matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
-        eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
+        eps=eps_from_json(system, data["eps"], "variables.eps"),
         gamma=None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma"),
         lower=_lower(late, order, data["lower"]) if "lower" in data else None,
     )
