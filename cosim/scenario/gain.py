@@ -251,7 +251,9 @@ def solve(
     )
     if order is None and not found.covers_smaller_delays and not ages_are_known(problem.system):
         # ages in a run are rarely one number: Theorem 2 covers all up to it
-        found = design(problem.system, problem.k1, problem.k2, gain=gain, order=None)
+        found = design(
+            problem.system, problem.k1, problem.k2, gain=gain, order=None, **design_constraints
+        )
     require_up_to(found)
     return found
 

@@ -41,11 +41,14 @@ _STEPS = 2  # designs with relaxed constraints
 
 
 def prove_constraints(
-    found: Design, design_constraints: DesignConstraints
+    found: Design, design_constraints: DesignConstraints, at: Scalars
 ) -> tuple[Guarantees | None, str]:
-    """Prove the design constraints for the gain as it is; or return None and why."""
+    """Prove the design constraints for the gain as it is; or return None and why.
+
+    at : k1, k2 to begin with; any may do, since the gain is given.
+    """
     system, K = found.system, found.K
-    scalars = starts(scalars_of(found))
+    scalars = starts(at)
     made: dict[str, Any] = {}
     if design_constraints.gain_limit is not None:
         limit = GainLimit(exact(min(norm_above(K), design_constraints.gain_limit)))
@@ -74,7 +77,7 @@ def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
 
 
 def scalars_of(found: Design) -> Scalars:
-    """Return k1, k2 and the delays of a design."""
+    """Return k1, k2 and the delays of a design by Theorem 2."""
     return checked_scalars(found.system, found.k1, found.k2)
 
 
@@ -149,7 +152,7 @@ class ConstrainedSearch:
             )
         except NotAchievableError as error:
             return None, error.what if FAILED in error.what else f"{error.what}: {error.got}"
-        guarantees, reason = prove_constraints(found, self._design_constraints)
+        guarantees, reason = prove_constraints(found, self._design_constraints, scalars_of(found))
         return (None, reason) if guarantees is None else (with_guarantees(found, guarantees), "")
 
     def _of_itself(self, plain: Design) -> dict[str, Any]:
