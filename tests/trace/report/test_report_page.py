@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cli.shell import trace_of
+from cli.shell import shared_run, trace_of
 from report_browser import Page, browser, needs_chromium
 from report_files import foreign, wild
 
@@ -90,6 +90,23 @@ def test_page_fits_a_phone_screen(page: Page, reports: dict[str, Path]) -> None:
     page.open(reports["vehicle"], width=360)
     assert page.ask("document.documentElement.scrollWidth") <= 360
     assert page.ask(DRAWN) == []
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_bars_of_the_verdict_are_to_scale(
+    width: int, page: Page, reports: dict[str, Path]
+) -> None:
+    """Gain, norm and bound: the widths on the screen have the ratios of the numbers."""
+    metrics = shared_run("auv-acoustic-naive").json["metrics"]
+    values = [metrics[key] for key in ("gain", "exact_norm", "gamma")]
+    page.open(reports["vehicle"], width=width)
+    drawn = page.ask("""[...document.querySelectorAll('.bars .bar')].map(
+        (bar) => bar.getBoundingClientRect().width)""")
+    longest = max(drawn)
+    assert longest > 100
+    wanted = [longest * value / max(values) for value in values]
+    assert drawn == pytest.approx(wanted, abs=0.5)
+    assert min(wanted) < 0.9 * longest
 
 
 def test_dark_and_light_change_charts_too(page: Page, reports: dict[str, Path]) -> None:
