@@ -93,9 +93,7 @@ def test_page_fits_a_phone_screen(page: Page, reports: dict[str, Path]) -> None:
 
 
 @pytest.mark.parametrize("width", [1400, 390])
-def test_bars_of_the_verdict_are_to_scale(
-    width: int, page: Page, reports: dict[str, Path]
-) -> None:
+def test_bars_of_the_verdict_are_to_scale(width: int, page: Page, reports: dict[str, Path]) -> None:
     """Gain, norm and bound: the widths on the screen have the ratios of the numbers."""
     metrics = shared_run("auv-acoustic-naive").json["metrics"]
     values = [metrics[key] for key in ("gain", "exact_norm", "gamma")]

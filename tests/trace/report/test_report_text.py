@@ -17,12 +17,12 @@ from report_files import TITLE, failing, foreign, small, wild
 from shared import copied
 
 from cosim.core.errors import InputError
-from cosim.trace import Trace
+from cosim.trace import RunOutcome, Trace, outcome_of
 from cosim.trace.report import write_report
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import MAX_BYTES, figures, page
-from cosim.trace.report.verdict import assumptions_of, metrics_of
 from cosim.trace.report.write import default_output
+from cosim.trace.verdict import assumptions_of
 
 
 class _Texts(HTMLParser):
@@ -314,17 +314,19 @@ def test_why_an_assumption_is_not_met(
     assumption: str, metrics: dict[str, Any], words_wanted: str
 ) -> None:
     """Each reason has its text."""
-    info = {"result": {"metrics": {**metrics, "assumptions": {assumption: False}}}}
-    (check,) = assumptions_of(info)
+    outcome = RunOutcome(metrics={**metrics, "assumptions": {assumption: False}})
+    (check,) = assumptions_of(outcome)
     assert check.tone == "bad"
     assert words_wanted in check.why
 
 
 def test_figures_of_any_type_are_accepted() -> None:
     """Values of other types in place of figures are ignored."""
-    for result in (None, {}, {"metrics": "text"}, {"metrics": {"assumptions": [1]}}):
-        assert assumptions_of({"result": result}) == []
-        assert isinstance(metrics_of(result), dict)
+    for result in ({}, {"metrics": '"text"'}, {"metrics": '{"assumptions": [1]}'}):
+        outcome = outcome_of(result)
+        assert outcome is not None
+        assert assumptions_of(outcome) == []
+        assert isinstance(outcome.metrics, dict)
 
 
 @pytest.fixture
