@@ -261,4 +261,6 @@ def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
 
 
 def _percent(value: float | None) -> str:
-    return NONE if value is None else f"{100 * value:.1f} %"
+    if value is None:
+        return NONE
+    return f"{100 * value:.1f} %" if value < 1e3 else f"{100 * value:.3g} %"

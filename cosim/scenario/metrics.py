@@ -137,11 +137,10 @@ class RunMeasures(Measures):
         super().__init__([*_made(*found), *always, *self._others], at_once=at_once)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
-        """Count warnings of components, outages, and events of the scenario."""
-        serious = level in SERIOUS
-        kind: EventKind = "outage" if name in self._links else "warning"
-        if name == "scenario" or (serious and name != "master"):
-            kind = "scenario" if name == "scenario" else kind
+        """Count warnings of components, failures, outages, and events of the scenario."""
+        kinds: dict[str, EventKind] = {"scenario": "scenario", "master": "failure"}
+        kind = kinds.get(name, "outage" if name in self._links else "warning")
+        if level in SERIOUS or kind == "scenario":
             self._collector.count(RunEvent(time_ns, level, kind, name, message))
 
     def figures(self, run: Run) -> RunFigures:

@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.master import EngineChoice, Pace
 from cosim.scenario.pinned import DesignSource
-from cosim.trace import RunOutcome
+from cosim.trace import CONCLUSION, RunOutcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +93,10 @@ def concluding_lines(outcome: RunOutcome) -> list[tuple[str, str, str]]:
     what = outcome.headline
     if outcome.explanation:
         what += f": {outcome.explanation}"
-    lines = [(level, "run", what)]
+    lines = [(level, CONCLUSION, what)]
     unmet = [n.replace("_", " ") for n, met in outcome.assumptions.items() if met is False]
     if unmet:
         lines.append(
-            ("warning", "run", f"the guarantee is not claimed: not met: {', '.join(unmet)}")
+            ("warning", CONCLUSION, f"the guarantee is not claimed: not met: {', '.join(unmet)}")
         )
     return lines

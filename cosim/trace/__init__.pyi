@@ -75,6 +75,7 @@ from .rows import (
     Rows as Rows,
 )
 from .run_events import (
+    CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,
     EventCount as EventCount,
     EventKind as EventKind,

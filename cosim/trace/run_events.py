@@ -7,11 +7,21 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 EventKind = Literal[
-    "saturation", "age", "envelope", "loss", "outage", "assertion", "warning", "scenario"
+    "saturation",
+    "age",
+    "envelope",
+    "loss",
+    "outage",
+    "assertion",
+    "warning",
+    "failure",
+    "scenario",
 ]
 _KINDS = frozenset(get_args(EventKind))
 SERIOUS = frozenset({"warning", "error", "fatal"})
 """Levels of what a reader of the log must not miss."""
+CONCLUSION = "run"
+"""Name of the last lines of a log, which say how the run ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +35,8 @@ class RunEvent:
     kind : saturation: a command reached its limit, or left it; age: a measurement was older than
         designed for; envelope: the state left the envelope of the proof; loss: messages in a row
         did not arrive; outage: a link delivered nothing, as the scenario says; assertion: one was
-        decided otherwise than expected; warning: a component logged one, or an error; scenario:
-        an event of the scenario.
+        decided otherwise than expected; warning: a component logged one, or an error; failure:
+        what broke the run off; scenario: an event of the scenario.
     subject : what it happened to: a component, a signal, a link; the name of the line.
     message : in words.
     """
@@ -104,7 +114,7 @@ def counted(lines: Iterable[tuple[float, str, str, str]]) -> list[EventCount]:
     """
     found: dict[tuple[str, str, str], tuple[float, int]] = {}
     for time_s, level, name, message in lines:
-        if level in SERIOUS:
+        if level in SERIOUS and name != CONCLUSION:
             first, count = found.get((level, name, message), (time_s, 0))
             found[level, name, message] = first, count + 1
     return [

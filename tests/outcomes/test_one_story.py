@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import pickle
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import pytest
 from cli.shell import cosim
-from outcomes.ways import WAYS, Found, departures, seen
-from shared import made_once
+from outcomes.ways import WAYS, departures, found
 
 from cosim.trace import RunOutcome, Trace, outcome_of, verify
 
@@ -20,18 +17,6 @@ _WAYS = [
     for name, way in WAYS.items()
 ]
 """Those that a signal ends take a process of their own, and are slow."""
-
-
-@cache
-def found(name: str) -> Found:
-    """What the views say of a run that ended so; made once per session."""
-
-    def run(folder: Path) -> None:
-        (folder / "found.pickle").write_bytes(pickle.dumps(seen(name, folder)))
-
-    folder = made_once(f"outcomes/{name}", run)
-    views: Found = pickle.loads((folder / "found.pickle").read_bytes())  # noqa: S301 - ours
-    return views
 
 
 @pytest.mark.parametrize("name", _WAYS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import signal
 import subprocess
 import sys
@@ -9,12 +10,13 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from cli.shell import cosim
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
-from shared import fmu_store
+from shared import fmu_store, made_once
 
 from cosim.core import CosimError
 from cosim.trace import Trace
@@ -71,6 +73,15 @@ extends = "auv-acoustic-naive"
 title = "A gain for a link without delay, for forty seconds"
 [run]
 end = 40.0
+"""
+_FAR = """
+extends = "auv-direct"
+title = "A position beyond all numbers"
+[run]
+end = 4.0
+[[events]]
+at = "1 s"
+override = { "plant.eta.z" = 1e300, "plant.eta.psi" = 1e200 }
 """
 
 
@@ -171,6 +182,15 @@ WAYS = {
             Event(2.65, "warning", "controller", "the measurement in use is older"),
         ),
     ),
+    "far": Way(
+        _FAR,
+        *(0, "finished, 3 of 6 assumptions not met", "open"),
+        (
+            Event(1.0, "info", "scenario", "event 1 (at 1 s): override plant.eta.z 1e+300"),
+            Event(1.0, "warning", "plant.eta.psi", "outside the envelope"),
+            Event(1.05, "warning", "controller.moment.z", "at its limit"),
+        ),
+    ),
     "limit-cycle": Way(_NAIVE, 0, "limit cycle", "bad", reason="the limits, not the feedback"),
 }
 
@@ -255,6 +275,18 @@ def seen(name: str, folder: Path) -> Found:
         state=state.removeprefix("state ").strip(),
         log=tuple(log_of(path)),
     )
+
+
+@cache
+def found(name: str) -> Found:
+    """What the views say of a run that ended so; made once per session, and only read."""
+
+    def run(folder: Path) -> None:
+        (folder / "found.pickle").write_bytes(pickle.dumps(seen(name, folder)))
+
+    folder = made_once(f"outcomes/{name}", run)
+    views: Found = pickle.loads((folder / "found.pickle").read_bytes())  # noqa: S301 - ours
+    return views
 
 
 def log_of(path: Path) -> Iterator[Line]:

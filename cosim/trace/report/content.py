@@ -18,7 +18,7 @@ from cosim.trace.report import generic, traffic, vehicle
 from cosim.trace.report.chart import LARGEST, Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
-from cosim.trace.report.timeline import LOG_LINES, Line, TimelineEntry, log_of, timeline_of
+from cosim.trace.report.timeline import Line, TimelineEntry, log_of, timeline_of
 
 MAX_ROWS = 400
 """Most rows of the table of signals."""
@@ -58,7 +58,7 @@ class Content:
     info : as from `cosim.trace.describe`.
     outcome : of the run; one that says nothing where it left none.
     span : first and last time shown [s].
-    log : the last lines, of all levels.
+    log : its lines, of all levels.
     left_out : what is not drawn, and why.
     """
 
@@ -114,7 +114,7 @@ def content_of(path: Path) -> Content:
         figures=list(verdict.figures_of(metrics)),
         bars=_bars(metrics),
         timeline=timeline_of(recording, outcome, log),
-        log=log[-LOG_LINES:],
+        log=log,
         links=links,
         path=None if craft is None else vehicle.path_of(craft) or None,
         sections=sections,

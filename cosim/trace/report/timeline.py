@@ -13,7 +13,6 @@ from cosim.trace.outcome import BAD, OPEN, RunOutcome
 from cosim.trace.report.series import Recording
 from cosim.trace.run_events import counted
 
-LOG_LINES = 40
 _LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
 
 
@@ -65,7 +64,7 @@ def timeline_of(
         TimelineEntry(each.first_s, BAD if each.serious else OPEN, each.words) for each in events
     ]
     entries += _beyond_numbers(recording)
-    return sorted(entries, key=lambda entry: (entry.t, entry.what))
+    return sorted(entries, key=lambda entry: entry.t)
 
 
 def _beyond_numbers(recording: Recording) -> Iterator[TimelineEntry]:

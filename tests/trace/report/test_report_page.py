@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 from cli.shell import shared_run, trace_of
+from outcomes.ways import found
 from report_browser import Page, browser, needs_chromium
-from report_files import foreign, wild
+from report_files import foreign
 
 from cosim.trace.report import write_report
 
@@ -39,7 +40,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "vehicle": recorded,
         "paper": trace_of("paper-example"),
         "cut": cut,
-        "wild": wild(folder / "wild.mcap"),
+        "far": found("far").trace,
         "foreign": foreign(folder / "foreign.mcap"),
     }
     return {
@@ -50,14 +51,14 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("paper", "cut", "foreign")]
 
 
-@pytest.mark.parametrize("name", ["vehicle", "wild", *SLOW])
+@pytest.mark.parametrize("name", ["vehicle", "far", *SLOW])
 def test_every_chart_is_drawn_without_errors_or_requests(
     name: str, page: Page, reports: dict[str, Path]
 ) -> None:
     """No error on the console, no request to anywhere, nothing left empty, light and dark."""
     page.errors.clear()
     page.asked.clear()
-    page.open(reports[name], scheme="dark" if name == "wild" else "light")
+    page.open(reports[name], scheme="dark" if name == "far" else "light")
     assert page.ask(DRAWN) == []
     assert page.ask("document.querySelectorAll('.plot .main-svg').length") > 0
     page.ask("document.getElementById('theme').click()")
