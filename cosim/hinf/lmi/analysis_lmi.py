@@ -38,7 +38,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from cosim.hinf.certificate import AnalysisVariables
 from cosim.hinf.lmi.conic import Constraint
@@ -214,7 +214,7 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         parts = [S]
         for i, _, s in times:
             parts += [S / (self._T * s)] * orders[i]
-        whole = block_diag(*parts)
+        whole = scipy.linalg.block_diag(*parts)
         return AnalysisVariables(
             order=self.order,
             P=self._T * whole.T @ values["P"] @ whole,

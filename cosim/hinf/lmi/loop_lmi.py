@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
-from scipy.linalg import matrix_balance
+import scipy
 
 from cosim.hinf.lmi.conic import Constraint, Solution, solve
 from cosim.hinf.lmi.parts import Labels, parts_of, solve_in_parts
@@ -40,7 +40,7 @@ Labelled = tuple[Labels, list[Labels | None]]
 def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
     """Return (n,) factors that balance the states of a loop, and its unit of time [s]."""
     speed = np.asarray(sum(np.abs(M) for M in loop))
-    _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
+    _, (scales, _) = scipy.linalg.matrix_balance(speed, permute=False, separate=True)
     back = 1.0 / np.asarray(scales, dtype=np.float64)
     rate = sum(float(np.linalg.norm(back[:, None] * M / back, 2)) for M in loop)
     return back, 1.0 / (rate or 1.0)

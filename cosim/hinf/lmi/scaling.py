@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance
 
 from cosim.core import InputError
 from cosim.hinf.lmi.svec import Array
@@ -105,7 +105,7 @@ def scaling_of(system: DelaySystem) -> Scaling:
     acts[x, p], acts[p, x] = _largest(system.E, 1) / rate, _largest(H, 0)
     acts[x, z], acts[z, x] = a * _largest(system.C, 1) / rate, a * _largest(system.D, 0)
     acts[z, u] = a * _largest(system.D2, 0)
-    _, (units, _) = matrix_balance(acts, permute=False, separate=True)
+    _, (units, _) = scipy.linalg.matrix_balance(acts, permute=False, separate=True)
     units = _power(np.asarray(units, dtype=np.float64) / units[z])
     return Scaling(units[x], units[u], float(_power(np.array(1.0 / rate))), a, float(units[p]))
 

@@ -51,11 +51,14 @@ from cosim.hinf.synthesis.greatest_delays import (
 )
 from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
-from cosim.hinf.synthesis.routes import Request, designed_by_some_route
+from cosim.hinf.synthesis.routes import Request, designed_by_some_route, is_small
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.structured_gains import structured_design
 from cosim.models import DelaySystem, Matrix
+
+_WORTH = 1.02
+"""By how much a delay by order 1 must be longer than one by Theorem 2, which covers any age."""
 
 
 @one_thread
@@ -298,8 +301,9 @@ def greatest_delay(
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
     order : None for Theorem 2, for ages of any variation, with a refutation just beyond; N for
-        the Bessel-Legendre condition of order N; "auto" for order 1 where Theorem 2 certifies no
-        delay. With N or "auto", what else is known of an age than its bound is used.
+        the Bessel-Legendre condition of order N; "auto" for Theorem 2, then orders 0 and 1 where
+        it certifies no delay, and order 1 where it pays (a small system with a constant delay,
+        k1, k2 not given). With N or "auto", what else is known of an age than its bound is used.
 
     Raises
     ------
@@ -317,16 +321,20 @@ def greatest_delay(
     known = ages_are_known(system) and order is not None
     errors: list[tuple[str, NotAchievableError]] = []
     found: GreatestDelay | None = None
-    for condition in (None, 1) if order == "auto" else (order,):
+    for condition, improves in _conditions_of_delay(system, order, given=given):
+        if found is not None and not improves:
+            continue
         try:
-            found = _delay_by(
+            tried = _delay_by(
                 of_any_age(system), gamma, (one, two), condition, delay_index, limit, look
             )
-            break
         except NoGainError:
             raise
         except NotAchievableError as error:
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
+            continue
+        if found is None or tried.delay > _WORTH * found.delay:
+            found = tried
     if known:
         own: Order = order if isinstance(order, int) else "auto"
 
@@ -339,6 +347,23 @@ def greatest_delay(
     if found is None:
         raise none_succeeded(errors)
     return found
+
+
+def _conditions_of_delay(
+    system: DelaySystem, order: Order | None, *, given: bool
+) -> Iterator[tuple[int | None, bool]]:
+    """Yield the conditions to find a delay by, and whether each is to improve the one before.
+
+    Order 1 after Theorem 2 where a design would try it too; order 0 before it where it is slow.
+    """
+    if order != "auto":
+        yield order, False
+        return
+    yield None, False
+    small = is_small(system)
+    if not small:
+        yield 0, False
+    yield 1, small and not given and any(not x.any_age for x in system.delays if x.d > 0)
 
 
 def _delay_by(
