@@ -137,6 +137,7 @@ def inject(
             steps=max(run.points_ns.size - 1, 0),
             simulated_s=run.end_ns / 1e9,
         )
+        recorder.conclude(run.end_ns, outcome.conclusion)
         writer.finish(outcome.entries(engine=f"{run.engine.name}: {run.engine.reason}"))
     compared, identical = None, None
     if request.compare is not None:

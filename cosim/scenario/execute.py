@@ -31,7 +31,7 @@ from cosim.scenario.metrics import (
     status_of,
 )
 from cosim.scenario.origin import Findings
-from cosim.scenario.outcome import Outcome, concluding_lines, result_entries
+from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.preparation import PreparedScenario
 from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
@@ -106,7 +106,7 @@ def execute_run(
             refused = RunOutcome(
                 status="failed", reason=error.text(), cause=cause, steps=0, simulated_s=0.0
             )
-            recorder.conclude(0, concluding_lines(refused))
+            recorder.conclude(0, refused.conclusion)
             writer.finish(refused.entries())
             raise
         made.run_from_zero_state(writer.flush)
@@ -115,7 +115,7 @@ def execute_run(
             living.close()
             supervisor.let_go()
         outcome = made.outcome(trace, began)
-        recorder.conclude(round(outcome.simulated_s * 1e9), concluding_lines(outcome))
+        recorder.conclude(round(outcome.simulated_s * 1e9), outcome.conclusion)
         writer.finish(result_entries(outcome))
         outcome = replace(outcome, content_hash=content_hash(trace))
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run, System
 from cosim.network import DELIVERED, NOT_RECEIVED, PacketLink
@@ -21,7 +22,7 @@ class LossBursts(Measure[None]):
 
     def __init__(self, system: System, collector: EventCollector) -> None:
         links = (link.name for link in system.links.values() if isinstance(link, PacketLink))
-        self._bursts = [_Bursts(name, collector) for name in links]
+        self._bursts = [Bursts(name, collector) for name in links]
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Note the points."""
@@ -38,8 +39,8 @@ class LossBursts(Measure[None]):
             count = int(np.searchsorted(found.arrival_ns, until_ns, side="right"))
             each.taken += count
             missed = np.isin(found.status[:count], NOT_RECEIVED)
-            relevant = np.flatnonzero(missed | (found.status[:count] == DELIVERED))
-            each.add(found.arrival_ns[relevant].tolist(), missed[relevant].tolist())
+            relevant = missed | (found.status[:count] == DELIVERED)
+            each.add(found.arrival_ns[:count][relevant], missed[relevant])
 
     def result(self, run: Run) -> None:
         """Count the bursts that last at the end of the run."""
@@ -47,32 +48,46 @@ class LossBursts(Measure[None]):
             each.close(run.end_ns)
 
 
-class _Bursts:
-    """The bursts of one link; `taken` : number of its messages that were looked at."""
+class Bursts:
+    """The bursts of one link.
+
+    Attributes
+    ----------
+    link : its name.
+    taken : number of its messages that were looked at.
+    """
 
     def __init__(self, link: str, collector: EventCollector) -> None:
         self.link, self.taken = link, 0
         self._collector = collector
         self._missed = 0
-        self._since = 0
+        self._since_ns = 0
 
-    def add(self, times_ns: Sequence[int], missed: Sequence[bool]) -> None:
-        for time_ns, gone in zip(times_ns, missed, strict=True):
-            if gone:
-                self._missed += 1
-                if self._missed == FEWEST:
-                    self._since = time_ns
-                    words = f"{FEWEST} messages in a row did not arrive"
-                    self._collector.begun(RunEvent(time_ns, "warning", "loss", self.link, words))
-            else:
-                if self._missed >= FEWEST:
-                    words = f"messages arrive again, after {self._missed} that did not"
-                    over = RunEvent(time_ns, "info", "loss", self.link, words)
-                    self._collector.ended(over, time_ns - self._since)
-                self._missed = 0
+    def add(self, times_ns: NDArray[np.int64], missed: NDArray[np.bool_]) -> None:
+        """Take the next messages, in order of time [ns]: whether each was missed."""
+        received = np.flatnonzero(~missed)
+        before = np.concatenate(([-1 - self._missed], received))  # the last that was received
+        after = np.append(received, missed.size)
+        for k in np.flatnonzero(after - before > FEWEST).tolist():
+            begins, ends = int(before[k]) + FEWEST, int(after[k])
+            if begins >= 0:
+                self._begin(int(times_ns[begins]))
+            if ends < missed.size:
+                self._end(int(times_ns[ends]), ends - int(before[k]) - 1)
+        self._missed = missed.size - 1 - int(before[-1])
 
     def close(self, end_ns: int) -> None:
+        """Count a burst that lasts at the end of the run."""
         if self._missed >= FEWEST:
-            over = RunEvent(end_ns, "info", "loss", self.link, "")
-            self._collector.ended(over, end_ns - self._since, line=False)
+            self._end(end_ns, self._missed, line=False)
             self._missed = 0
+
+    def _begin(self, time_ns: int) -> None:
+        self._since_ns = time_ns
+        words = f"{FEWEST} messages in a row did not arrive"
+        self._collector.begun(RunEvent(time_ns, "warning", "loss", self.link, words))
+
+    def _end(self, time_ns: int, count: int, *, line: bool = True) -> None:
+        words = f"messages arrive again, after {count} that did not"
+        over = RunEvent(time_ns, "info", "loss", self.link, words)
+        self._collector.ended(over, time_ns - self._since_ns, line=line)

@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.master import EngineChoice, Pace
 from cosim.scenario.pinned import DesignSource
-from cosim.trace import CONCLUSION, RunOutcome
+from cosim.trace import RunOutcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,20 +83,3 @@ def result_entries(outcome: Outcome) -> dict[str, str]:
     if outcome.pace is not None:
         host["pace"] = json.dumps(pace_figures(outcome.pace), sort_keys=True)
     return outcome.entries(**host)
-
-
-def concluding_lines(outcome: RunOutcome) -> list[tuple[str, str, str]]:
-    """Return the last lines of the log of a run, which say how it ended: level, name, message."""
-    level = {"good": "info", "open": "warning", "bad": "error"}[outcome.tone]
-    if outcome.status == "stopped" and outcome.as_expected:
-        level = "info"
-    what = outcome.headline
-    if outcome.explanation:
-        what += f": {outcome.explanation}"
-    lines = [(level, CONCLUSION, what)]
-    unmet = [n.replace("_", " ") for n, met in outcome.assumptions.items() if met is False]
-    if unmet:
-        lines.append(
-            ("warning", CONCLUSION, f"the guarantee is not claimed: not met: {', '.join(unmet)}")
-        )
-    return lines

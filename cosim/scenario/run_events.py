@@ -22,6 +22,7 @@ class EventCollector:
     def __init__(self) -> None:
         self._pending: list[RunEvent] = []
         self._counts: dict[tuple[str, str], EventCount] = {}
+        self._totals_ns: dict[tuple[str, str], int] = {}
 
     def begun(self, event: RunEvent) -> None:
         """Take an event that happens, or begins, at its instant."""
@@ -34,9 +35,8 @@ class EventCollector:
     def ended(self, event: RunEvent, lasted_ns: int, *, line: bool = True) -> None:
         """Take the end of what has lasted so long; `line` : whether it is a line of the log."""
         key = event.kind, event.subject
-        known = self._counts[key]
-        self._counts[key] = replace(known, total_s=(known.total_s or 0.0) + lasted_ns / 1e9)
-        if line and known.count <= MOST_LINES:
+        self._totals_ns[key] = self._totals_ns.get(key, 0) + lasted_ns
+        if line and self._counts[key].count <= MOST_LINES:
             self._pending.append(event)
 
     def count(self, event: RunEvent) -> int:
@@ -57,7 +57,11 @@ class EventCollector:
 
     def counts(self) -> tuple[EventCount, ...]:
         """Return what happened, how often and how long, by the time at which it first did."""
-        return tuple(sorted(self._counts.values(), key=lambda each: each.first_s))
+        found = []
+        for key, count in self._counts.items():
+            total_ns = self._totals_ns.get(key)
+            found.append(replace(count, total_s=None if total_ns is None else total_ns / 1e9))
+        return tuple(sorted(found, key=lambda each: each.first_s))
 
 
 class Episodes:

@@ -15,7 +15,7 @@ from typing import Any, Final
 from cosim.trace.assertions import AssertionResult, assertions_in, failed_in
 from cosim.trace.cause import Cause
 from cosim.trace.layout import HOST_PREFIX, parsed_json, result_of_link
-from cosim.trace.run_events import EventCount
+from cosim.trace.run_events import CONCLUSION, EventCount
 
 OUTCOME_VERSION: Final = 2
 """Of the entries; it grows when one changes its meaning. 1, without this entry: no events."""
@@ -89,7 +89,7 @@ class RunOutcome:
         word = _STATUSES.get(self.status, (OPEN, self.status.replace("_", " ")))[1]
         parts = [word, failed_in(self.assertions)]
         if self.status == "finished" and self._unmet:
-            parts.append(f"{self._unmet} of {len(self.assumptions)} assumptions not met")
+            parts.append(f"{len(self._unmet)} of {len(self.assumptions)} assumptions not met")
         return ", ".join(filter(None, parts))
 
     @property
@@ -98,8 +98,20 @@ class RunOutcome:
         return self.reason or (_LIMIT_CYCLE if self.status == "limit_cycle" else "")
 
     @property
-    def _unmet(self) -> int:
-        return sum(met is False for met in self.assumptions.values())
+    def conclusion(self) -> list[tuple[str, str, str]]:
+        """The last lines of the log, which say how the run ended: level, name, message."""
+        level = {GOOD: "info", OPEN: "warning", BAD: "error"}[self.tone]
+        if self.status == "stopped":
+            level = "info" if self.as_expected else level
+        lines = [(level, CONCLUSION, ": ".join(filter(None, (self.headline, self.explanation))))]
+        if self._unmet:
+            names = ", ".join(name.replace("_", " ") for name in self._unmet)
+            lines.append(("warning", CONCLUSION, f"the guarantee is not claimed: not met: {names}"))
+        return lines
+
+    @property
+    def _unmet(self) -> list[str]:
+        return [name for name, met in self.assumptions.items() if met is False]
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as JSON values."""
