@@ -26,6 +26,7 @@ from cosim.trace.frames import Align, Between
 from cosim.trace.gather import TopicRows
 from cosim.trace.layout import Signal
 from cosim.trace.messages import Messages
+from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Index, Series, Table, series_of
@@ -85,7 +86,7 @@ class Trace:
                 self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
 
     def __repr__(self) -> str:
-        status = (self.result or {}).get("status", "not finished")
+        status = "not finished" if self.outcome is None else self.outcome.headline
         messages = sum(info.count for info in self.topics.values())
         name = self.run.get("scenario", "")
         state = f"{name}, {status}" if name else "no run of this project"
@@ -106,6 +107,21 @@ class Trace:
     def finished(self) -> bool:
         """Whether the run finished: there is a `cosim.result`."""
         return self.result is not None
+
+    @functools.cached_property
+    def outcome(self) -> RunOutcome | None:
+        """How the run ended; None where it did not, and in files of other tools."""
+        return outcome_of(self.result)
+
+    @property
+    def metrics(self) -> Mapping[str, Any]:
+        """The metrics of the run, as in its outcome; empty where there are none."""
+        return {} if self.outcome is None else self.outcome.metrics
+
+    @property
+    def links(self) -> Mapping[str, Mapping[str, Any]]:
+        """The figures of each link, as in the run's outcome; empty where there are none."""
+        return {} if self.outcome is None else self.outcome.links
 
     @functools.cached_property
     def attachments(self) -> dict[str, bytes]:

@@ -71,19 +71,19 @@ class Traces(Sequence[Trace]):
         return f"<Traces: {len(self)}, which differ in {', '.join(self.levels)}>"
 
     def outcomes(self) -> Any:
-        """Return a DataFrame with one row per trace: its levels as index, status and metrics.
+        """Return a DataFrame with one row per trace: its levels as index, how it ended, metrics.
 
         A metric that is not a number, text or truth value is left out.
         """
         pd = pandas()
         rows = []
         for trace in self:
-            result = trace.result or {}
-            row: dict[str, Any] = {"status": result.get("status", "not finished")}
-            with suppress(ValueError):
-                metrics = json.loads(result.get("metrics", "{}"))
-                row |= {k: v for k, v in _leaves(metrics) if not isinstance(v, list)}
-            rows.append(row)
+            ended = trace.outcome
+            words = {"status": "not finished", "headline": "not finished"}
+            if ended is not None:
+                words = {"status": ended.status, "headline": ended.headline}
+            metrics = {k: v for k, v in _leaves(trace.metrics) if not isinstance(v, list)}
+            rows.append(words | metrics)
         values, names = self._index()
         return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(values, names=names))
 

@@ -62,6 +62,7 @@ def test_outcomes_are_a_row_per_run(runs: Path) -> None:
     """Status and every metric, tables of metrics by dotted names."""
     found = Traces(runs).outcomes()
     assert found["status"].tolist() == ["finished"] * 4
+    assert found["headline"].str.startswith("finished").all()
     assert found.loc[(1, 0.4), "message_age_s"] > found.loc[(1, 0.2), "message_age_s"]
     assert found["assumptions.certificate_verified"].all()
 
@@ -120,6 +121,10 @@ def test_a_trace_says_what_it_is_in_one_line(runs: Path) -> None:
     trace = Trace(path)
     assert repr(trace).startswith(f"<Trace {path}: auv-acoustic, finished, ")
     assert repr(trace["plant.eta.x"]).startswith("<Series eta.x [m]: 97 values, 0 to 3 s, 3.0 to ")
+    assert trace.outcome is not None
+    assert trace.outcome.headline in repr(trace)
+    assert trace.metrics["assumptions"]["certificate_verified"]
+    assert trace.links["uplink"]["sent"] > 0
     page = trace._repr_html_()
     assert "<td>/plant/output</td><td>97</td><td>eta.x [m], eta.y [m]" in page
     assert repr(trace.read("/plant/output")).startswith("<Table /plant/output: 97 rows, eta.x, ")
