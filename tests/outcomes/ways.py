@@ -302,12 +302,12 @@ def departures(name: str, found: Found) -> list[str]:
     """What is not the same story as `WAYS` has it."""
     way, wrong = WAYS[name], []
     whole = found.trace.suffix == ".mcap"
-    said = {"report": found.badge, "info": found.state}
+    headlines = {"report": found.badge, "info": found.state}
     if found.summary:
-        said["summary"] = found.headline
+        headlines["summary"] = found.headline
     if whole:
-        said["/log"] = _concluding(found.log)
-    for view, text in said.items():
+        headlines["/log"] = _concluding(found.log)
+    for view, text in headlines.items():
         if text != way.headline:
             wrong.append(f"{view}: {text!r}, not {way.headline!r}")
     if found.code != way.code:
@@ -334,8 +334,8 @@ def _is_there(event: Event, log: tuple[Line, ...]) -> bool:
 
 def _concluding(log: tuple[Line, ...]) -> str:
     """How the run ended, by its log."""
-    said = [line.message.partition(": ")[0] for line in log if line.name == "run"]
-    return said[0] if said else ""
+    headlines = [line.message.partition(": ")[0] for line in log if line.name == "run"]
+    return headlines[0] if headlines else ""
 
 
 def _signalled(words: tuple[str, ...], number: signal.Signals, folder: Path) -> tuple[int, str]:
