@@ -91,7 +91,7 @@ def test_an_outcome_of_an_older_version_is_read() -> None:
     assert (outcome.status, outcome.steps, outcome.simulated_s) == ("finished", 260, 8.0)
     assert outcome.headline == "finished, 2 of 5 assumptions not met"
     assert outcome.links["uplink"]["sent"] > 0
-    assert outcome.events == ()
+    assert (outcome.version, outcome.events) == (1, ())
 
 
 @pytest.mark.parametrize("text", ["x", "[1]", '{"kind": 1}', "NaN", "1e999", "null", '[{"a": 1}]'])

@@ -186,6 +186,16 @@ def test_cause_of_a_failed_run_is_at_the_top() -> None:
 
 
 @pytest.mark.usefixtures("light")
+def test_a_trace_without_events_does_not_say_that_nothing_happened() -> None:
+    """One of an older version lists none, though commands stood at their limits."""
+    old = Path(__file__).parents[3] / "traces" / "reference" / "auv-acoustic-naive.mcap"
+    page_text = words(page(content_of(old)))
+    assert "The trace lists no events." in page_text
+    assert "Nothing out of the ordinary" not in page_text
+    assert "Nothing out of the ordinary" in words(page(content_of(found("finished").trace)))
+
+
+@pytest.mark.usefixtures("light")
 def test_infinite_values_are_reported() -> None:
     """The first one, and where values are drawn that are too large."""
     page_text = words(page(content_of(found("diverged").trace)))
