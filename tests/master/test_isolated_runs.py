@@ -28,7 +28,6 @@ import cosim.fmu.isolation.process as process_module
 from cosim.core import ComponentError
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import (
-    Cause,
     Component,
     Connection,
     Endpoint,
@@ -38,6 +37,7 @@ from cosim.master import (
     make_schedule,
     simulate,
 )
+from cosim.trace import Cause
 
 
 @pytest.fixture(autouse=True)
