@@ -27,7 +27,7 @@ PARAMETERS = [[1, 1], [1, 1]]
 NO_GAIN = np.zeros((1, 2))
 
 
-def spring(blocks: Any = PARAMETERS, reach: float = 1.0) -> DelaySystem:
+def spring(blocks: Any = PARAMETERS, scale: float = 1.0) -> DelaySystem:
     """Mass, spring (a part of it late) and damper; stiffness and damping are uncertain."""
     return DelaySystem(
         [[0, 1], [-2, -1]],
@@ -36,7 +36,7 @@ def spring(blocks: Any = PARAMETERS, reach: float = 1.0) -> DelaySystem:
         [[1, 0], [0, 0]],
         D2=[[0], [0.3]],
         E=[[0, 0], [1, 1]],
-        H=reach * np.array([[0.4, 0], [0, 0.5]]),
+        H=scale * np.array([[0.4, 0], [0, 0.5]]),
         delays=[Delay(0.3, [[0, 0], [-0.5, 0]])],
         name="spring",
         uncertainty_blocks=blocks,
@@ -90,7 +90,7 @@ def test_a_designed_gain_is_better_with_blocks_and_holds_at_every_vertex() -> No
 
 def test_stability_that_no_full_block_has_is_certified_for_parameters() -> None:
     """A full F within its bound makes a root cross the axis: the gain from p to q exceeds one."""
-    far, alone = spring(reach=1.1), 0.0
+    far, alone = spring(scale=1.1), 0.0
     for w in np.linspace(0.5, 2.0, 400):
         late = np.exp(-0.3j * w) * far.delays[0].A
         G = far.H @ np.linalg.inv(1j * w * np.eye(2) - far.A - late) @ far.E
