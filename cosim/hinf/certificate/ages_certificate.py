@@ -24,7 +24,7 @@ from cosim.hinf.certificate.ages_terms import (
     state_blocks,
     unknowns_of,
 )
-from cosim.hinf.certificate.analysis_certificate import check_null, gain_from_json, order_from_json
+from cosim.hinf.certificate.analysis_certificate import check_null, loop_from_json, order_from_json
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
@@ -39,7 +39,6 @@ from cosim.hinf.certificate.rational import (
 from cosim.hinf.certificate.system_json import (
     format_value,
     known_keys,
-    system_from_json,
     system_to_json,
 )
 from cosim.hinf.certificate.theorem import theorem_of
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
 
 AGES = "ages"
-_KEYS = ("kind", "claim", "system", "variables", "K")
 _VARIABLES = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
 _TERMS = ("functional", "matrices")
 
@@ -108,14 +106,14 @@ def check_ages(data: dict[str, Any]) -> CertificateCheck:
     ------
     InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
-    own = {key: data[key] for key in _KEYS if key in data}
-    known_keys(own, "certificate", _KEYS, required=_KEYS)
-    system = system_from_json(data["system"])
-    gain = gain_from_json(data["K"], system)
+    system, gain, more = loop_from_json(data)
     v = _variables(system, data["variables"])
-    claim = ages_claim(system, v)
-    named = v.symmetric_matrices()
-    return judged(data, claim, named, lambda: ages_proved(system, gain, v).reason)
+    claim = ages_claim(system, v) | more.claim()
+
+    def reason() -> str | None:
+        return ages_proved(system, gain, v).reason or more.failure(system, gain)
+
+    return judged(data, claim, v.symmetric_matrices(), reason)
 
 
 def _variables(system: DelaySystem, data: Any) -> AgesVariables:

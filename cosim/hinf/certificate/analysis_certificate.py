@@ -5,6 +5,7 @@
 
 Q, R: one matrix per positive delay; Q is null where any age is allowed. "lower", where it is
 given, has the least of each positive delay that the claim covers, null where any age is allowed.
+Beside these there may be `guarantees` (`cosim.hinf.certificate.guarantees`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from cosim.hinf.certificate.analysis_proof import (
     orders_of,
 )
 from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
+from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
@@ -92,13 +94,27 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     ------
     InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
+    system, gain, more = loop_from_json(data)
+    v = _variables(system, data["variables"])
+    claim = analysis_claim(system, v) | more.claim()
+
+    def reason() -> str | None:
+        return analysis_proved(system, gain, v).reason or more.failure(system, gain)
+
+    return judged(data, claim, v.matrices(), reason)
+
+
+def loop_from_json(data: dict[str, Any]) -> tuple[DelaySystem, Matrix, Guarantees]:
+    """Read what every certificate of an analysis has: the system, the gain, and guarantees.
+
+    Raises
+    ------
+    InputError : a missing key, a wrong shape, a number that is none.
+    """
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
-    gain = gain_from_json(data["K"], system)
-    v = _variables(system, data["variables"])
-    claim = analysis_claim(system, v)
-    return judged(data, claim, v.matrices(), lambda: analysis_proved(system, gain, v).reason)
+    return system, gain_from_json(data["K"], system), guarantees_from_json(data, system)
 
 
 def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:

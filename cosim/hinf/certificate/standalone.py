@@ -94,9 +94,13 @@ def design(c, s):
     v = variables_of(s, c["variables"], s.q and s.p)
     need(s.K @ v[0] == sn.matrix(c["variables"]["Y"], s.m, s.n), "Y is not K X")
     theorem_2(s, *v)
+    return claim_of(s, v[-1]) | guarantees(c, s)
+
+
+def guarantees(c, s):
     readers = {"decay": decay, "gain_limit": gain_limit, "peak_control": peak_control}
     more = {name: readers[name](s, table) for name, table in c.get("guarantees", {}).items()}
-    return claim_of(s, v[-1]) | ({"guarantees": more} if more else {})
+    return {"guarantees": more} if more else {}
 
 
 def above_exp(x):
@@ -226,7 +230,8 @@ def analysis(c, s):
     gamma, delays, more = analysis_proved(c, s)
     claim = claim_of(s, gamma)
     both = zip(claim["delays"], delays)
-    return claim | {"delays": [own | changed for own, changed in both]} | more
+    own = {"delays": [own | changed for own, changed in both]}
+    return claim | own | more | guarantees(c, s)
 
 
 CHECKS = {

@@ -119,7 +119,7 @@ def analysed_again(found: Design) -> Design:
     """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
     if found.gamma is None or found.abscissa is None or found.order is not None:
         return found
-    figures = NominalFigures(**{name: getattr(found, name) for name in NominalFigures._fields})
+    figures = NominalFigures.of(found)
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
     again = best_analysis(found.system, found.K, None, "auto", figures)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,7 @@ class LinkFigures:
     sent, in_flight : as the run counted them; None if it did not finish.
     reasons : number of dropped messages, by reason.
     mean_delay_s, largest_delay_s : from sending to delivery [s]; None without deliveries.
-    silence_s, silence_from_s : longest time without a delivery, and its beginning [s].
+    silence_s : longest time without a delivery [s].
     """
 
     name: str
@@ -35,7 +35,6 @@ class LinkFigures:
     largest_delay_s: float | None
     largest_age_s: float | None
     silence_s: float | None
-    silence_from_s: float | None
 
     @property
     def dropped_share(self) -> float | None:
@@ -45,7 +44,7 @@ class LinkFigures:
         return dropped / due if due else None
 
 
-def figures(recording: Recording, counted: Mapping[str, Mapping[str, str]]) -> list[LinkFigures]:
+def figures(recording: Recording, counted: Mapping[str, Mapping[str, Any]]) -> list[LinkFigures]:
     """Return the figures of every link; `counted` are those in the run's result."""
     end = _end(recording)
     return [
@@ -59,21 +58,20 @@ def _figures(
     recording: Recording,
     delivered: Table | None,
     dropped: Table | None,
-    counted: Mapping[str, str],
+    counted: Mapping[str, Any],
     end: float,
 ) -> LinkFigures:
     sent, in_flight = (
-        int(text) if (text := counted.get(key, "")).isdecimal() else None
+        value if isinstance(value := counted.get(key), int) else None
         for key in ("sent", "in_flight")
     )
     reasons = _reasons(dropped)
     if delivered is None or not len(delivered):
-        return LinkFigures(name, sent, in_flight, 0, reasons, None, None, None, None, None)
+        return LinkFigures(name, sent, in_flight, 0, reasons, None, None, None, None)
     delays = (delivered.log_time_ns - delivered.publish_time_ns) / 1e9
     _, age = sawtooth(recording, delivered, end)
     arrived = np.sort(recording.seconds(delivered.log_time_ns))
     gaps = np.diff(np.append(arrived, max(end, float(arrived[-1]))))
-    longest = int(np.argmax(gaps))
     return LinkFigures(
         name,
         sent,
@@ -83,8 +81,7 @@ def _figures(
         mean_delay_s=float(delays.mean()),
         largest_delay_s=float(delays.max()),
         largest_age_s=float(age.max()),
-        silence_s=float(gaps[longest]),
-        silence_from_s=float(arrived[longest]),
+        silence_s=float(gaps.max()),
     )
 
 
@@ -183,12 +180,3 @@ def _reasons(dropped: Table | None) -> dict[str, int]:
 def _end(recording: Recording) -> float:
     ends = [float(recording.seconds(t.log_time_ns.max())) for t in recording.tables.values()]
     return max(ends, default=0.0)
-
-
-def moments(link: LinkFigures) -> Iterator[tuple[float, str]]:
-    """Yield time [s] and text of the longest silence, if the link dropped messages."""
-    if link.silence_s is not None and link.silence_from_s is not None and link.reasons:
-        yield (
-            link.silence_from_s,
-            f"{link.name}: longest silence, {link.silence_s:.4g} s without a delivery",
-        )
