@@ -96,7 +96,7 @@ def content_of(path: Path) -> Content:
     recording = Recording(Trace(path, incomplete=True))
     settings = Settings(recording.trace)
     found = outcome_of(recording.trace.result)
-    outcome = found or RunOutcome()
+    outcome = found or RunOutcome(version=0)
     metrics = outcome.metrics
     links = traffic.figures(recording, outcome.links)
     log = log_of(recording)
