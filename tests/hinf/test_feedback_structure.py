@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.core import InputError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     Delay,
     DelaySystem,
@@ -221,6 +221,19 @@ def test_files_say_what_is_measured_and_integrated() -> None:
     assert not both.A[2].any()  # integrated where it is received, and only there
     assert both.delays[1].d == 0.1
     assert both.delays[1].any_age
+
+
+def test_a_limit_on_the_gain_goes_with_single_states() -> None:
+    """Four fifths of the norm of the best one: met and certified; a given gain above is refused."""
+    free = design(axis())
+    limit = 0.8 * float(np.linalg.norm(free.K, 2))
+    found = design(axis(), gain_limit=limit)
+    assert np.linalg.norm(found.K, 2) <= limit
+    assert found.certificate["claim"]["guarantees"].keys() == {"gain_limit"}
+    assert check_certificate(found.certificate).valid
+    assert ((found.K == 0) == (free.K == 0)).all()
+    with pytest.raises(NotAchievableError, match="gain_limit"):
+        design(axis(), gain=free.K, gain_limit=limit)
 
 
 @pytest.mark.parametrize(

@@ -41,14 +41,14 @@ _STEPS = 2  # designs with relaxed constraints
 
 
 def prove_constraints(
-    found: Design, design_constraints: DesignConstraints, at: Scalars
+    found: Design, design_constraints: DesignConstraints, at: Scalars | None
 ) -> tuple[Guarantees | None, str]:
     """Prove the design constraints for the gain as it is; or return None and why.
 
-    at : k1, k2 to begin with; any may do, since the gain is given.
+    at : k1, k2 to begin with; any may do, since the gain is given. None for a limit of it alone.
     """
     system, K = found.system, found.K
-    scalars = starts(at)
+    scalars = [] if at is None else starts(at)
     made: dict[str, Any] = {}
     if design_constraints.gain_limit is not None:
         limit = GainLimit(exact(min(norm_above(K), design_constraints.gain_limit)))
@@ -66,6 +66,26 @@ def prove_constraints(
             return None, f"decay: {reason}"
         made["decay"] = decay
     return Guarantees(**made), ""
+
+
+def constrained(
+    found: Design, design_constraints: DesignConstraints, at: Scalars | None = None
+) -> Design:
+    """Return a design with the constraints proved for its gain; `at` as in `prove_constraints`.
+
+    Raises
+    ------
+    NotAchievableError : they are not, and why.
+    """
+    guarantees, reason = prove_constraints(found, design_constraints, at)
+    if guarantees is None:
+        raise NotAchievableError(
+            "the design constraints could not be proved for this gain",
+            where=found.system.name or None,
+            expected=describe_constraints(design_constraints),
+            got=reason,
+        )
+    return with_guarantees(found, guarantees)
 
 
 def with_guarantees(found: Design, guarantees: Guarantees) -> Design:

@@ -31,6 +31,7 @@ from cosim.hinf.synthesis.analysis import Order, analyse
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
 from cosim.hinf.synthesis.constrained_search import (
     ConstrainedSearch,
+    constrained,
     describe_constraints,
     prove_constraints,
     scalars_of,
@@ -131,14 +132,17 @@ def design(
     """
     system = checked_system(system, control=True)
     if system.is_structured:
-        given_too = (k1, k2, search, decay, gain_limit, peak_control, offset, energy)
+        given_too = (k1, k2, search, decay, peak_control, offset, energy)
         if any(x is not None for x in given_too) or order is None or solver == "cvxpy":
             refuse_structure(
-                system, "Theorem 2", "leave out k1, k2, search, solver and design constraints"
+                system, "Theorem 2", "leave out k1, k2, search, solver, decay and peak_control"
             )
+        design_constraints_of(system, gain_limit=gain_limit)
         if gamma is not None:
             check_achievable(gamma, system)
-        return structured_design(system, "auto" if order is None else order, gamma, gain)
+        return structured_design(
+            system, "auto" if order is None else order, gamma, gain, gain_limit
+        )
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -258,9 +262,9 @@ def _constrained(
             return with_guarantees(plain, guarantees)
     errors: list[tuple[str, NotAchievableError]] = []
     for look in (search, True) if may_search and not search else (search,):
-        constrained = ConstrainedSearch(start, system, design_constraints, gamma, search=look)
+        searching = ConstrainedSearch(start, system, design_constraints, gamma, search=look)
         try:
-            return constrained.best(plain)
+            return searching.best(plain)
         except NotAchievableError as error:
             errors.append(("k1, k2 searched" if look else "these k1, k2", error))
     if may_search:
@@ -282,8 +286,8 @@ def _other_gains(
     """Yield ways to a gain that may meet the constraints, each with its name."""
     if asked.system.has_performance and design_constraints.energy is None:
         bare = without_performance(asked.system)
-        constrained = ConstrainedSearch(start, bare, design_constraints, None, search=True)
-        yield "the constraints for stability, then its gain", lambda: constrained.best(None).K
+        searching = ConstrainedSearch(start, bare, design_constraints, None, search=True)
+        yield "the constraints for stability, then its gain", lambda: searching.best(None).K
     yield "a gain without the constraints", lambda: designed_by_some_route(asked).K
 
 
@@ -300,15 +304,7 @@ def _proved_with_constraints(
     found = _proved(asked, gain, order, "clarabel", search=search)
     at = theorem_2.checked_scalars(system, asked.k1, asked.k2)
     at = at if found.order is not None else scalars_of(found)
-    guarantees, reason = prove_constraints(found, design_constraints, at)
-    if guarantees is None:
-        raise NotAchievableError(
-            "the design constraints could not be proved for this gain",
-            where=system.name or None,
-            expected=describe_constraints(design_constraints),
-            got=reason,
-        )
-    return with_guarantees(found, guarantees)
+    return constrained(found, design_constraints, at)
 
 
 def greatest_delay(
