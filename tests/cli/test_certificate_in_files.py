@@ -183,7 +183,7 @@ def test_people_see_the_certificate_in_info(tmp_path: Path) -> None:
     """Claim, bound, delays and hash in words."""
     seen = cosim("trace", "info", trace_of("auv-acoustic"), cwd=tmp_path).out
     run = Trace(trace_of("auv-acoustic")).run
-    assert "stability and H-infinity gain <= gamma, gamma = 3.41" in seen
+    assert "stability and H-infinity gain <= gamma, gamma = 3.36" in seen
     assert "d = 1.25 s: age any, however it varies, up to d, the control acts through it" in seen
     assert run["certificate.sha256"][:16] in seen
     assert run["certificate.gain"] in seen
