@@ -40,9 +40,21 @@ FileArgument = Annotated[
 
 
 @trace_app.command()
-def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
+def info(
+    file: FileArgument,
+    *,
+    hashed: Annotated[
+        bool | None,
+        typer.Option(
+            "--hash/--no-hash",
+            help="Compute the content hash, which reads the whole file "
+            "(default: of files up to 64 MiB).",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
     """Show what a trace contains: run, topics, links, result, content hash."""
-    description = describe(file)
+    description = describe(file, hashed=hashed)
     answer(as_json, lambda: description, lambda: render(description))
 
 
@@ -104,22 +116,32 @@ def recover(
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an output file that exists.")
     ] = False,
+    keep_suspect: Annotated[
+        bool,
+        typer.Option(
+            "--keep-suspect",
+            help="Keep what can be read of damaged chunks too, though values may be wrong; "
+            "cosim.recovered in the output names it.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a complete trace of what a crash left, and report what was lost.
 
     Every intact message, metadata record and attachment is kept. A chunk whose checksum does not
-    match is left out. The original file is not changed.
+    match is left out, unless --keep-suspect is given. The original file is not changed.
 
-    Exit code 0: nothing was lost; 3: something was lost or may have been, since a file without
-    its end does not show what was still to come.
+    Exit code 0: nothing was lost; 3: something was lost, is suspect, or may have been lost, since
+    a file without its end does not show what was still to come.
 
     \b
     cosim trace recover traces/auv-acoustic.mcap.partial
-    cosim trace recover damaged.mcap -o mended.mcap --json
+    cosim trace recover damaged.mcap -o mended.mcap --keep-suspect --json
     """
     with progress() as report_progress:
-        result = recover_trace(file, out, force=force, progress=report_progress)
+        result = recover_trace(
+            file, out, force=force, keep_suspect=keep_suspect, progress=report_progress
+        )
     answer(as_json, result.to_json, lambda: recovery_view(result))
     if result.lost:
         raise typer.Exit(LossError.exit_code)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,9 +9,6 @@ import numpy as np
 from cosim.trace.declared import Declarations
 from cosim.trace.messages import Messages, on_channels
 from cosim.trace.records import DamageError
-
-RECORD = struct.Struct("<BQ")
-"""Opcode and length of a record."""
 
 
 @dataclass(slots=True)
@@ -52,6 +48,7 @@ class Contents:
     attachments : position and size of the record of each, by name.
     damage : where and why reading stopped; None if the file is whole.
     scanned : whether all records were read and every checksum was checked.
+    sets : the sets of channels of the segments, each once: a file of many topics has many equal.
     """
 
     library: str = ""
@@ -64,6 +61,7 @@ class Contents:
     media_types: dict[str, str] = field(default_factory=dict)
     damage: str | None = None
     scanned: bool = False
+    sets: dict[frozenset[int], frozenset[int]] = field(default_factory=dict)
 
 
 def declared_only(

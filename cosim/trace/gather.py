@@ -15,7 +15,7 @@ from cosim.trace.decode import RowDecoder
 from cosim.trace.hold import blanks
 from cosim.trace.json_rows import json_columns
 from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages, on_channels
+from cosim.trace.messages import Messages
 from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
@@ -48,30 +48,31 @@ class TopicRows:
         self._heads: list[NDArray[Any]] = []
         self._rows = 0
 
-    def add(self, messages: Messages, inside: NDArray[np.bool_] | None) -> None:
-        """Add the topic's messages of a block, only those `inside` unless that is None.
+    def __len__(self) -> int:
+        return self._rows
+
+    def add(self, messages: Messages) -> None:
+        """Add messages, all of the topic.
 
         Raises
         ------
         LossError : a row does not fit its schema.
         InputError : the rows would not fit into the memory of this machine.
         """
-        mine = on_channels(messages, self.channels)
-        if inside is not None:
-            mine &= inside
-        if not mine.any():
-            return
-        if not mine.all():
-            messages = messages.part(mine)
         self._heads.append(messages.heads)
         _check_room(self._rows + len(messages), self._sources, self._where)
-        for number, source in self._sources.items():
-            own = np.flatnonzero(messages.heads["channel"] == number)
-            if own.size == len(messages):
-                source.add(messages, self._rows + own)
-            elif own.size:
-                source.add(messages.part(own), self._rows + own)
+        for number, own in messages.by_channel():
+            part = messages if own.size == len(messages) else messages.part(own)
+            self._sources[number].add(part, self._rows + own)
         self._rows += len(messages)
+
+    def taken(self) -> Table:
+        """Return the table of all rows added, and forget them."""
+        table = self.table()
+        self._heads, self._rows = [], 0
+        for source in self._sources.values():
+            source.forget()
+        return table
 
     def table(self) -> Table:
         """Return the table of all rows added."""
@@ -148,6 +149,9 @@ class _Source:
         except ValueError as error:
             raise _unreadable(self._where, str(error)) from error
         self._places.append(places)
+
+    def forget(self) -> None:
+        self._parts, self._places = [], []
 
     def columns(
         self,

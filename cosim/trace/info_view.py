@@ -88,7 +88,10 @@ def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     host = [f"{key.removeprefix(HOST_PREFIX)} {run[key]}" for key in sorted(run) if key in _HOST]
     if host:
         yield "recorded", ", ".join(host)
-    yield "content hash", description["content_hash"]
+    yield (
+        "content hash",
+        description["content_hash"] or "not computed: --hash reads the file for it",
+    )
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> Iterator[tuple[str, object]]:

@@ -7,7 +7,7 @@ topics and the time window wanted.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
@@ -29,6 +29,9 @@ from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
 from cosim.trace.topic_info import TopicInfo, window_ns
+
+PART_BYTES = 2**23
+"""Payload of the rows that a stream holds at once [bytes]."""
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
@@ -172,19 +175,77 @@ class Trace:
         """Read several topics (all protobuf topics if None) in one pass over the file."""
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
-        first, last = window_ns(start, end)
         gathered = {topic: self._gathered(topic) for topic in topics}
-        wanted = {number for each in gathered.values() for number in each.channels}
-        for messages in self._segments(wanted, first, last):
-            log = messages.heads["log"]
-            inside = None if start is None and end is None else (log >= first) & (log <= last)
-            for each in gathered.values():
-                each.add(messages, inside)
+        for _ in self._collect(gathered, start, end):
+            pass
         tables = {topic: each.table() for topic, each in gathered.items()}
         if start is None and end is None:
             for topic, table in tables.items():
                 self._check_count(topic, len(table))
         return tables
+
+    def parts(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        part_bytes: int = PART_BYTES,
+    ) -> Iterator[dict[str, Table]]:
+        """Yield the rows of topics (all protobuf topics if None) in file order, part by part.
+
+        A part has the tables of the topics with rows in it. The columns of a JSON topic are those
+        found in the part.
+
+        part_bytes : payload after which a part ends [bytes].
+
+        Raises
+        ------
+        InputError, LossError : as `read`.
+        """
+        if topics is None:
+            topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
+        gathered = {topic: self._gathered(topic) for topic in topics}
+        counts = dict.fromkeys(topics, 0)
+        held, touched = 0, dict[str, None]()
+        for topic, size in self._collect(gathered, start, end):
+            if topic is not None:
+                held += size
+                touched[topic] = None
+            elif held >= part_bytes:
+                yield _taken(gathered, touched, counts)
+                held, touched = 0, {}
+        if touched:
+            yield _taken(gathered, touched, counts)
+        if start is None and end is None:
+            for topic, count in counts.items():
+                self._check_count(topic, count)
+
+    def _collect(
+        self, gathered: Mapping[str, TopicRows], start: float | None, end: float | None
+    ) -> Iterator[tuple[str | None, int]]:
+        """Add messages to the rows of their topics; yield topic and bytes, None after a block."""
+        first, last = window_ns(start, end)
+        places = np.full(2**16, -1, np.int32)
+        for place, each in enumerate(gathered.values()):
+            places[list(each.channels)] = place
+        names = list(gathered)
+        wanted = {number for each in gathered.values() for number in each.channels}
+        for block in self._segments(wanted, first, last):
+            messages, place = block, places[block.heads["channel"]]
+            inside = place >= 0
+            if start is not None or end is not None:
+                log = block.heads["log"]
+                inside &= (log >= first) & (log <= last)
+            if not inside.all():
+                messages, place = block.part(inside), place[inside]
+            order = np.argsort(place, kind="stable")
+            found, begins = np.unique(place[order], return_index=True)
+            for number, mine in zip(found.tolist(), np.split(order, begins[1:]), strict=False):
+                part = messages if mine.size == len(messages) else messages.part(mine)
+                gathered[names[number]].add(part)
+                yield names[number], int(part.sizes.sum()) + 64 * mine.size
+            yield None, 0
 
     def to_pandas(
         self,
@@ -282,3 +343,12 @@ class Trace:
             got=damage,
             hint="`cosim trace info` reads it as far as it goes",
         )
+
+
+def _taken(
+    gathered: Mapping[str, TopicRows], topics: Iterable[str], counts: dict[str, int]
+) -> dict[str, Table]:
+    tables = {topic: gathered[topic].taken() for topic in topics}
+    for topic, table in tables.items():
+        counts[topic] += len(table)
+    return tables

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace.info import describe
+from cosim.trace.info import description_of
 from cosim.trace.layout import HOST_PREFIX
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, traffic, vehicle, verdict
@@ -88,8 +88,9 @@ class Content:
 
 def content_of(path: Path) -> Content:
     """Read a trace, finished or not, or any MCAP file; `InputError` if it is none."""
-    info = describe(path)
-    recording = Recording(Trace(path, incomplete=True))
+    trace = Trace(path, incomplete=True)
+    info = description_of(trace, hashed=True)
+    recording = Recording(trace)
     settings = Settings(recording.trace)
     metrics = verdict.metrics_of(info["result"])
     links = traffic.figures(recording, info["links"])
