@@ -22,6 +22,7 @@ class Segment:
     index_size : size of the message indexes behind it [bytes].
     channels : ids of its messages' channels; None if not known yet.
     start_ns, end_ns : least and greatest log time of its messages.
+    data_size : size of its records, uncompressed [bytes].
     damaged : whether only a part of it can be read.
     """
 
@@ -32,6 +33,7 @@ class Segment:
     channels: frozenset[int] | None = None
     start_ns: int = 0
     end_ns: int = 2**64 - 1
+    data_size: int = 0
     damaged: bool = False
 
 

@@ -67,6 +67,7 @@ def _note(record: Record, messages: Messages, found: Contents, *, damaged: bool)
             channels=found.sets.setdefault(frozenset(ids), frozenset(ids)),
             start_ns=int(times.min()) if ids else 0,
             end_ns=int(times.max()) if ids else 2**64 - 1,
+            data_size=len(messages.data),
             damaged=damaged,
         )
     )

@@ -24,7 +24,7 @@ from cosim.trace.file_parts import attachment_data, check_outer_records, read_se
 from cosim.trace.frames import Align
 from cosim.trace.gather import TopicRows
 from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages
+from cosim.trace.messages import Messages, on_channels
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Series, Table, series_of
@@ -32,6 +32,8 @@ from cosim.trace.topic_info import TopicInfo, window_ns
 
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
+
+_ALWAYS = 2**64 - 1
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
@@ -176,7 +178,7 @@ class Trace:
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
         gathered = {topic: self._gathered(topic) for topic in topics}
-        for _ in self._collect(gathered, start, end):
+        for _ in self._collect(gathered, *window_ns(start, end)):
             pass
         tables = {topic: each.table() for topic, each in gathered.items()}
         if start is None and end is None:
@@ -208,7 +210,7 @@ class Trace:
         gathered = {topic: self._gathered(topic) for topic in topics}
         counts = dict.fromkeys(topics, 0)
         held, touched = 0, dict[str, None]()
-        for topic, size in self._collect(gathered, start, end):
+        for topic, size in self._collect(gathered, *window_ns(start, end)):
             if topic is not None:
                 held += size
                 touched[topic] = None
@@ -221,11 +223,48 @@ class Trace:
             for topic, count in counts.items():
                 self._check_count(topic, count)
 
+    def windows(
+        self, topics: Sequence[str], borders_ns: Sequence[int], *, first_ns: int = 0
+    ) -> Iterator[dict[str, Table]]:
+        """Yield the rows of topics up to each border [ns], included, and beyond the last before.
+
+        borders_ns : increasing; `borders` proposes some. Those before `first_ns` are passed over.
+
+        Raises
+        ------
+        InputError, LossError : as `read`.
+        """
+        gathered = {topic: self._gathered(topic) for topic in topics}
+        first = first_ns
+        for last in borders_ns:
+            if last < first:
+                continue
+            for _ in self._collect(gathered, first, last):
+                pass
+            yield {topic: each.taken() for topic, each in gathered.items()}
+            first = last + 1
+
+    def borders(self, part_bytes: int = PART_BYTES) -> list[int]:
+        """Return instants [ns] between which there are about so many bytes of messages.
+
+        They are those of chunks, the last is beyond all messages.
+        """
+        found, held = [], 0
+        for segment in sorted(self._contents.segments, key=lambda s: s.start_ns):
+            if held >= part_bytes and segment.start_ns > (found[-1] + 1 if found else 0):
+                found.append(segment.start_ns - 1)
+                held = 0
+            held += segment.data_size
+        return [*found, _ALWAYS]
+
+    def empty(self, topic: str) -> Table:
+        """Return a table with the columns of a protobuf topic, and no rows."""
+        return self._gathered(topic).table()
+
     def _collect(
-        self, gathered: Mapping[str, TopicRows], start: float | None, end: float | None
+        self, gathered: Mapping[str, TopicRows], first: int, last: int
     ) -> Iterator[tuple[str | None, int]]:
         """Add messages to the rows of their topics; yield topic and bytes, None after a block."""
-        first, last = window_ns(start, end)
         places = np.full(2**16, -1, np.int32)
         for place, each in enumerate(gathered.values()):
             places[list(each.channels)] = place
@@ -234,7 +273,7 @@ class Trace:
         for block in self._segments(wanted, first, last):
             messages, place = block, places[block.heads["channel"]]
             inside = place >= 0
-            if start is not None or end is not None:
+            if first > 0 or last < 2**64 - 1:
                 log = block.heads["log"]
                 inside &= (log >= first) & (log <= last)
             if not inside.all():
@@ -275,10 +314,19 @@ class Trace:
         """Read the messages that a link dropped, with the reason; see `cosim.trace.traffic`."""
         return traffic.dropped(self, link)
 
-    def messages(self) -> Iterator[tuple[Channel, int, int, int, memoryview]]:
-        """Yield channel, sequence, log time, publish time and payload of each message in order."""
+    def messages(
+        self, topics: Sequence[str] | None = None
+    ) -> Iterator[tuple[Channel, int, int, int, memoryview]]:
+        """Yield channel, sequence, log time, publish time and payload of each message in order.
+
+        topics : only of these; all by default.
+        """
         channels = self.channels
-        for block in self.blocks():
+        wanted = None
+        if topics is not None:
+            wanted = {number for number, channel in channels.items() if channel.topic in topics}
+        for each in self._segments(wanted, 0, _ALWAYS):
+            block = each if wanted is None else each.part(on_channels(each, wanted))
             heads = block.heads
             columns = [heads[key].tolist() for key in ("channel", "sequence", "log", "publish")]
             for number, *rest in zip(*columns, block.payloads(), strict=True):

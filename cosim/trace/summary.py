@@ -132,6 +132,7 @@ class _Summary:
         indexed = self._sets[ids] if index else None
         segment = Segment(at, size, chunk=True, index_size=index, channels=indexed)
         segment.start_ns, segment.end_ns = first, last
+        segment.data_size = int.from_bytes(content[-8:], "little")
         self._known.segments.append(segment)
         self._named.append((at, at + size + index))
 

@@ -1,5 +1,4 @@
-"""`recover --keep-suspect` loses nothing that a reader without checks has, and marks what it keeps;
-`recover` and `verify` agree on what is whole."""
+"""`recover --keep-suspect` loses nothing that a plain reader has; `verify` agrees with `recover`."""
 
 from __future__ import annotations
 
