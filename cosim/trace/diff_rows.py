@@ -104,7 +104,7 @@ def _times(
     limits : number of rows that count, by topic; all by default.
     """
     digests = {topic: hashlib.sha256() for topic in topics}
-    ordered = dict.fromkeys(topics, True)  # noqa: FBT003
+    ordered = dict.fromkeys(topics, True)
     last = dict.fromkeys(topics, 0)
     left = dict(limits)
     for block in trace.blocks():

@@ -7,11 +7,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.core import LossError
 from cosim.trace import foxglove
 from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
 from cosim.trace.layout import LOG_TOPIC, certificate_of, parsed_json
 from cosim.trace.reader import TopicInfo, Trace
+from cosim.trace.summary import from_summary
 
 _LINK = "link."
 _STRUCTURED = ("metrics", "final", "assertions")
@@ -50,10 +50,7 @@ def describe(
 
 def opened(path: str | PathLike[str]) -> Trace:
     """Open a trace by its summary, or, of a file that has none, as far as it can be read."""
-    try:
-        return Trace(path, incomplete=False)
-    except LossError:
-        return Trace(path, incomplete=True)
+    return Trace(path, incomplete=from_summary(Path(path)) is None)
 
 
 def _is_large(path: Path) -> bool:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace import frames, layout, traffic
+from cosim.trace.contents import Segment
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
 from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
@@ -335,6 +336,21 @@ class Trace:
     def blocks(self) -> Iterator[Messages]:
         """Yield the messages in file order, a chunk at a time; `LossError` where one is damaged."""
         return self._segments(None, 0, 2**64 - 1)
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """The chunks, and messages outside chunks that follow each other, in file order."""
+        return self._contents.segments
+
+    @property
+    def counts(self) -> Mapping[int, int]:
+        """Number of messages by id of the channel."""
+        return self._contents.counts
+
+    def read_segment(self, segment: Segment) -> Messages:
+        """Read the messages of a segment; `LossError` if it is damaged."""
+        with open_trace(self.path) as stream, self._damage_as_loss():
+            return read_segment(stream, segment, self._contents.declared)
 
     @property
     def channels(self) -> Mapping[int, Channel]:

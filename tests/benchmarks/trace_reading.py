@@ -19,77 +19,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 
-from cosim.trace import Rows, Signal, TraceWriter
 from tests.benchmarks._show import show
+from tests.trace.recorded_runs import write_run, write_topics
 
-STEP_NS = 10_000_000
-DELAY_NS = 3 * STEP_NS
 _STEPS_PER_MB = 4150
-_BLOCK = 2000
 COMMANDS = ("info", "verify", "report", "csv", "parquet", "wide", "diff", "recover", "play")
-
-
-def write_run(path: Path, steps: int, *, seed: int = 1, changed_at: int | None = None) -> Path:
-    """Write a run that `verify` finds in order; one value differs at step `changed_at`."""
-    random = np.random.default_rng(seed)
-    states, forces = [Signal(f"x{i}") for i in range(12)], [Signal(f"u{i}") for i in range(4)]
-    last = (steps - 1) * STEP_NS
-    late = DELAY_NS // STEP_NS
-    links = {
-        f"link.{name}": json.dumps({"delay_ns": DELAY_NS, "order": "newest-wins"})
-        for name in ("up", "down")
-    }
-    with TraceWriter(path, run={"end_ns": str(last), "step_ns": str(STEP_NS), **links}) as writer:
-        ours = {
-            "plant": (writer.add_topic("/plant/output", states, schema_name="t.P"), "up"),
-            "control": (writer.add_topic("/control/output", forces, schema_name="t.C"), "down"),
-        }
-        over = {
-            link: writer.add_topic(
-                f"/link/{link}",
-                [Signal(f"{name}.{s.name}") for s in signals],
-                schema_name=f"t.{link}",
-                metadata={"order": "newest-wins"},
-            )
-            for name, link, signals in (("plant", "up", states), ("control", "down", forces))
-        }
-        held = {name: np.zeros((0, n)) for name, n in (("plant", 12), ("control", 4))}
-        for first in range(0, steps, _BLOCK):
-            k = np.arange(first, min(first + _BLOCK, steps))
-            parts = []
-            for name, (topic, link) in ours.items():
-                values = random.normal(size=(k.size, held[name].shape[1]))
-                if changed_at is not None and k[0] <= changed_at <= k[-1]:
-                    values[changed_at - first] += 1e-3
-                parts.append(Rows(topic, k * STEP_NS, values, rank=np.zeros((k.size, 1), int)))
-                everything = np.concatenate([held[name], values])
-                sent = k[k >= late] - late
-                if sent.size:
-                    rows = everything[sent - (first - len(held[name]))]
-                    at = (sent * STEP_NS) + DELAY_NS
-                    rank = np.ones((sent.size, 1), int)
-                    parts.append(Rows(over[link], at, rows, sent * STEP_NS, sent, rank))
-                held[name] = everything[-late:]
-            writer.write_rows(parts)
-        figures = {"sent": steps, "delivered": steps - late, "dropped": 0, "in_flight": late}
-        result = {f"link.{n}.{k}": str(v) for n in ("up", "down") for k, v in figures.items()}
-        return writer.finish({"status": "finished", "steps": str(steps - 1), **result})
-
-
-def write_topics(path: Path, topics: int, rows: int = 100) -> Path:
-    """Write a file of many topics, each with few rows."""
-    with TraceWriter(path, run={"seed": "1"}) as writer:
-        numbers = [
-            writer.add_topic(f"/c{i}/output", [Signal("x"), Signal("y")], schema_name=f"t.C{i}")
-            for i in range(topics)
-        ]
-        for k in range(rows):
-            for number in numbers:
-                writer.write(number, k * STEP_NS, [0.5 * k, -k])
-        return writer.finish({"status": "finished", "steps": str(rows - 1)})
 
 
 def measured(arguments: list[str], *, ends: bool = True) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""`recover --keep-suspect` loses nothing that a plain reader has; `verify` agrees with `recover`."""
+"""`recover --keep-suspect` loses nothing that a plain reader has, and `verify` agrees with it."""
 
 from __future__ import annotations
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from cosim.core import InputError, optional
+from cosim.trace.info import opened
 from cosim.trace.live.playback import LARGEST_RATE, Playback, Status
-from cosim.trace.reader import Trace
+from cosim.trace.live.timed import TimedMessages
 
 _TICK_S = 0.02
 _AFTER_JUMP_S = 0.05
@@ -19,8 +19,6 @@ _AFTER_JUMP_S = 0.05
 _AFTER_SUBSCRIPTION_S = 0.25
 """Pause before the start [s]: the server reports a client before it serves it, and clients
 subscribe to one channel after the other."""
-_LATEST = 2**63 - 1
-"""Latest time; messages of later times, which a file may claim, are sent at the end."""
 _BACKLOG = 1 << 17
 _LOOPBACK = "127.0.0.1"
 
@@ -63,22 +61,17 @@ class Player:
         what = "a trace is played with foxglove-sdk"
         self._sdk = optional("foxglove", "foxglove.websocket", extra="foxglove", what=what)
         self._path, self._wanted_port = path, port
-        trace = Trace(path, incomplete=True)
-        self._channels = list(trace.channels.values())
-        messages = list(trace.messages())
-        if not messages:
+        trace = opened(path)
+        self._channels = dict(trace.channels)
+        if not any(trace.counts.values()):
             raise InputError(
                 "nothing to play", where=str(path), expected="a trace with messages", got="none"
             )
-        number = {id(channel): i for i, channel in enumerate(self._channels)}
-        times = np.array([min(log, _LATEST) for _, _, log, _, _ in messages], np.int64)
-        order = np.argsort(times, kind="stable")
-        self._messages = [messages[i] for i in order]
-        self._number = np.array([number[id(m[0])] for m in self._messages], np.int64)
-        first = int(times[order[0]])
+        self._messages = TimedMessages(trace)
+        first = self._messages.first_ns
         self.playback = Playback(
-            times[order],
-            self._number,
+            first,
+            self._messages.last_ns,
             rate=rate,
             start_ns=first + round(start_s * 1e9) if start_s else None,
             loop=loop,
@@ -96,7 +89,10 @@ class Player:
         foxglove = self._sdk
         # the server does not keep the context alive
         self._context = context = foxglove.Context()
-        self._advertised = [_advertised(foxglove, channel, context) for channel in self._channels]
+        self._advertised = {
+            number: _advertised(foxglove, channel, context)
+            for number, channel in self._channels.items()
+        }
         try:
             self._server = foxglove.start_server(
                 name=f"auv-cosim: {self._path.name}",
@@ -124,7 +120,7 @@ class Player:
         self._stop.set()
         self._thread.join()
         self._server.stop()
-        for channel in self._advertised:
+        for channel in self._advertised.values():
             channel.close()
 
     @property
@@ -133,9 +129,14 @@ class Player:
         return f"ws://{_LOOPBACK}:{self.port}"
 
     @property
+    def damage(self) -> list[str]:
+        """What could not be read of the trace, and why."""
+        return self._messages.damage
+
+    @property
     def topics(self) -> list[str]:
         """The topics advertised."""
-        return list(dict.fromkeys(channel.topic for channel in self._channels))
+        return list(dict.fromkeys(channel.topic for channel in self._channels.values()))
 
     def subscribed(self) -> None:
         """Register a subscription: the first one starts the playback."""
@@ -188,11 +189,13 @@ class Player:
             self._reported_status = self.playback.status
         if state is not None:
             self._server.broadcast_playback_state(state)
-        for i in due.messages:
-            if self._jumps != jumps:  # a client jumped: the remaining messages are outdated
+        latest = [] if due.latest_ns is None else self._messages.latest(due.latest_ns)
+        for message in chain(latest, self._messages.between(due.first_ns, due.last_ns)):
+            # a client jumped, and the remaining messages are outdated; or this is the end
+            if self._jumps != jumps or self._stop.is_set():
                 return
-            _, _, log, _, payload = self._messages[i]
-            self._advertised[self._number[i]].log(bytes(payload), log_time=log)
+            channel = self._advertised[message.channel]
+            channel.log(bytes(message.payload), log_time=message.log_ns)
         self._server.broadcast_time(at)
 
     def _state(self, *, jumped: bool, request: str | None) -> Any:
