@@ -161,9 +161,7 @@ def _end_ns(trace: Trace, chosen: set[str]) -> int:
 def _messages(trace: Trace, topic: str) -> Iterator[tuple[int, int, int, memoryview]]:
     """Yield sequence, log time, publish time and payload of a topic's messages."""
     if topic in trace.topics:
-        for _, *rest in trace.messages([topic]):
-            sequence, log, publish, payload = rest
-            yield sequence, log, publish, payload
+        yield from (message[1:] for message in trace.messages([topic]))
 
 
 def _bytes(trace: Trace, topic: str) -> bytes:

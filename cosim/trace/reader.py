@@ -250,7 +250,8 @@ class Trace:
 
         They are those of chunks, the last is beyond all messages.
         """
-        found, held = [], 0
+        found: list[int] = []
+        held = 0
         for segment in sorted(self._contents.segments, key=lambda s: s.start_ns):
             if held >= part_bytes and segment.start_ns > (found[-1] + 1 if found else 0):
                 found.append(segment.start_ns - 1)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -119,7 +120,8 @@ def main() -> None:
                     write_topics(other, size, rows=90)
             if "recover" in options.commands:
                 cut = Path(f"{trace}.cut")
-                cut.write_bytes(trace.read_bytes()[:-1000])
+                shutil.copyfile(trace, cut)
+                os.truncate(cut, trace.stat().st_size - 1000)
             key = f"{size} {unit}, {trace.stat().st_size / 1e6:.0f} MB"
             found[key] = {}
             commands = every_command(trace, other, folder)

@@ -90,9 +90,14 @@ def content_of(path: Path) -> Content:
     """Read a trace, finished or not, or any MCAP file; `InputError` if it is none."""
     trace = Trace(path, incomplete=True)
     info = description_of(trace, hashed=True)
-    recording = Recording(trace)
-    settings = Settings(recording.trace)
+    settings = Settings(trace)
     metrics = verdict.metrics_of(info["result"])
+    designed = metrics.get("designed_age_s")
+    recording = Recording(
+        trace,
+        limit=settings.limit,
+        designed_s=float(designed) if isinstance(designed, int | float) else None,
+    )
     links = traffic.figures(recording, info["links"])
     log = log_of(recording)
     assumptions, assertions = verdict.assumptions_of(info), verdict.assertions_of(info)
@@ -132,8 +137,7 @@ def _sections(
     if craft is not None:
         charted = vehicle.drawn(craft)
         yield Section("vehicle", "The vehicle", list(vehicle.charts_of(craft, recording, settings)))
-    step = recording.trace.run.get("step_ns", "")
-    age = traffic.chart_of(recording, metrics, int(step) if step.isdecimal() else 0)
+    age = traffic.chart_of(recording, metrics)
     if age is not None and age.curves:
         yield Section("age", "The links", [age])
     rest = list(generic.charts_of(recording, charted))
@@ -199,9 +203,8 @@ def _row(series: Series) -> Row:
     finite = values[np.isfinite(values)]
     first, last = (float(v) if np.isfinite(v) else None for v in values[[0, -1]])
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
-    gaps = int(values.size - finite.size)
-    unit = series.unit or ""
-    return Row(series.topic, series.name, unit, values.size, first, least, most, last, gaps)
+    unit, count, gaps = series.unit or "", series.count, series.gaps
+    return Row(series.topic, series.name, unit, count, first, least, most, last, gaps)
 
 
 def _span(recording: Recording) -> tuple[float, float]:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from cosim.trace import foxglove
-from cosim.trace.layout import LOG_TOPIC
 from cosim.trace.report import traffic
 from cosim.trace.report.parameters import Settings
-from cosim.trace.report.series import Recording, Series
+from cosim.trace.report.series import WILD, Recording, Series
 from cosim.trace.report.verdict import BAD, GOOD, OPEN, Check
 
 LOG_LINES = 40
@@ -40,7 +39,7 @@ class TimelineEntry:
 
 def log_of(recording: Recording) -> list[Line]:
     """Return the last lines of the log, oldest first."""
-    table = recording.tables.get(LOG_TOPIC)
+    table = recording.log
     if table is None or not {"level", "name", "message"} <= set(table.columns):
         return []
     t = recording.seconds(table.log_time_ns)
@@ -102,7 +101,7 @@ def _limits(recording: Recording, settings: Settings) -> Iterator[TimelineEntry]
 def _beyond_numbers(recording: Recording) -> Iterator[TimelineEntry]:
     """Yield when an output was first not finite, or beyond 1e12."""
     for series in _outputs(recording):
-        wild = np.flatnonzero(~np.isfinite(series.values) | (np.abs(series.values) > 1e12))
+        wild = np.flatnonzero(~np.isfinite(series.values) | (np.abs(series.values) > WILD))
         if wild.size:
             what = f"{series.full_name} is {series.values[wild[0]]:.3g}"
             yield TimelineEntry(float(series.t[wild[0]]), BAD, what)
@@ -119,8 +118,7 @@ def _too_old(
     for link in links:
         if designed <= 0 or link.largest_age_s is None or link.largest_age_s <= designed:
             continue
-        t, age = traffic.sawtooth(recording, recording.links()[link.name][0], 0.0)
-        late = np.flatnonzero(age > designed)
-        if late.size:
+        since = recording.links[link.name].too_old_ns
+        if since is not None:
             what = f"{link.name}: its message in use is older than the {designed:g} s designed for"
-            yield TimelineEntry(float(t[late[0]]), BAD, what)
+            yield TimelineEntry(float(recording.seconds(np.array(since))), BAD, what)
