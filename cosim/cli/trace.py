@@ -192,12 +192,25 @@ def play(
     start: Annotated[
         float, typer.Option(help="Start this many seconds after the first message.")
     ] = 0.0,
+    origins: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            help="Web page that may play the trace, beside Foxglove: http://localhost:8080. "
+            "Repeatable.",
+        ),
+    ] = None,
+    token: Annotated[
+        str | None, typer.Option(help="Token in the address (default: a new one each time).")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Play a trace in Foxglove, or in any viewer that uses its protocol.
 
     All channels are announced at once, and playback starts when a viewer subscribes. The viewer
     controls play, pause, seek and speed. The server listens on this machine only, until Ctrl-C.
+    It serves whoever gives the token in its address, and of web pages only those allowed. The
+    protocol has one time per message: publish times and sequence numbers are not sent.
 
     \b
     cosim trace play traces/auv-acoustic.mcap --rate 4
@@ -208,10 +221,25 @@ def play(
     try:
         with (
             suppress(KeyboardInterrupt),
-            Player(file, rate=rate, port=port, start_s=start, loop=loop) as player,
+            Player(
+                file,
+                rate=rate,
+                port=port,
+                start_s=start,
+                loop=loop,
+                origins=origins or (),
+                token=token,
+            ) as player,
         ):
             _print_address(player, file, as_json=as_json)
             player.wait()
+        if player.damage:
+            raise LossError(
+                "parts of the trace were not played",
+                where=str(file),
+                got="; ".join(player.damage[:3]),
+                hint="cosim trace recover makes a whole trace of the rest",
+            )
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -240,14 +268,21 @@ def view(
 
 def _print_address(player: Player, file: Path, *, as_json: bool) -> None:
     if as_json:
-        data = {"trace": str(file), "url": player.url, "port": player.port, "topics": player.topics}
+        data = {
+            "trace": str(file),
+            "url": player.url,
+            "port": player.port,
+            "topics": player.topics,
+            "not_carried": ["publish time", "sequence number"],
+        }
         print(json.dumps(data), flush=True)
         return
     console().print(
         Text.assemble(
             ("playing", "bold"),
             f" {file} at {player.url}, {len(player.topics)} topics\n"
-            "in Foxglove: Open connection, Foxglove WebSocket, this address; Ctrl-C here ends it",
+            "in Foxglove: Open connection, Foxglove WebSocket, this whole address; Ctrl-C here "
+            "ends it\nnot sent: publish times and sequence numbers, which the protocol lacks",
         )
     )
 

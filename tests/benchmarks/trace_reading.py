@@ -23,7 +23,7 @@ from typing import Any
 from rich.table import Table
 
 from tests.benchmarks._show import show
-from tests.trace.recorded_runs import write_run, write_topics
+from tests.recorded_runs import write_run, write_topics
 
 _STEPS_PER_MB = 4150
 COMMANDS = ("info", "verify", "report", "csv", "parquet", "wide", "diff", "recover", "play")

@@ -22,7 +22,7 @@ def test_a_report_read_in_parts_says_the_same(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(series, "_SEGMENTS", 200)
     monkeypatch.setitem(Trace.parts.__kwdefaults__, "part_bytes", 50_000)
     parts: list[Any] = []
-    real = series.Recording._add  # noqa: SLF001
+    real = series.Recording._add
 
     def counted(self: Any, tables: Any, segments: Any) -> None:
         parts.append(segments)
