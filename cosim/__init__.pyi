@@ -14,4 +14,7 @@ from .scenario import (
     run as run,
 )
 from .study import run_study as run_study
-from .trace import Trace as Trace
+from .trace import (
+    Trace as Trace,
+    Traces as Traces,
+)

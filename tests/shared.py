@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from locket import lock_file
 
 _NO_WRITE = ~0o222
@@ -21,9 +22,22 @@ _session: list[Path] = []
 
 
 def share_of(members: Iterable[Any]) -> list[Any]:
-    """All of them, or with SHARE=K/N in the environment the K-th of every N."""
+    """All of them, or with SHARE=K/N in the environment the K-th of every N, at least one."""
     first, number = map(int, os.environ.get("SHARE", "0/1").split("/"))
-    return [*members][first::number]
+    found = [*members]
+    number = min(number, len(found)) or 1
+    return found[first % number :: number]
+
+
+def sampled(members: Iterable[Any], kept: int) -> list[Any]:
+    """The first `kept` of them for every run of the tests, and a share of the rest, slow."""
+    found = [*members]
+
+    def slow(one: Any) -> Any:
+        return pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=pytest.mark.slow)
+
+    rest = share_of(found[kept:]) if kept < len(found) else []
+    return [*found[:kept], *(slow(one) for one in rest)]
 
 
 def share_below(folder: Path) -> None:

@@ -14,41 +14,16 @@ from typing import Annotated, Any
 
 import typer
 
-from cosim.cli.age import age
-from cosim.cli.certificate import certificate_app
-from cosim.cli.common import error_json
-from cosim.cli.design import analyse, design
-from cosim.cli.fmu import fmu_app
-from cosim.cli.paper import paper
-from cosim.cli.run import demo, run
-from cosim.cli.scenario import list_scenarios, scenario_app
-from cosim.cli.ssp import ssp_app
-from cosim.cli.study import study_app
-from cosim.cli.trace import trace_app
-from cosim.cli.trace_diff import diff
-from cosim.cli.trace_export import export
-from cosim.cli.trace_inject import inject
+from cosim.cli.verbs import STYLE, VerbsOnUse
 from cosim.core import CosimError, InputError
 
 app = typer.Typer(
     name="cosim",
+    cls=VerbsOnUse,
     no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
     epilog="Start with [bold]cosim demo[/bold], then [bold]cosim scenario list[/bold].",
+    **STYLE,
 )
-for command in (demo, design, analyse, age, paper, run):
-    app.command()(command)
-app.command("scenarios", hidden=True)(list_scenarios)  # older name of `scenario list`
-for trace_command in (export, diff, inject):
-    trace_app.command()(trace_command)
-app.add_typer(scenario_app, name="scenario")
-app.add_typer(trace_app, name="trace")
-app.add_typer(certificate_app, name="certificate")
-app.add_typer(fmu_app, name="fmu")
-app.add_typer(ssp_app, name="ssp")
-app.add_typer(study_app, name="study")
 
 # typer may contain its own copy of click: this is the usage error of the copy that it uses
 _UsageError: Any = typer.BadParameter.__base__
@@ -146,6 +121,6 @@ def _misused(error: Any, *, as_json: bool) -> int:
 
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:
     if as_json:
-        content = error_json(error) | {"exit_code": code}
+        content = error.to_json() | {"exit_code": code}
         print(json.dumps({"error": content}, allow_nan=False))
     print(error.text(), file=sys.stderr)

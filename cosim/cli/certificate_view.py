@@ -69,7 +69,9 @@ def certificate_view(
         known = [f"{key} = {delay[key]:g}" for key in ("least_age", "rate") if key in delay]
         more = f" ({', '.join(known)})" if known else ""
         facts.add_row(f"delay {i}", f"{delay['d']:g} s", f"{delay['age']}{more}{acts}")
-    facts.add_row("uncertainty", "every F(t) with F'F <= I" if claim["uncertain"] else "none", "")
+    blocks = ", ".join(f"{p} x {q}" for p, q in claim.get("uncertainty_blocks", ()))
+    covered = "every F(t) with F'F <= I" if claim["uncertain"] else "none"
+    facts.add_row("uncertainty", covered, f"F block diagonal: {blocks}" if blocks else "")
     for name, more in claim.get("guarantees", {}).items():
         exact = more.get("rate", more.get("bound", more.get("bounds")))
         values = exact if isinstance(exact, list) else [exact]

@@ -12,7 +12,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
-from cosim.core import CosimError, StoppedError, TerminatedError
+from cosim.core import StoppedError, TerminatedError
 from cosim.fmu import DEFAULT_FLAVOUR
 from cosim.scenario import FmuCache, InterruptedRun, TerminatedRun
 
@@ -99,8 +99,3 @@ def make_fmu_cache(
 ) -> FmuCache:
     """Return the cache in which a run finds its FMUs, or builds them."""
     return FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
-
-
-def error_json(error: CosimError) -> dict[str, Any]:
-    """Return the parts of an error message for `--json`."""
-    return {key: getattr(error, key) for key in ("what", "where", "expected", "got", "hint")}

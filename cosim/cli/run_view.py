@@ -9,34 +9,31 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts_table, number
+from cosim.cli.terminal import NONE, facts_table, number, plain
 from cosim.replay import Rerun
 from cosim.scenario import Demo, Outcome
 from cosim.trace import age_lines
 
-_STATUS = {
-    "finished": "green",
-    "limit_cycle": "yellow",
-    "stopped": "cyan",
-    "diverged": "red",
-    "failed": "red",
-}
+_COLOURS = {"good": "green", "open": "yellow", "bad": "red"}
+_LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}
+_MOST_EVENTS = 12
 
 
 def outcome_view(outcome: Outcome) -> RenderableType:
-    """Show a run: status, figures and how each was obtained, links, assumptions, assertions."""
-    colour = _STATUS[outcome.status]
+    """Show a run: how it ended, figures and how each was obtained, assumptions, assertions."""
+    colour = _COLOURS[outcome.tone]
     head = Text.assemble(
         (outcome.title, "bold"),
         "\n",
-        (outcome.status.replace("_", " "), f"bold {colour}"),
+        (outcome.headline, f"bold {colour}"),
         f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
         f"{outcome.steps} communication steps",
     )
     parts: list[RenderableType] = [head]
-    if outcome.reason:
-        parts.append(Text(outcome.reason, style=colour))
-    parts += _cause(outcome)
+    if outcome.explanation:
+        parts.append(Text(outcome.explanation, style=colour))
+    if outcome.cause is not None:
+        parts.append(Text(f"cause: {outcome.cause.words}"))
     facts = facts_table()
     for label, value, how in _figures(outcome):
         if value != NONE:
@@ -49,6 +46,7 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         _assumptions(outcome.metrics["assumptions"]),
         *_age(outcome.metrics.get("feedback_age")),
         *_assertions(outcome),
+        *_events(outcome),
     ]
     if outcome.design is not None:
         parts.append(Text(f"design: {outcome.design.words}"))
@@ -56,18 +54,6 @@ def outcome_view(outcome: Outcome) -> RenderableType:
     if outcome.trace is not None:
         parts.append(Text(f"trace: {outcome.trace}"))
     return Group(*parts)
-
-
-def _cause(outcome: Outcome) -> list[RenderableType]:
-    """Show the typed cause: kind, component, FMI call and time; what failed after the run."""
-    cause = outcome.cause
-    if cause is None:
-        return []
-    facts = [cause.kind.replace("-", " ")]
-    facts += [f"component {cause.component}"] if cause.component else []
-    facts += [cause.call] if cause.call else []
-    facts += [f"t = {cause.time_s:g} s"] if cause.time_s is not None else []
-    return [Text(f"cause: {', '.join(facts)}")]
 
 
 def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType]:
@@ -245,8 +231,27 @@ def _assertions(outcome: Outcome) -> list[RenderableType]:
     return [table]
 
 
+def _events(outcome: Outcome) -> list[RenderableType]:
+    """Show what happened during the run, and how often."""
+    if not outcome.events:
+        return []
+    table = Table(
+        box=None, pad_edge=False, title="What happened", title_justify="left", show_header=False
+    )
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(overflow="fold")
+    for event in outcome.events[:_MOST_EVENTS]:
+        style = _LEVELS.get(event.level, "")
+        words = plain(" ".join(event.words.split()))
+        words.stylize(style)
+        table.add_row(f"{event.first_s:g} s", words)
+    if len(outcome.events) > _MOST_EVENTS:
+        table.add_row("", f"and {len(outcome.events) - _MOST_EVENTS} more (cosim trace info)")
+    return [table]
+
+
 def _status(outcome: Outcome) -> Text:
-    return Text(outcome.status.replace("_", " "), style=_STATUS[outcome.status])
+    return Text(outcome.headline, style=_COLOURS[outcome.tone])
 
 
 def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
@@ -256,4 +261,6 @@ def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
 
 
 def _percent(value: float | None) -> str:
-    return NONE if value is None else f"{100 * value:.1f} %"
+    if value is None:
+        return NONE
+    return f"{100 * value:.1f} %" if value < 1e3 else f"{100 * value:.3g} %"

@@ -16,7 +16,6 @@ from cosim.cli.common import (
     JsonOption,
     SetOption,
     answer,
-    error_json,
     make_fmu_cache,
 )
 from cosim.cli.terminal import console, titles_table
@@ -112,7 +111,7 @@ def check(
     """
     found = {name: _problems(name, list(changed or ()), fmus) for name in names}
     rows = [
-        {"scenario": name, "ok": not problems, "problems": [error_json(p) for p in problems]}
+        {"scenario": name, "ok": not problems, "problems": [p.to_json() for p in problems]}
         for name, problems in found.items()
     ]
     if as_json:

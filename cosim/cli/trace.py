@@ -16,6 +16,9 @@ from rich.text import Text
 from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
 from cosim.cli.run_view import rerun_view
 from cosim.cli.terminal import console
+from cosim.cli.trace_diff import diff
+from cosim.cli.trace_export import export
+from cosim.cli.trace_inject import inject
 from cosim.cli.trace_view import recovery_view, report_view, verification_view
 from cosim.core import CheckFailedError, LossError
 from cosim.replay import rerun as run_again
@@ -264,6 +267,10 @@ def view(
     """
     viewed = view_in_rerun(file, save)
     answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
+
+
+for elsewhere in (export, diff, inject):
+    trace_app.command()(elsewhere)
 
 
 def _print_address(player: Player, file: Path, *, as_json: bool) -> None:

@@ -11,7 +11,16 @@ from rich.text import Text
 from cosim.cli.run_view import late_view
 from cosim.cli.terminal import NONE, number, plain
 from cosim.replay import InjectionResult
-from cosim.trace import Change, Diff, Recovery, Report, Verification, diff_json, diff_verdict
+from cosim.trace import (
+    RESULT,
+    Change,
+    Diff,
+    Recovery,
+    Report,
+    Verification,
+    diff_json,
+    diff_verdict,
+)
 
 _MOST, _MOST_DAMAGE = 25, 20
 _TONES = {"good": "green", "bad": "red", "open": "yellow"}
@@ -27,6 +36,11 @@ def diff_view(found: Diff) -> RenderableType:
     """Show the verdict, the differing signals and links, and how the two runs differ."""
     colour = "green" if found.equal else "red"
     parts: list[RenderableType] = [Text(diff_verdict(found), style=f"bold {colour}")]
+    parts += [
+        plain(f"outcome: {change.a or NONE} | {change.b or NONE}")
+        for change in found.context.entries
+        if (change.where, change.key) == (RESULT, "headline")
+    ]
     if found.identical:
         parts.append(Text(f"content hash {found.hashes[0]}"))
         return Group(*parts)

@@ -48,6 +48,10 @@ class CosimError(Exception):
         lines = (f"  {label}: {text}" for label, text in labelled.items() if text is not None)
         return "\n".join([head, *lines])
 
+    def to_json(self) -> dict[str, str | None]:
+        """Return the parts of the message, as `--json` prints them."""
+        return {key: getattr(self, key) for key in ("what", "where", "expected", "got", "hint")}
+
 
 class InputError(CosimError, ValueError):
     """Bad input or usage: a file, a key, a value, a shape, a name."""

@@ -50,6 +50,7 @@ from .problem import (
     Filter as Filter,
     Modem as Modem,
     NamedSystem as NamedSystem,
+    ages_are_known as ages_are_known,
     auv_system as auv_system,
     design_constraints_of as design_constraints_of,
     filtered as filtered,

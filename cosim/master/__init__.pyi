@@ -1,7 +1,3 @@
-from .cause import (
-    Cause as Cause,
-    CauseKind as CauseKind,
-)
 from .checks import LINK_STATE as LINK_STATE
 from .communication_schedule import (
     CommunicationSchedule as CommunicationSchedule,

@@ -78,11 +78,6 @@ class CommunicationPoints:
             points.latest = -1
         self.extend()
 
-    @property
-    def every_point(self) -> ComponentPoints:
-        """The points of a component that communicates at all of them."""
-        return self._steps[None]
-
     def extend(self) -> None:
         """Add points until another one is ready, or the run must come to a crossing or its end."""
         before = self.ready

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.master.adjustments import Adjustment, Adjustments
-from cosim.master.cause import Cause
 from cosim.master.engine import EngineChoice, build_engine
 from cosim.master.observers import ObserverDispatch
 from cosim.master.pacing import Pace
@@ -34,6 +33,7 @@ from cosim.master.system import System
 from cosim.master.table import WORDS, EarlyStop, make_table
 from cosim.master.unreceived_inputs import fill_unreceived_inputs
 from cosim.master.wiring import Wiring
+from cosim.trace import Cause
 
 _SEGMENT_S = 0.05
 _LONGEST = 1 << 16

@@ -15,10 +15,20 @@ from cosim.master.component_instance import Column, ComponentInstance
 from cosim.master.observers import Observer
 from cosim.master.system import System
 from cosim.network import DELIVERED, REASONS, Arrivals, PacketLink
-from cosim.trace import Poses, Rows, Signal, TraceWriter, input_topic, link_topic, output_topic
+from cosim.trace import (
+    Lines,
+    Poses,
+    Rows,
+    RunEvent,
+    Signal,
+    TraceWriter,
+    input_topic,
+    link_topic,
+    output_topic,
+)
 
-_SENT, _POSED, _DELIVERED, _RECEIVED = 0, 1, 2, 1 << 30
-"""Order of records of the same time: outputs, poses, deliveries link by link, inputs."""
+_SENT, _POSED, _DELIVERED, _RECEIVED, _LOGGED = 0, 1, 2, 1 << 30, 1 << 31
+"""Order of records of the same time: outputs, poses, deliveries link by link, inputs, events."""
 _AT_ONCE = 4096
 """Rows written at once: enough to be fast, few enough to stay in the cache."""
 _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
@@ -27,15 +37,28 @@ _POSE = ("eta.x", "eta.y", "eta.z", "eta.psi")
 class TraceRecorder(Observer):
     """An observer that writes rows, messages, drops, poses and log lines in order of time.
 
+    Parameters
+    ----------
+    events : returns the events of the run up to an instant [ns] that it has not returned before,
+        in order of time; an observer that comes before this one has found them.
+
     Attributes
     ----------
     run_ended : set it when the run is at its end: later log lines are not part of it.
     log_after_end : log lines after the end of the run: `level`, `name`, `message`.
     """
 
-    def __init__(self, writer: TraceWriter, system: System) -> None:
+    def __init__(
+        self,
+        writer: TraceWriter,
+        system: System,
+        events: Callable[[int], Sequence[RunEvent]] | None = None,
+    ) -> None:
         self._writer = writer
         self._system = system
+        self._events = events
+        self._latest_ns = 0
+        self._traffic: list[_Traffic] = []
         self.run_ended = False
         self.log_after_end: list[dict[str, str]] = []
 
@@ -86,7 +109,7 @@ class TraceRecorder(Observer):
             self._write(begin, min(begin + _AT_ONCE, last))
 
     def _write(self, first: int, last: int) -> None:
-        parts: list[Rows | Poses] = []
+        parts: list[Rows | Poses | Lines] = []
         for instance, topic_id, cast in self._send:
             own, times = self._own(instance, first, last)
             parts.append(Rows(topic_id, times, cast(instance.outputs[own]), rank=(_SENT,)))
@@ -99,7 +122,17 @@ class TraceRecorder(Observer):
             own, times = self._own(instance, first, last)
             values = cast(instance.inputs[own])
             parts.append(Rows(topic_id, times, values, rank=(_RECEIVED,)))
-        self._writer.write_rows(parts)
+        until_ns = int(self._points[last - 1])
+        self._writer.write_rows([*parts, *self._event_lines(until_ns)])
+        self._latest_ns = max(self._latest_ns, until_ns)
+
+    def _event_lines(self, until_ns: int) -> list[Lines]:
+        found = self._events(until_ns) if self._events is not None else ()
+        if not found:
+            return []
+        times = np.array([event.time_ns for event in found], np.int64)
+        lines = [(event.level, event.subject, event.message) for event in found]
+        return [Lines(times, lines, rank=(_LOGGED,))]
 
     def _own(
         self, instance: ComponentInstance, first: int, last: int
@@ -114,8 +147,24 @@ class TraceRecorder(Observer):
         """Write a line to /log."""
         if self.run_ended or self._writer.ended:
             self.log_after_end.append({"level": level, "name": name, "message": message})
-        else:
-            self._writer.log(time_ns, level, name, message)
+            return
+        if time_ns > self._latest_ns:  # messages that were due before come before
+            drops = [
+                rows
+                for number, traffic in enumerate(self._traffic)
+                for rows in traffic.until(time_ns - 1, _DELIVERED + number)
+            ]
+            self._writer.write_rows(drops)
+            self._latest_ns = time_ns
+        self._writer.log(time_ns, level, name, message)
+
+    def conclude(self, end_ns: int, lines: Sequence[tuple[str, str, str]]) -> None:
+        """Write the last events, then lines that conclude the run: level, name, message."""
+        now = max(self._latest_ns, end_ns)
+        found = self._events(now) if self._events is not None else ()
+        last = [(event.level, event.subject, event.message) for event in found]
+        for level, name, message in [*last, *lines]:
+            self._writer.log(now, level, name, message)
 
 
 _Cast = Callable[[Any], Any]

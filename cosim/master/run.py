@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import ComponentError, InputError
-from cosim.master.cause import Cause, CauseKind
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.divergence import has_grown, origin_of, out_of_range
 from cosim.master.engine import EngineChoice
@@ -19,6 +18,7 @@ from cosim.master.exchange import TOO_LARGE
 from cosim.master.table import EarlyStop
 from cosim.master.wiring import Wiring
 from cosim.network import GrowingSchedule, PacketSchedule
+from cosim.trace import Cause, CauseKind
 
 RunStatus = Literal["finished", "stopped", "diverged", "failed"]
 

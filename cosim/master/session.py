@@ -292,10 +292,11 @@ class Session:
         instance.slave.initialise(instance.component.parameters, self.time_s, end)
         self._opened().forget_exchange()
 
-    def note(self, level: str, name: str, message: str) -> None:
-        """Log a message to the observers, at the time of the slaves."""
+    def note(self, level: str, name: str, message: str, *, time_ns: int | None = None) -> None:
+        """Log a message to the observers, at the time of the slaves or at another one [ns]."""
         before = self._dispatch.where
-        self._dispatch.where = lambda: (self.rows, self.time_ns)
+        place = self.rows, self.time_ns if time_ns is None else time_ns
+        self._dispatch.where = lambda: place
         self._dispatch.note(name, level, message)
         self._dispatch.where = before
 

@@ -8,7 +8,9 @@ With delays 0 = d_0, d_1, ..., d_N:
     u = K x(t-d_f)                                            Eq. (8), f the feedback delay
 
 The paper's system has one delay and immediate feedback (d_f = 0); feedback over a link is a
-delay of its own, marked `feedback`. F may be rectangular, as the paper defines it.
+delay of its own, marked `feedback`. F may be rectangular, as the paper defines it, or block
+diagonal: F = diag(F_1, ..., F_b), each block with F_i(t)'F_i(t) <= I. A block of one column of E
+and one row of H is a parameter |delta_i(t)| <= 1.
 
 Where not every state is fed back, or not all through one delay, u = K sum_i S_i x(t-d_i) with
 diagonal selections S_i of zeros and ones, no state selected twice. A state that none selects is
@@ -18,6 +20,7 @@ not measured: its column of K is zero.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -70,6 +73,28 @@ def _size(name: str, sizes: dict[str, int]) -> int:
         got = ", ".join(f"{matrix} has {size}" for matrix, size in sizes.items())
         raise ValueError(f"{name}: matrices disagree; expected one number, got {got}")
     return found.pop() if found else 0
+
+
+def _block_sizes(value: Any, s: int, r: int) -> tuple[tuple[int, int], ...] | None:
+    """Return the columns of E and rows of H of every block; None where there is one at most."""
+    if value is None:
+        return None
+    name = "uncertainty_blocks"
+    try:
+        blocks = tuple((operator.index(p), operator.index(q)) for p, q in value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{name}: expected a pair of numbers (columns of E, rows of H) per block, got {value!r}"
+        ) from error
+    if any(min(block) < 1 for block in blocks):
+        raise ValueError(f"{name}: expected at least one column and one row each, got {blocks}")
+    sums = sum(p for p, _ in blocks), sum(q for _, q in blocks)
+    if sums != (s, r):
+        raise ValueError(
+            f"{name}: expected blocks of {s} columns of E and {r} rows of H in all, "
+            f"got {sums[0]} and {sums[1]}"
+        )
+    return blocks if len(blocks) > 1 else None
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -207,6 +232,8 @@ class DelaySystem:
         no delay is the feedback, otherwise none.
     integrals : how many of the states, the last ones, the controller keeps itself as integrals
         of what it measures. It matters to those who build the controller, not to a proof.
+    uncertainty_blocks : (columns of E, rows of H) of every block of a block-diagonal F, in order;
+        (1, 1) is a parameter. None: F is one full block.
 
     Raises
     ------
@@ -225,6 +252,7 @@ class DelaySystem:
     name: str
     feedback: tuple[bool, ...] | None
     integrals: int
+    uncertainty_blocks: tuple[tuple[int, int], ...] | None
 
     def __init__(
         self,
@@ -240,6 +268,7 @@ class DelaySystem:
         name: str = "",
         feedback: Sequence[bool] | None = None,
         integrals: int = 0,
+        uncertainty_blocks: Sequence[Sequence[int]] | None = None,
     ) -> None:
         n = _matrix("A", A, None, None).shape[0]
         if n == 0:
@@ -280,6 +309,8 @@ class DelaySystem:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "feedback", _fed_back_at_once(feedback, delays, n))
         object.__setattr__(self, "integrals", integrals)
+        sizes = _block_sizes(uncertainty_blocks, s, r)
+        object.__setattr__(self, "uncertainty_blocks", sizes)
         first = n - integrals
         if not 0 < first <= n or self.B[first:].any() or self.C[first:].any():
             raise ValueError(
@@ -297,6 +328,7 @@ class DelaySystem:
         E: ArrayLike | None = None,
         H: ArrayLike | None = None,
         name: str = "",
+        uncertainty_blocks: Sequence[Sequence[int]] | None = None,
     ) -> DelaySystem:
         """Make a system of a state-space model, such as one of `control.ss`.
 
@@ -305,13 +337,15 @@ class DelaySystem:
         plant : in continuous time; its inputs are w and then, the last `ncon`, u, as in
             `control.hinfsyn`; its outputs are z. Every state is fed back.
         ncon : number of controls.
-        delays, E, H, name : as of `DelaySystem`; a delay with `feedback` makes u = K x(t-d).
+        delays, E, H, name, uncertainty_blocks : as of `DelaySystem`; a delay with `feedback`
+            makes u = K x(t-d).
 
         Raises
         ------
         ValueError : not such a model, or matrices that do not fit together.
         """
-        return cls(*plant_from(plant, ncon), E, H, delays, name)
+        matrices = plant_from(plant, ncon)
+        return cls(*matrices, E, H, delays, name, uncertainty_blocks=uncertainty_blocks)
 
     @property
     def immediate_feedback(self) -> bool:
@@ -334,6 +368,16 @@ class DelaySystem:
     def is_structured(self) -> bool:
         """Whether a state is not fed back, or some are through different delays."""
         return not any(selection.all() for selection in self.selections)
+
+    @property
+    def blocks(self) -> tuple[tuple[slice, slice], ...]:
+        """The columns of E and the rows of H of every block of F; empty without uncertainty."""
+        s, r = self.E.shape[1], self.H.shape[0]
+        found, column, row = [], 0, 0
+        for p, q in self.uncertainty_blocks or (((s, r),) if s else ()):
+            found.append((slice(column, column + p), slice(row, row + q)))
+            column, row = column + p, row + q
+        return tuple(found)
 
     @property
     def has_performance(self) -> bool:

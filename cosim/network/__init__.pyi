@@ -9,6 +9,7 @@ from .arrivals import (
     IN_FLIGHT as IN_FLIGHT,
     LATE as LATE,
     LOST as LOST,
+    NOT_RECEIVED as NOT_RECEIVED,
     OVERTAKEN as OVERTAKEN,
     QUEUE_FULL as QUEUE_FULL,
     REASONS as REASONS,

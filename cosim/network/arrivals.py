@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 DELIVERED, LOST, OVERTAKEN, IN_FLIGHT, QUEUE_FULL, DUPLICATE, LATE = 0, 1, 2, 3, 4, 5, 6
 """What became of a message by the end of the run (`PacketSchedule.status`)."""
 
+NOT_RECEIVED = (LOST, QUEUE_FULL, LATE)
+"""What became of messages that the receiver missed, though no newer one made them useless."""
+
 REASONS = ("delivered", "lost", "overtaken", "in flight", "queue full", "duplicate", "late")
 """Names of the values of `status`."""
 

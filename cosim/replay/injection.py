@@ -34,6 +34,7 @@ from cosim.trace import (
     SCENARIO_ATTACHMENT,
     Attachment,
     Diff,
+    RunOutcome,
     Table,
     Trace,
     TraceWriter,
@@ -129,9 +130,15 @@ def inject(
     with ExitStack() as living, TraceWriter(output, run=entries, attachments=[xml]) as writer:
         recorder, report_progress = TraceRecorder(writer, system), progress or silent
         run = run_system(system, "injecting", report_progress, "auto", recorder, living=living).run
-        status = {"status": run.status, "steps": str(max(run.points_ns.size - 1, 0))}
-        status["host.engine"] = f"{run.engine.name}: {run.engine.reason}"
-        writer.finish(status | ({"reason": run.reason} if run.reason else {}))
+        outcome = RunOutcome(
+            status=run.status,
+            reason=run.reason,
+            cause=run.cause,
+            steps=max(run.points_ns.size - 1, 0),
+            simulated_s=run.end_ns / 1e9,
+        )
+        recorder.conclude(run.end_ns, outcome.conclusion)
+        writer.finish(outcome.entries(engine=f"{run.engine.name}: {run.engine.reason}"))
     compared, identical = None, None
     if request.compare is not None:
         topic = output_topic(name)

@@ -7,7 +7,7 @@ link back, and the hold until the next command arrives.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,10 +45,22 @@ class AgeMeasure(Measure[MeasuredAges | None]):
 
     Intervals in which no measurement is in use yet, or a link's substitute replaces it, do not
     count. Of several parallel links, the oldest measurement counts for every age but the least.
+
+    Parameters
+    ----------
+    watch : is called with points [ns] and the age at the end of the interval before each [ns];
+        -1 where no measurement was in use.
     """
 
-    def __init__(self, plant: str, controller: str, algorithm: Algorithm = "jacobi") -> None:
+    def __init__(
+        self,
+        plant: str,
+        controller: str,
+        algorithm: Algorithm = "jacobi",
+        watch: Callable[[Integers, Integers], None] | None = None,
+    ) -> None:
         self._plant, self._controller, self._algorithm = plant, controller, algorithm
+        self._watch = watch
         self._paths: list[_Path] = []
         self._points: Integers | None = None
         self._found: MeasuredAges | None = None
@@ -77,6 +89,8 @@ class AgeMeasure(Measure[MeasuredAges | None]):
         there = (taken >= 0).all(axis=0)
         oldest = np.where(there, taken.min(axis=0, initial=points[-1]), NONE_IN_USE)
         newest = taken.max(axis=0, initial=NONE_IN_USE)
+        if self._watch is not None and there.size:
+            self._watch(points[1:], np.where(there, points[1:] - oldest, NONE_IN_USE))
         before = np.concatenate(([self._taken], oldest))[:-1]
         self._taken = int(oldest[-1]) if oldest.size else self._taken
         if not there.any():

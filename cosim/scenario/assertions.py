@@ -15,10 +15,11 @@ from cosim.scenario.events import AssertionPart
 from cosim.scenario.matching import endpoint
 from cosim.scenario.measure import Measure
 from cosim.scenario.origin import Findings
+from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
 from cosim.scenario.scope import RunScope, ValueReader
 from cosim.scenario.script import bind_condition
-from cosim.trace import AssertionResult, Result
+from cosim.trace import AssertionResult, Result, RunEvent
 
 _Truths = NDArray[np.bool_]
 _Seconds = NDArray[np.float64]
@@ -65,12 +66,22 @@ def bind_assertions(
 
 
 class AssertionsMeasure(Measure[tuple[AssertionResult, ...]]):
-    """The verdict on every assertion of a scenario, in its order; errors as `bind_assertions`."""
+    """The verdict on every assertion of a scenario, in its order; errors as `bind_assertions`.
 
-    def __init__(self, scenario: Scenario, system: System, findings: Findings) -> None:
+    Each that fails, or is undecided, is an event for the collector.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        system: System,
+        findings: Findings,
+        collector: EventCollector | None = None,
+    ) -> None:
         self._end = scenario.run.end
+        collector = collector or EventCollector()
         self._scope, bound = bind_assertions(scenario, system, findings)
-        self._watched = [_Watched(each, self._end) for each in bound]
+        self._watched = [_Watched(each, self._end, collector) for each in bound]
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Find the signals."""
@@ -91,8 +102,9 @@ class AssertionsMeasure(Measure[tuple[AssertionResult, ...]]):
 class _Watched:
     """One assertion during a run."""
 
-    def __init__(self, bound: BoundAssertion, end: float) -> None:
+    def __init__(self, bound: BoundAssertion, end: float, collector: EventCollector) -> None:
         self._part, self._condition, self._since = bound
+        self._collector, self._announced = collector, False
         self._after = self._part.after or 0.0
         self._before = end if self._part.before is None else self._part.before
         self._verdict: _Verdict
@@ -118,15 +130,31 @@ class _Watched:
         if self._since is not None:
             since = _judged(self._since, self._readers[1], first, last)
         self._verdict.add(seconds, inside, holds, since)
+        if self._verdict.known is not None:
+            self._announce(round(self._verdict.known * 1e9), self._result("fails", 0.0, whole=True))
 
     def result(self, run: Run) -> AssertionResult:
         last_s = run.end_ns / 1e9 if run.count else -1.0
         whole = run.status == "finished" or last_s >= self._before
         # what a run did not reach fails if the run broke off, is open if it was stopped on purpose
         rest: Result = "undecided" if run.status == "stopped" else "fails"
-        result = self._verdict.result(last_s, rest, whole=whole)
-        part = self._part
-        return AssertionResult(part.words, part.name, result, part.expected, self._verdict.at)
+        result = self._result(rest, last_s, whole=whole)
+        self._announce(run.end_ns, result)
+        return result
+
+    def _result(self, rest: Result, last_s: float, *, whole: bool) -> AssertionResult:
+        part, verdict = self._part, self._verdict.result(last_s, rest, whole=whole)
+        return AssertionResult(part.words, part.name, verdict, part.expected, self._verdict.at)
+
+    def _announce(self, time_ns: int, result: AssertionResult) -> None:
+        """Make an event of an assertion that is decided, unless it holds as it should."""
+        if self._announced or (result.as_expected and result.result == "holds"):
+            return
+        self._announced = True
+        level = "info" if result.as_expected else "error"
+        words = f"assertion {result.summary}" + (f": {result.words}" if result.name else "")
+        subject = result.name or result.words
+        self._collector.begun(RunEvent(time_ns, level, "assertion", subject, words))
 
 
 def _judged(condition: BoundCondition, reader: ValueReader, first: int, last: int) -> _Truths:
@@ -138,9 +166,11 @@ class _Verdict(Protocol):
     """What is known of an assertion.
 
     at : the point that decided it [s]; None as long as none has.
+    known : the point at which that was known [s]; a `within` fails later than where it began.
     """
 
     at: float | None
+    known: float | None
 
     def add(
         self, seconds: _Seconds, inside: _Truths, holds: _Truths, since: _Truths | None
@@ -160,6 +190,7 @@ class _First(_Verdict):
     def __init__(self, *, always: bool) -> None:
         self._always = always
         self.at: float | None = None
+        self.known: float | None = None
 
     def add(
         self, seconds: _Seconds, inside: _Truths, holds: _Truths, since: _Truths | None
@@ -167,7 +198,7 @@ class _First(_Verdict):
         del since
         places = np.flatnonzero(inside & (~holds if self._always else holds))
         if places.size:
-            self.at = float(seconds[places[0]])
+            self.at = self.known = float(seconds[places[0]])
 
     def result(self, last_s: float, rest: Result, *, whole: bool) -> Result:
         del last_s
@@ -187,6 +218,7 @@ class _Within(_Verdict):
         self._begun = self._was_true = False
         self._waiting: float | None = None
         self.at: float | None = None
+        self.known: float | None = None
 
     def add(
         self, seconds: _Seconds, inside: _Truths, holds: _Truths, since: _Truths | None
@@ -197,8 +229,13 @@ class _Within(_Verdict):
         true_at = np.append(seconds[holds], np.inf)
         following = true_at[np.searchsorted(true_at, starts)]
         waiting = np.isinf(following)
-        late = starts[~waiting & (following > starts + self._of * (1 + 1e-12))]
-        self.at = float(late[0]) if late.size else None
+        # what still waits at the last of the points is late if that is too late
+        until = np.where(waiting, seconds[-1], following)
+        due = starts + self._of * (1 + 1e-12)
+        late = np.flatnonzero(until > due)
+        if late.size:
+            self.at = float(starts[late[0]])
+            self.known = float(seconds[np.searchsorted(seconds, due[late[0]], side="right")])
         self._waiting = float(starts[waiting][0]) if waiting.any() else None
 
     def _starts(self, inside: _Truths, since: _Truths | None) -> NDArray[np.intp]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.measure import Measure
 from cosim.scenario.signal_reader import SignalReader
+
+ENVELOPE = {"u": "nu.u", "v": "nu.v", "w": "nu.w", "r": "nu.r", "psi": "eta.psi"}
+"""Axis of the envelope of a vehicle -> the signal that it bounds."""
 
 
 class LargestMagnitudes(Measure[dict[str, float]]):
@@ -19,21 +22,31 @@ class LargestMagnitudes(Measure[dict[str, float]]):
     ----------
     component : name of the component.
     names : its outputs or connected inputs; `begin` raises an `InputError` for any other.
+    watch : is called with points [ns] and the magnitudes at them, (n, names).
     """
 
-    def __init__(self, component: str, names: Sequence[str]) -> None:
-        self._component, self._names = component, names
+    def __init__(
+        self,
+        component: str,
+        names: Sequence[str],
+        watch: Callable[[NDArray[np.int64], NDArray[np.float64]], None] | None = None,
+    ) -> None:
+        self._component, self._names, self._watch = component, names, watch
         self._largest: NDArray[np.float64] | None = None
 
     def begin(self, instances: Sequence[ComponentInstance]) -> None:
         """Find the signals."""
         instance = next(s for s in instances if s.name == self._component)
+        self._instance = instance
         self._reader = SignalReader(instance, self._names)
         self.reads_inputs = self._reader.reads_inputs
 
     def add(self, first: int, last: int) -> None:
         """Compare with the values at the points."""
-        here = np.abs(self._reader.read(first, last)).max(axis=0)
+        magnitudes = np.abs(self._reader.read(first, last))
+        if self._watch is not None:
+            self._watch(self._instance.comm_points.points_ns[first:last], magnitudes)
+        here = magnitudes.max(axis=0)
         self._largest = here if self._largest is None else np.maximum(self._largest, here)
 
     def result(self, run: Run) -> dict[str, float]:

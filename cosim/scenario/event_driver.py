@@ -8,9 +8,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from cosim.core import InputError
-from cosim.master import Cause, ComponentInstance, Connection, Pace, Run, Session, System
+from cosim.master import ComponentInstance, Connection, Pace, Run, Session, System
 from cosim.scenario.scope import RunScope
 from cosim.scenario.script import Action, Event
+from cosim.trace import Cause
 
 
 class Due(NamedTuple):
@@ -200,6 +201,8 @@ class EventDriver:
             for action in event.actions:
                 self._undo(event, action, session)
             session.note("info", "scenario", f"{event.words} is over")
+            for link in event.outages:
+                _note_outage(link, event, session, begins=False)
             return
         self.event_counts[event.number] += 1
         for action in event.actions:
@@ -208,6 +211,8 @@ class EventDriver:
         session.note(
             "info", "scenario", f"{event.words}{': ' if actions_text else ''}{actions_text}"
         )
+        for link in event.outages:
+            _note_outage(link, event, session, begins=True)
         if event.lasts_ns is not None:
             self._plan(session.time_ns + event.lasts_ns, event.number, begins=False)
         if event.stop is not None:
@@ -216,7 +221,7 @@ class EventDriver:
             self.stopped = f"stopped at t = {session.row_time_ns / 1e9:g} s by {event.words}" + (
                 f": {event.stop}" if event.stop else ""
             )
-            session.note("info", "scenario", self.stopped)
+            session.note("info", "scenario", self.stopped, time_ns=session.row_time_ns)
 
     def _act(self, event: Event, action: Action, session: Session) -> None:
         component, variable = action.target
@@ -237,6 +242,8 @@ class EventDriver:
                 session.reset(component)
             case "outage" | "restore":
                 self._hold(component, session, hold=action.kind == "outage")
+                if action.kind == "restore":
+                    _note_outage(component, event, session, begins=False)
 
     def _hold(self, link: str, session: Session, *, hold: bool) -> None:
         """Hold the inputs behind a link at their present values, or release them."""
@@ -267,6 +274,12 @@ def ended_by_event(run: Run, stopped: str | None) -> Run:
     at = run.end_ns / 1e9 if run.count else None
     cause = Cause("event", time_s=at, detail=stopped)
     return replace(run, status="stopped", reason=stopped, cause=cause)
+
+
+def _note_outage(link: str, event: Event, session: Session, *, begins: bool) -> None:
+    """Log that a link delivers nothing from now on, or delivers again."""
+    level, word = ("warning", "begun") if begins else ("info", "ended")
+    session.note(level, link, f"outage {word}: {event.words}")
 
 
 def _key(action: Action) -> Action:

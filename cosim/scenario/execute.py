@@ -11,7 +11,6 @@ from pathlib import Path
 
 from cosim.core import ComponentError, InputError, Progress, silent
 from cosim.master import (
-    Cause,
     EngineName,
     Observer,
     Pace,
@@ -32,13 +31,14 @@ from cosim.scenario.metrics import (
     status_of,
 )
 from cosim.scenario.origin import Findings
-from cosim.scenario.outcome import Outcome, refused_entries, result_entries
+from cosim.scenario.outcome import Outcome, result_entries
 from cosim.scenario.preparation import PreparedScenario
+from cosim.scenario.run_events import EventCollector
 from cosim.scenario.run_metadata import run_metadata_of
 from cosim.scenario.script import Event, script_of
 from cosim.scenario.supervision import Supervision, raise_if_interrupted, supervision_of
 from cosim.scenario.system_run import run_system
-from cosim.trace import TraceWriter, content_hash, result_of_link
+from cosim.trace import Cause, RunOutcome, TraceWriter, content_hash
 
 
 def execute_run(
@@ -92,15 +92,22 @@ def execute_run(
         ExitStack() as living,
         TraceWriter(trace, run=entries, attachments=attachments, fsync=fsync) as writer,
     ):
-        recorder = TraceRecorder(writer, system)
+        events_found = EventCollector()
+        recorder = TraceRecorder(writer, system, events_found.take)
         made = _Runs(
             *(prepared, system, events, living, supervisor, progress or silent, engine, pace),
             call_limit=supervision.limits.call,
+            collector=events_found,
         )
         try:
             made.run(recorder, keep=False)
         except ComponentError as error:
-            writer.finish(refused_entries(error))
+            cause = Cause.of_error(error, None)
+            refused = RunOutcome(
+                status="failed", reason=error.text(), cause=cause, steps=0, simulated_s=0.0
+            )
+            recorder.conclude(0, refused.conclusion)
+            writer.finish(refused.entries())
             raise
         made.run_from_zero_state(writer.flush)
         if supervisor is not None:
@@ -108,10 +115,8 @@ def execute_run(
             living.close()
             supervisor.let_go()
         outcome = made.outcome(trace, began)
-        links: dict[str, str] = {}
-        for name, figures in outcome.links.items():
-            links |= result_of_link(name, figures)
-        writer.finish({**result_entries(outcome), **links})
+        recorder.conclude(round(outcome.simulated_s * 1e9), outcome.conclusion)
+        writer.finish(result_entries(outcome))
         outcome = replace(outcome, content_hash=content_hash(trace))
     outcome = replace(outcome, log_after_end=tuple(recorder.log_after_end))
     raise_if_interrupted(outcome, supervisor)
@@ -199,6 +204,8 @@ class _Runs:
     ----------
     living : ends the slaves when it is closed.
     call_limit : as in `run_system`.
+    collector : takes the events of the run as soon as its rows are complete; None: they are
+        counted only.
     """
 
     def __init__(
@@ -213,8 +220,9 @@ class _Runs:
         pace: Pace | None,
         *,
         call_limit: float | None,
+        collector: EventCollector | None = None,
     ) -> None:
-        self._call_limit = call_limit
+        self._call_limit, self._collector = call_limit, collector
         self._prepared, self._system, self._events = prepared, system, events
         self._living, self._supervisor = living, supervisor
         self._report_progress, self._engine, self._pace = report_progress, engine, pace
@@ -228,8 +236,11 @@ class _Runs:
 
         zero_state_run : whether a zero-state run is wanted.
         """
-        measures = RunMeasures(self._prepared, self._system)
-        watching: list[Observer] = [*observers, measures]
+        measures = RunMeasures(
+            self._prepared, self._system, self._collector, at_once=self._collector is not None
+        )
+        # a recorder writes the events that the measures have found in the same rows
+        watching: list[Observer] = [measures, *observers]
         if zero_state_run and self._prepared.design is not None:
             self._zero_state = ZeroStateMeasures(self._prepared)
             self._at_rest = self._assembled_at_rest()
@@ -318,6 +329,7 @@ class _Runs:
             engine=run.engine,
             pace=self._pace,
             assertions=self._figures.assertions,
+            events=self._figures.events(),
             design=prepared.source,
             cause=run.cause,
             supervised=None if self._supervisor is None else self._supervisor.method,

@@ -19,6 +19,7 @@ from cosim.hinf import (
     Design,
     DesignConstraints,
     Envelope,
+    ages_are_known,
     auv_system,
     design,
     first_difference,
@@ -26,6 +27,7 @@ from cosim.hinf import (
     system_by_name,
 )
 from cosim.models import Delay, DelaySystem
+from cosim.scenario.age_claim import feedback_of
 from cosim.scenario.feedback_age import FeedbackAge
 from cosim.scenario.schema import DesignPart
 
@@ -187,7 +189,7 @@ def require_up_to(found: Design) -> None:
     # ages that are known better than by their bound are held against the run; constant ones in
     # the plant are parameters of it
     exact = [x for x in found.certificate["claim"]["delays"] if x["age"] == _ONE_AGE]
-    if any(x["feedback"] for x in exact) or (exact and not _known_ages(found.system)):
+    if any(x["feedback"] for x in exact) or (exact and not ages_are_known(found.system)):
         raise NotAchievableError(
             "at this order the proof is about exactly one age of the measurements",
             where="design.order",
@@ -247,9 +249,11 @@ def solve(
         order="auto" if order is None else order,
         **design_constraints,
     )
-    if order is None and not found.covers_smaller_delays and not _known_ages(problem.system):
+    if order is None and not found.covers_smaller_delays and not ages_are_known(problem.system):
         # ages in a run are rarely one number: Theorem 2 covers all up to it
-        found = design(problem.system, problem.k1, problem.k2, gain=gain, order=None)
+        found = design(
+            problem.system, problem.k1, problem.k2, gain=gain, order=None, **design_constraints
+        )
     require_up_to(found)
     return found
 
@@ -259,7 +263,7 @@ def with_known_age(problem: Problem, known: FeedbackAge | None) -> Problem:
 
     The problem itself where that is no more than it says: feedback of any age, up to a bound.
     """
-    late = next((x for x in problem.system.delays if x.feedback and x.d > 0), None)
+    late = feedback_of(problem.system)
     if late is None or known is None or not late.any_age or late.ages_are_known:
         return problem
     least = known.least_ns / 1e9
@@ -294,10 +298,6 @@ def solve_sharply(problem: Problem, linked: Problem, part: DesignPart) -> Design
     except NotAchievableError:
         return found
     return better if better.gamma is not None and better.gamma < found.gamma else found
-
-
-def _known_ages(system: DelaySystem) -> bool:
-    return any(delay.ages_are_known for delay in system.delays)
 
 
 def gain_parameters(K: Any, controller: FmuDescription) -> dict[str, float]:

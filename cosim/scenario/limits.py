@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.master import ComponentInstance, Run
 from cosim.scenario.measure import Measure, after, measured
+from cosim.scenario.run_events import Episodes, EventCollector, close_all
 from cosim.scenario.signal_reader import SignalReader
+from cosim.trace import RunEvent
 
 _SHARED = {
     "force.x": "limit.force",
@@ -49,12 +52,15 @@ def saturation(run: Run, controller: str) -> Saturation | None:
 class SaturationMeasure(Measure[Saturation | None]):
     """The saturation of a controller's commands; None without limits, or without a step.
 
+    With a collector, each command that reaches its limit is an event, and when it leaves it.
+
     A limit cycle is a status of a run that has reached its end; its last quarter is therefore
     known from the start.
     """
 
-    def __init__(self, controller: str) -> None:
-        self._controller = controller
+    def __init__(self, controller: str, collector: EventCollector | None = None) -> None:
+        self._controller, self._collector = controller, collector
+        self._episodes: list[Episodes] = []
         self._reader: SignalReader | None = None
         self._points: NDArray[np.int64] | None = None
         self._commands: NDArray[np.float64] | None = None
@@ -81,6 +87,12 @@ class SaturationMeasure(Measure[Saturation | None]):
         self._sides: list[NDArray[np.float64]] = [np.zeros(0) for _ in self._names]
         self._reversals = [0] * len(self._names)
         self._instance = instance
+        if self._collector is not None:
+            for name, bound in zip(self._names, self._bounds.tolist(), strict=True):
+                words = f"at its limit of {bound:g} {ports[name].unit or ''}".rstrip()
+                subject = f"{self._controller}.{name}"
+                begins = RunEvent(0, "warning", "saturation", subject, words)
+                self._episodes.append(Episodes(self._collector, begins, "below its limit again"))
         self._last_quarter_ns = instance.comm_points.end_ns * 3 // 4
 
     def add(self, first: int, last: int) -> None:
@@ -89,11 +101,14 @@ class SaturationMeasure(Measure[Saturation | None]):
             return
         block = self._reader.read(first, last)
         self._largest = np.maximum(self._largest, np.abs(block).max(axis=0))
+        now = self._instance.comm_points.points_ns[first:last]
+        for j, episodes in enumerate(self._episodes):
+            episodes.add(now, self._at_limit(block[:, j], self._bounds[j]))
         commands = after(self._commands, block)
-        points = after(self._points, self._instance.comm_points.points_ns[first:last])
+        points = after(self._points, now)
         self._commands, self._points = commands[-1:].copy(), points[-1:].copy()
         commands, duration = commands[:-1], np.diff(points)
-        at_limit = np.abs(commands) >= self._bounds * (1 - 1e-12)
+        at_limit = self._at_limit(commands, self._bounds)
         anywhere: NDArray[np.bool_] = np.logical_or.reduce(at_limit, axis=1)
         self._all.add(duration, anywhere)
         late = int(np.searchsorted(points[:-1], self._last_quarter_ns))
@@ -104,8 +119,14 @@ class SaturationMeasure(Measure[Saturation | None]):
             self._reversals[j] += int(np.count_nonzero(np.diff(sides)))
             self._sides[j] = sides[-1:].copy()
 
+    @staticmethod
+    def _at_limit(commands: NDArray[np.float64], bounds: Any) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = np.abs(commands) >= bounds * (1 - 1e-12)
+        return found
+
     def result(self, run: Run) -> Saturation | None:
         """Return the saturation of the run."""
+        close_all(self._episodes, run.end_ns)
         if self._reader is None or self._all.total_ns == 0:
             return None
         cycling = self._late.share > 0.5 and max(self._reversals) >= _REVERSALS

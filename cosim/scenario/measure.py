@@ -53,14 +53,19 @@ def measured(run: Run, measure: Measure[R_co]) -> R_co:
 class Measures(Observer):
     """An observer that passes rows to measures, `ROWS_AT_ONCE` at a time.
 
+    Parameters
+    ----------
+    at_once : whether to pass each row as soon as it is complete, rather than many together.
+
     Attributes
     ----------
     unread : the first row that its measures have not received: it, and what routes read from it
         on, must remain readable.
     """
 
-    def __init__(self, measures: Sequence[Measure[Any]]) -> None:
+    def __init__(self, measures: Sequence[Measure[Any]], *, at_once: bool = False) -> None:
         self._measures = measures
+        self._fewest = 1 if at_once else ROWS_AT_ONCE
         self._begun = False
         self._complete = 0
         self.unread = 0
@@ -76,8 +81,8 @@ class Measures(Observer):
         """Take the rows first to last - 1."""
         del first
         self._complete = last
-        while last - self.unread >= ROWS_AT_ONCE:
-            self._add(self.unread + ROWS_AT_ONCE)
+        while last - self.unread >= self._fewest:
+            self._add(min(last, self.unread + ROWS_AT_ONCE))
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Do nothing: log lines go to the trace."""

@@ -7,12 +7,13 @@ run only if all its assumptions were met; each is always listed by name, true or
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.hinf import Design, WorstCase, check_certificate, without_integrals
 from cosim.master import Connection, Run, System
@@ -22,20 +23,22 @@ from cosim.scenario.age_claim import age_assumptions, age_figures, feedback_of
 from cosim.scenario.assertions import AssertionsMeasure
 from cosim.scenario.coupling import CouplingMeasure
 from cosim.scenario.cut_delays import CutMeasure
-from cosim.scenario.envelope import LargestMagnitudes
+from cosim.scenario.design_events import DesignEvents
+from cosim.scenario.envelope import ENVELOPE, LargestMagnitudes
 from cosim.scenario.feedback_age import FeedbackAge, feedback_age
 from cosim.scenario.final_values import LastOutputs
 from cosim.scenario.gain import Problem
 from cosim.scenario.limits import Saturation, SaturationMeasure
+from cosim.scenario.loss_bursts import LossBursts
 from cosim.scenario.measure import Measure, Measures
 from cosim.scenario.origin import Findings
 from cosim.scenario.performance import GainMeasure
 from cosim.scenario.plant import is_plant_of, is_vehicle_of
 from cosim.scenario.preparation import PreparedScenario
+from cosim.scenario.run_events import EventCollector
 from cosim.scenario.schema import Scenario
-from cosim.trace import AssertionResult
+from cosim.trace import SERIOUS, AssertionResult, EventCount, EventKind, RunEvent
 
-_ENVELOPE = {"u": "nu.u", "v": "nu.v", "w": "nu.w", "r": "nu.r", "psi": "eta.psi"}
 _POSITION = ("eta.x", "eta.y", "eta.z")
 
 
@@ -64,6 +67,7 @@ class RunFigures:
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
     assertions : the verdicts.
+    events : returns what happened during the run.
     """
 
     saturation: Saturation | None
@@ -73,6 +77,7 @@ class RunFigures:
     coupling_delays_s: Mapping[str, float]
     cut_delays_s: Mapping[Connection, float]
     assertions: tuple[AssertionResult, ...]
+    events: Callable[[], tuple[EventCount, ...]]
 
 
 class ZeroStateMeasures(Measures):
@@ -100,24 +105,51 @@ class ZeroStateMeasures(Measures):
 class RunMeasures(Measures):
     """What an outcome needs of its run, measured while it goes."""
 
-    def __init__(self, prepared: PreparedScenario, system: System) -> None:
+    def __init__(
+        self,
+        prepared: PreparedScenario,
+        system: System,
+        collector: EventCollector | None = None,
+        *,
+        at_once: bool = False,
+    ) -> None:
         scenario = prepared.loaded.scenario
         part = scenario.design
-        self._saturation = None if part is None else SaturationMeasure(part.controller)
-        self._largest = _envelope_measure(prepared)
+        self._events = DesignEvents(prepared, collector or EventCollector())
+        self._collector, self._links = self._events.collector, frozenset(system.links)
+        commands = {name: SaturationMeasure(name, self._collector) for name in system.components}
+        self._saturation = None if part is None else commands[part.controller]
+        self._largest = _envelope_measure(prepared, self._events.envelope)
         self._age = None
         if part is not None:
-            self._age = AgeMeasure(part.plant, part.controller, scenario.run.algorithm)
+            self._age = AgeMeasure(
+                part.plant, part.controller, scenario.run.algorithm, self._events.age
+            )
         self._last_outputs = LastOutputs()
         self._coupling, self._cut = CouplingMeasure(system), CutMeasure(system)
-        self._assertions = AssertionsMeasure(scenario, system, Findings(prepared.loaded.origin))
+        self._assertions = AssertionsMeasure(
+            scenario, system, Findings(prepared.loaded.origin), self._collector
+        )
+        self._loss = LossBursts(system, self._collector)
+        self._others = [m for m in commands.values() if m is not self._saturation]
         found = (self._saturation, self._largest, self._age)
-        always = (self._last_outputs, self._coupling, self._cut, self._assertions)
-        super().__init__([*_made(*found), *always])
+        always = (self._last_outputs, self._coupling, self._cut, self._assertions, self._loss)
+        super().__init__([*_made(*found), *always, *self._others], at_once=at_once)
+
+    def log(self, time_ns: int, level: str, name: str, message: str) -> None:
+        """Count warnings of components, failures, outages, and events of the scenario."""
+        kinds: dict[str, EventKind] = {"scenario": "scenario", "master": "failure"}
+        kind = kinds.get(name, "outage" if name in self._links else "warning")
+        if level in SERIOUS or kind == "scenario":
+            self._collector.count(RunEvent(time_ns, level, kind, name, message))
 
     def figures(self, run: Run) -> RunFigures:
         """Return them at the end of the run."""
         self.complete(run)
+        self._events.close(run.end_ns)
+        self._loss.result(run)
+        for measure in self._others:
+            measure.result(run)
         return RunFigures(
             saturation=None if self._saturation is None else self._saturation.result(run),
             largest=None if self._largest is None else self._largest.result(run),
@@ -126,14 +158,18 @@ class RunMeasures(Measures):
             coupling_delays_s=self._coupling.result(run),
             cut_delays_s=self._cut.result(run),
             assertions=self._assertions.result(run),
+            events=self._collector.counts,
         )
 
 
-def _envelope_measure(prepared: PreparedScenario) -> LargestMagnitudes | None:
+def _envelope_measure(
+    prepared: PreparedScenario,
+    watch: Callable[[NDArray[np.int64], NDArray[np.float64]], None] | None = None,
+) -> LargestMagnitudes | None:
     part = prepared.loaded.scenario.design
     if prepared.problem is None or prepared.problem.vehicle is None or part is None:
         return None
-    return LargestMagnitudes(part.plant, list(_ENVELOPE.values()))
+    return LargestMagnitudes(part.plant, list(ENVELOPE.values()), watch)
 
 
 def _made(*measures: Measure[Any] | None) -> list[Measure[Any]]:
@@ -310,7 +346,7 @@ def _envelope_use(context: RunContext) -> dict[str, float] | None:
         return None
     envelope = context.problem.vehicle.envelope
     use = {}
-    for axis, name in _ENVELOPE.items():
+    for axis, name in ENVELOPE.items():
         largest = max(found[name] for found in runs if found)
         use[axis] = largest / getattr(envelope, axis) if np.isfinite(largest) else float("1e300")
     return use

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from cosim.core import InputError
 from cosim.scenario.events import ConditionError
 from cosim.scenario.fields import NAME_PATTERN, REFERENCE_PATTERN
+from cosim.scenario.known_keys import suggestion
 from cosim.scenario.origin import Origin, Path, key
 
 _SCALAR_WANTED = ("float_type", "int_type", "bool_type", "literal_error", "value_error")
@@ -109,19 +110,12 @@ _PATTERNS = {
 
 
 def _hint(model: type[BaseModel], detail: Any, path: Path) -> str | None:
-    """Suggest the nearest allowed words, or the nearest known keys."""
+    """Suggest the nearest allowed words, or the key that is meant."""
     if detail["type"] == "literal_error":
         words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
         choices = [c.strip("' ") for word in words for c in word.split(",")]
-        return _nearest(str(detail["input"]), choices)
+        near = difflib.get_close_matches(str(detail["input"]), choices, n=2)
+        return f"did you mean {' or '.join(near)}?" if near else None
     if detail["type"] != "extra_forbidden":
         return None
-    schema = model.model_json_schema()
-    known = {name: set(part.get("properties", {})) for name, part in schema["$defs"].items()}
-    everywhere = set(schema["properties"]).union(*known.values())
-    return _nearest(str(path[-1]), sorted(everywhere))
-
-
-def _nearest(word: str, known: list[str]) -> str | None:
-    near = difflib.get_close_matches(word, known, n=2)
-    return f"did you mean {' or '.join(near)}?" if near else None
+    return suggestion(str(path[-1]), path[:-1], model.model_json_schema())

@@ -47,6 +47,7 @@ class Event:
     at_ns, condition : one of them.
     lasts_ns : time after which it is undone; None: never.
     stop : the reason if it ends the run.
+    outages : links that deliver nothing while it lasts.
     """
 
     number: int
@@ -56,6 +57,7 @@ class Event:
     lasts_ns: int | None
     actions: tuple[Action, ...]
     stop: str | None
+    outages: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -123,6 +125,7 @@ def script_of(scenario: Scenario, system: System, findings: Findings) -> tuple[E
                 lasts_ns=_lasts_ns(part),
                 actions=tuple(_actions(part, i, system, scope, findings)),
                 stop=None if part.stop is None else "" if part.stop is True else part.stop,
+                outages=tuple(part.outage),
             )
         )
     return tuple(events)

@@ -20,6 +20,8 @@ from cosim.study.study_runner import BaseScenario, StudyRunner
 
 REFUSED, FAILED = "refused", "failed"
 """Statuses in addition to those of an outcome: could not start; a component or worker failed."""
+ASSERTION_FAILED = "assertion_failed"
+"""Status of a run that reached its end, and whose assertions did not all come out as expected."""
 
 _RUNNERS_KEPT = 2
 
@@ -53,7 +55,8 @@ class Job:
 class Row(NamedTuple):
     """The result of one run; `values` has one value per metric, in the order of the study.
 
-    status : finished, limit_cycle, diverged, failed, or refused if it could not start.
+    status : finished, assertion_failed, limit_cycle, stopped, diverged, failed, or refused if it
+        could not start.
     seconds : wall time of the run; not part of the results.
     """
 
@@ -125,7 +128,7 @@ def _row(job: Job, runner: StudyRunner, run: int) -> Row:
     values: tuple[Value, ...] = (None,) * len(job.study.metrics)
     try:
         outcome, values = run_and_measure(runner, run)
-        status, reason = outcome.status, outcome.reason
+        status, reason = status_of(outcome)
         if job.traces is not None:
             reason = _recorded(job, runner, run) or reason
     except ComponentError as error:
@@ -135,6 +138,17 @@ def _row(job: Job, runner: StudyRunner, run: int) -> Row:
     except Exception as error:  # noqa: BLE001 - one run must not stop the others
         status, reason = FAILED, f"unexpected {type(error).__name__}: {error}"
     return Row(run, status, reason, time.perf_counter() - began, values)
+
+
+def status_of(outcome: Outcome) -> tuple[str, str | None]:
+    """Return status and reason of a run in the table; failed assertions are named."""
+    if outcome.as_expected:
+        return outcome.status, outcome.reason
+    failed = [a.name or a.words for a in outcome.assertions if not a.as_expected]
+    words = f"failed: {'; '.join(failed)}"
+    if outcome.status == "finished":
+        return ASSERTION_FAILED, words
+    return outcome.status, f"{outcome.reason}; {words}" if outcome.reason else words
 
 
 def _recorded(job: Job, runner: StudyRunner, run: int) -> str | None:

@@ -13,7 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import LossError, Progress, silent
-from cosim.study.batch import FAILED, Job, Row, record_batch, register_runner, run_batch
+from cosim.study.batch import (
+    ASSERTION_FAILED,
+    FAILED,
+    Job,
+    Row,
+    record_batch,
+    register_runner,
+    run_batch,
+)
 from cosim.study.folder import Folder
 from cosim.study.manifest import manifest_of
 from cosim.study.plan import Plan, trial_run
@@ -219,7 +227,7 @@ def _chosen(study: Study, done: list[Row]) -> list[int]:
     if study.traces == "all":
         return sorted(row.run for row in ran)
     if study.traces == "failed":
-        unsuccessful = ("failed", "diverged", "limit_cycle")
+        unsuccessful = (FAILED, ASSERTION_FAILED, "diverged", "limit_cycle")
         return sorted(row.run for row in ran if row.status in unsuccessful)
     if study.worst is None:
         return []

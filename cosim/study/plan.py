@@ -12,7 +12,7 @@ from typing import Any
 
 from cosim.core import CosimError, InputError
 from cosim.scenario import design_content, is_file, split
-from cosim.study.batch import Job, Row, run_and_measure
+from cosim.study.batch import Job, Row, run_and_measure, status_of
 from cosim.study.consistency import Place, changed_error, check_consistent, nowhere
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
@@ -102,7 +102,7 @@ def trial_run(plan: Plan) -> Row | None:
             continue
         if run:
             return None
-        return Row(run, outcome.status, outcome.reason, time.perf_counter() - began, values)
+        return Row(run, *status_of(outcome), time.perf_counter() - began, values)
     assert first is not None  # noqa: S101 - the loop ran
     raise first
 

@@ -2,6 +2,10 @@ from .assertions import (
     AssertionResult as AssertionResult,
     Result as Result,
 )
+from .cause import (
+    Cause as Cause,
+    CauseKind as CauseKind,
+)
 from .check_results import Check as Check
 from .content import (
     CONTENT_HASH_VERSION as CONTENT_HASH_VERSION,
@@ -28,6 +32,7 @@ from .layout import (
     CERTIFICATE_HASH as CERTIFICATE_HASH,
     DESIGN_ATTACHMENT as DESIGN_ATTACHMENT,
     DROPPED_SIGNALS as DROPPED_SIGNALS,
+    RESULT as RESULT,
     SCENARIO_ATTACHMENT as SCENARIO_ATTACHMENT,
     Signal as Signal,
     certificate_entries as certificate_entries,
@@ -41,6 +46,10 @@ from .layout import (
 from .live import (
     Player as Player,
     view_in_rerun as view_in_rerun,
+)
+from .outcome import (
+    RunOutcome as RunOutcome,
+    outcome_of as outcome_of,
 )
 from .picture import (
     LabelledTrace as LabelledTrace,
@@ -61,8 +70,16 @@ from .report import (
     write_report as write_report,
 )
 from .rows import (
+    Lines as Lines,
     Poses as Poses,
     Rows as Rows,
+)
+from .run_events import (
+    CONCLUSION as CONCLUSION,
+    SERIOUS as SERIOUS,
+    EventCount as EventCount,
+    EventKind as EventKind,
+    RunEvent as RunEvent,
 )
 from .table import (
     Series as Series,
@@ -77,6 +94,7 @@ from .tolerance import (
     Tolerance as Tolerance,
     Tolerances as Tolerances,
 )
+from .traces import Traces as Traces
 from .traffic import link_names as link_names
 from .verification import (
     Verification as Verification,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -57,13 +57,9 @@ class AssertionResult:
         }
 
 
-def assertions_in(result: Mapping[str, Any] | None) -> list[AssertionResult]:
-    """Read the assertions in the result of a trace (from `describe`), failed ones first.
-
-    Entries of another form, which other tools may write, are left out.
-    """
-    listed = (result or {}).get("assertions")
-    found = [
+def assertions_in(listed: Any) -> list[AssertionResult]:
+    """Read a JSON list of `AssertionResult.to_json`; entries of another form are left out."""
+    return [
         AssertionResult(
             words=str(entry.get("assertion")),
             name=None if entry.get("name") is None else str(entry["name"]),
@@ -74,10 +70,9 @@ def assertions_in(result: Mapping[str, Any] | None) -> list[AssertionResult]:
         for entry in (listed if isinstance(listed, list) else ())
         if isinstance(entry, dict) and entry.get("result") in get_args(Result)
     ]
-    return sorted(found, key=lambda each: each.as_expected)
 
 
-def failed_in(assertions: list[AssertionResult]) -> str:
+def failed_in(assertions: Sequence[AssertionResult]) -> str:
     """Say how many assertions failed; "" if none did."""
     failed = sum(not each.as_expected for each in assertions)
     return f"{failed} of {len(assertions)} assertions failed" if failed else ""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.outcome import other_entries, outcome_of
 from cosim.trace.reader import Trace
 
 _MOST_LINES = 200
@@ -46,7 +47,7 @@ def context_of(a: Trace, b: Trace) -> Context:
     """Compare the metadata and attachments of two traces."""
     changes = [
         *_changes("cosim.run", _open(a.run), _open(b.run)),
-        *_changes("cosim.result", _open(a.result or {}), _open(b.result or {})),
+        *_changes("cosim.result", _ended(a.result), _ended(b.result)),
     ]
     texts: dict[str, tuple[str, ...]] = {}
     for name in sorted(set(a.attachments) | set(b.attachments)):
@@ -63,6 +64,14 @@ def context_of(a: Trace, b: Trace) -> Context:
     # the numbers of a proof are many and tell a reader least: last
     changes.sort(key=lambda change: change.key.startswith(("variables", "system")))
     return Context(texts, tuple(changes[:_MOST_ENTRIES]), max(0, len(changes) - _MOST_ENTRIES))
+
+
+def _ended(result: Mapping[str, str] | None) -> dict[str, Any]:
+    """Return the outcome of a run, and what else its result says; {} without a result."""
+    outcome = outcome_of(result)
+    if result is None or outcome is None:
+        return {}
+    return {**outcome.to_json(), **_open(other_entries(result))}
 
 
 def _open(entries: Mapping[str, str]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from cosim.core import InputError
 from cosim.trace import foxglove, layout
 from cosim.trace.block import HEAD, Records
 from cosim.trace.poses import pose_messages
-from cosim.trace.rows import Poses
+from cosim.trace.rows import Lines, Poses
 
 NED, MAP = "ned", "map"
 """Frames: x north, y east, z down, as the vehicle's equations; x east, y north, z up."""
@@ -52,6 +52,17 @@ class FoxgloveTopics:
         fields = {"level": foxglove.LEVELS[level], "name": name, "message": message}
         data = foxglove.encoded("foxglove.Log", int(time_ns), fields)
         return self._topic(layout.LOG_TOPIC, "foxglove.Log"), data
+
+    def lines(self, part: Lines) -> list[Records]:
+        """Return the records of log lines; `InputError` at an unknown level."""
+        records = []
+        for i, (level, name, message) in enumerate(part.lines):
+            at = part.log_ns[i : i + 1]
+            topic_id, data = self.log(int(at[0]), level, name, message)
+            line = np.frombuffer(bytes(HEAD.size) + data, np.uint8)[None, :].copy()
+            rank = np.asarray(part.rank, np.int64)
+            records.append(Records(topic_id, at, at, _zeros(1), line, rank))
+        return records
 
     def poses(self, part: Poses) -> list[Records]:
         """Return the records of poses; before the very first, that of their frame."""

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError
-from cosim.trace.hold import rows_in_force, sample_and_hold
-from cosim.trace.table import Table, pandas, rows_frame, with_gaps
+from cosim.trace.hold import interpolated, rows_in_force, sample_and_hold
+from cosim.trace.table import Index, Table, index_of, pandas, rows_frame, with_gaps
 from cosim.trace.topic_info import Readable
 
 Align = str | float | NDArray[np.float64]
 """A common time base: "union", a topic, a period [s], or instants [s]."""
+
+Between = Literal["hold", "interpolate"]
+"""Values between rows: the last one, or on a line where the signal's own `hold` is continuous."""
 
 _MOST_POINTS = 100_000_000
 
@@ -24,6 +27,8 @@ def to_pandas(
     what: str | Sequence[str],
     *,
     align: Align = "union",
+    between: Between = "hold",
+    index: Index = "seconds",
     start: float | None = None,
     end: float | None = None,
 ) -> Any:
@@ -32,12 +37,15 @@ def to_pandas(
     Parameters
     ----------
     what : one topic: its rows as recorded, with `sent_s` where messages were sent before they
-        were delivered. Or several topics and signals (`plant.eta.x`), or one signal: columns
-        named as `Trace.signal` takes them, on a common time base.
+        were delivered. Or topics, signals (`plant.eta.x`) and groups (`plant.eta`), one or more:
+        columns named as `Trace.signal` takes them, on a common time base.
     align : the time base. "union": every instant of a row. A topic: the instants of its rows. A
         number: that period [s], from the first row to the last. An array: these instants [s].
-        Each column has the value in force (sample and hold, as in the run, whatever the signal's
-        own `hold` is); before the first it is missing, as pandas marks it.
+        Before its first row a column is missing, as pandas marks it.
+    between : "hold": the value in force, sample and hold, as in the run, whatever the signal's
+        own `hold` is. "interpolate": on the line between its rows, where the signal is a real
+        number and its `hold` is continuous; else the value in force.
+    index : "seconds", or "timedelta": `time`, exact to the nanosecond, as `resample` needs it.
     start, end : as in `Trace.read`; a value delivered before `start` is not in force after it.
 
     Raises
@@ -46,17 +54,16 @@ def to_pandas(
     LossError : as in `Trace.read`.
     """
     if isinstance(what, str) and what in trace.topics:
-        return rows_frame(trace.read(what, start=start, end=end))
-    return _joined(trace, [what] if isinstance(what, str) else list(what), align, start, end)
-
-
-def _joined(
-    trace: Readable, names: list[str], align: Align, start: float | None, end: float | None
-) -> Any:
+        return rows_frame(trace.read(what, start=start, end=end), index)
+    if between not in ("hold", "interpolate"):
+        raise InputError.unknown("way", str(between), ["hold", "interpolate"], where="between")
     pd = pandas()
-    wanted: list[tuple[str, str | None]] = [
-        (name, None) if name in trace.topics else trace.place(name) for name in names
-    ]
+    wanted: list[tuple[str, str | None]] = []
+    for name in [what] if isinstance(what, str) else what:
+        if name in trace.topics:
+            wanted.append((name, None))
+        else:
+            wanted += map(trace.place, trace.members(name))
     needed = dict.fromkeys(topic for topic, _ in wanted)
     if isinstance(align, str) and align in trace.topics:
         needed[align] = None
@@ -70,13 +77,16 @@ def _joined(
     full = {(topic, signal.name): name for name, (topic, signal) in trace.signals.items()}
     columns, units = {}, {}
     for table, own in chosen:
-        values, there = table[own], table.present[own]
-        rows = rows_in_force(table.log_time_ns[there], base)
+        there, signal = table.present[own], table.signals[own]
+        values, times = table[own][there], table.log_time_ns[there]
         name = full.get((table.topic, own), f"{table.topic}:{own}")
-        columns[name] = with_gaps(*sample_and_hold(values[there], rows))
-        if (unit := table.signals[own].unit) is not None:
+        if between == "interpolate" and signal.hold == "continuous" and values.dtype.kind == "f":
+            columns[name] = with_gaps(*interpolated(values, times, base))
+        else:
+            columns[name] = with_gaps(*sample_and_hold(values, rows_in_force(times, base)))
+        if (unit := signal.unit) is not None:
             units[name] = unit
-    frame = pd.DataFrame(columns, index=pd.Index(base / 1e9, name="time_s"))
+    frame = pd.DataFrame(columns, index=index_of(base, index))
     frame.attrs["units"] = units
     return frame
 

@@ -34,6 +34,29 @@ def sample_and_hold(values: NDArray[Any], rows: Integers) -> tuple[NDArray[Any],
     return padded[rows], rows >= 0  # row -1, before the first, is the blank at the end
 
 
+def interpolated(
+    values: NDArray[np.float64], times_ns: Integers, at_ns: Integers
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return values on the straight lines between rows, and where there is one.
+
+    There is none before the first row; after the last one it is in force. At an instant with two
+    rows, where a signal jumps, the line before it leads to the first, and the second is in force.
+
+    times_ns : of the rows [ns], (m,), in any order.
+    """
+    if not times_ns.size:
+        return np.full(at_ns.size, np.nan), np.zeros(at_ns.size, np.bool_)
+    order = np.argsort(times_ns, kind="stable")
+    times, ordered = times_ns[order], values[order]
+    row = np.searchsorted(times, at_ns, side="right") - 1
+    there = row >= 0
+    before, after = np.maximum(row, 0), np.minimum(row + 1, times.size - 1)
+    length = times[after] - times[before]
+    share = (at_ns - times[before]) / np.where(length > 0, length, 1)
+    lines = ordered[before] + np.where(length > 0, share, 0.0) * (ordered[after] - ordered[before])
+    return np.where(there, lines, np.nan), there
+
+
 def blanks(dtype: Any, count: int) -> NDArray[Any]:
     """Return a column of absent values: NaN, 0, False or "" by its type, (count,)."""
     kind = np.dtype(dtype).kind

@@ -10,11 +10,12 @@ from typing import Any
 from cosim.trace import foxglove
 from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
 from cosim.trace.layout import LOG_TOPIC, certificate_of, parsed_json
+from cosim.trace.outcome import outcome_of
 from cosim.trace.reader import TopicInfo, Trace
 from cosim.trace.summary import from_summary
 
 _LINK = "link."
-_STRUCTURED = ("metrics", "final", "assertions")
+_STRUCTURED = ("metrics", "final", "assertions", "events", "cause")
 _LOG_LINES = 20
 
 MOST_HASHED_BYTES = 2**26
@@ -27,8 +28,9 @@ def describe(
     """Summarise a trace as JSON values (no NaN; None for what is absent).
 
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result` (entries
-    but those of links; `metrics`, `final` and `assertions` parsed), `links` (figures by link
+    but those of links; JSON parsed), `links` (figures by link
     name), `log` (the last warnings and errors), `start_ns`, `end_ns`, `message_count`,
+    `outcome` (as of `RunOutcome.to_json`, and `tone`; None without a result),
     `certificate` (`claim`, `sha256`, `attachment`, `gain`; None without one), `topics` (list of
     `topic`, `schema`, `encoding`, `count`, `start_ns`, `end_ns`, `rate_hz`, `signals`),
     `attachments` (list of `name`, `media_type`, `bytes`), `content_hash`,
@@ -66,6 +68,7 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
     starts = [t["start_ns"] for t in topics if t["start_ns"] is not None]
     ends = [t["end_ns"] for t in topics if t["end_ns"] is not None]
     links, result = _split(trace.result or {})
+    outcome = outcome_of(trace.result)
     return {
         "path": str(trace.path),
         "bytes": trace.path.stat().st_size,
@@ -76,6 +79,7 @@ def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
         "run": dict(trace.run),
         "result": None if trace.result is None else result,
         "links": links,
+        "outcome": None if outcome is None else {**outcome.to_json(), "tone": outcome.tone},
         "certificate": certificate_of(trace.run),
         "log": _log(trace),
         "start_ns": min(starts, default=None),

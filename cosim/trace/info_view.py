@@ -11,9 +11,10 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from cosim.core import at_most
-from cosim.trace.assertions import assertions_in, failed_in
 from cosim.trace.feedback_age import age_lines
 from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.outcome import RunOutcome
+from cosim.trace.verdict import Check, status_of
 
 _HEADLINES = ("title", "scenario", "seed", "software")
 _FIGURES = {
@@ -26,6 +27,7 @@ _FIGURES = {
     "designed_age_s": ("age designed for", " s"),
 }
 _LINK_FIGURES = ("sent", "delivered", "dropped", "late", "mean_delay_s", "max_delay_s", "max_age_s")
+_MOST_EVENTS = 20
 _HOST = ("host.command", "host.started", "host.python", "host.platform")
 
 
@@ -46,17 +48,21 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
     facts = RichTable.grid(padding=(0, 2))
     facts.add_column(style="bold")
     facts.add_column(overflow="fold")
+    known = description["outcome"]
+    outcome = None if known is None else RunOutcome.from_json(known)
     for name, value in (
-        *_identity(description),
+        *_identity(description, outcome),
         *_certificate(description["certificate"]),
-        *_verdict(description["result"] or {}),
+        *_verdict(outcome or RunOutcome()),
     ):
         facts.add_row(_text(name), _text(value))
+    told = outcome is not None and bool(outcome.events)
     for line in description["log"]:
-        facts.add_row(
-            _text(f"{line['level']} at {line['time_s']:g} s"),
-            _text(f"{line['name']}: {line['message']}"),
-        )
+        if not told or line["level"] in ("error", "fatal"):
+            facts.add_row(
+                _text(f"{line['level']} at {line['time_s']:g} s"),
+                _text(f"{line['name']}: {line['message']}"),
+            )
     for item in description["attachments"]:
         facts.add_row(
             Text("attached"), _text(f"{item['name']} ({item['media_type']}, {item['bytes']} bytes)")
@@ -64,21 +70,13 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
     return facts
 
 
-def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
-    """Yield the facts that identify the run, and how it ended."""
-    run, result = description["run"], description["result"] or {}
+def _identity(
+    description: Mapping[str, Any], outcome: RunOutcome | None
+) -> Iterator[tuple[str, object]]:
+    """Yield the facts that identify the run, how it ended, and what happened in it."""
+    run = description["run"]
     yield "trace", f"{description['path']} ({description['bytes']} bytes)"
-    state = result.get("status", "finished")
-    if not description["finished"]:
-        state = "the run did not finish"
-    assertions = assertions_in(result)
-    state = "; ".join(filter(None, (state, failed_in(assertions))))
-    yield "state", state if description["complete"] else f"{state}; {description['damage']}"
-    if "reason" in result:
-        yield "reason", result["reason"]
-    for each in assertions:
-        at = "" if each.at_s is None else f" at {each.at_s:g} s"
-        yield f"assertion {each.name or each.words}", each.summary + at
+    yield from _story(status_of(description, outcome), outcome or RunOutcome())
     if description["start_ns"] is not None:
         yield "time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s"
     yield from ((key, run[key]) for key in _HEADLINES if key in run)
@@ -92,6 +90,22 @@ def _identity(description: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
         "content hash",
         description["content_hash"] or "not computed: --hash reads the file for it",
     )
+
+
+def _story(state: Check, outcome: RunOutcome) -> Iterator[tuple[str, object]]:
+    """Yield how the run ended and why, its assertions, and its events."""
+    yield "state", state.what
+    if state.why:
+        yield "reason", state.why
+    if outcome.cause is not None:
+        yield "cause", outcome.cause.words
+    for each in sorted(outcome.assertions, key=lambda each: each.as_expected):
+        at = "" if each.at_s is None else f" at {each.at_s:g} s"
+        yield f"assertion {each.name or each.words}", each.summary + at
+    for event in outcome.events[:_MOST_EVENTS]:
+        yield f"{event.level} at {event.first_s:g} s", event.words
+    if len(outcome.events) > _MOST_EVENTS:
+        yield "", f"and {len(outcome.events) - _MOST_EVENTS} more (--json has all)"
 
 
 def _certificate(certificate: Mapping[str, Any] | None) -> Iterator[tuple[str, object]]:
@@ -118,11 +132,9 @@ def _gamma(text: object) -> str:
         return ""
 
 
-def _verdict(result: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
+def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     """Yield the figures of the run, and which assumptions of the guarantee were met."""
-    metrics = result.get("metrics")
-    if not isinstance(metrics, dict):
-        return
+    metrics = outcome.metrics
     for key, (label, unit) in _FIGURES.items():
         value = metrics.get(key)
         if isinstance(value, float | int) and math.isfinite(value):
@@ -131,8 +143,7 @@ def _verdict(result: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     for line in age_lines(age) if isinstance(age, Mapping) else ():
         label, _, words = line.partition(": ")
         yield label, words
-    assumptions = metrics.get("assumptions")
-    for name, met in (assumptions if isinstance(assumptions, dict) else {}).items():
+    for name, met in outcome.assumptions.items():
         yield f"assumption: {name.replace('_', ' ')}", "met" if met else "NOT MET"
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from html import escape
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -22,13 +23,14 @@ from cosim.trace.contents import Segment
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
 from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
-from cosim.trace.frames import Align
+from cosim.trace.frames import Align, Between
 from cosim.trace.gather import TopicRows
 from cosim.trace.layout import Signal
 from cosim.trace.messages import Messages, on_channels
+from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
-from cosim.trace.table import Series, Table, series_of
+from cosim.trace.table import Index, Series, Table, series_of
 from cosim.trace.topic_info import TopicInfo, window_ns
 
 PART_BYTES = 2**23
@@ -89,10 +91,43 @@ class Trace:
             else:
                 self.topics[channel.topic] = TopicInfo(channel, count, lambda: self.spans)
 
+    def __repr__(self) -> str:
+        status = "not finished" if self.outcome is None else self.outcome.headline
+        messages = sum(info.count for info in self.topics.values())
+        name = self.run.get("scenario", "")
+        state = f"{name}, {status}" if name else "no run of this project"
+        return f"<Trace {self.path}: {state}, {len(self.topics)} topics, {messages} messages>"
+
+    def _repr_html_(self) -> str:
+        """Return the line of `repr` and a table of the topics, as notebooks show it."""
+        rows = []
+        for topic, info in self.topics.items():
+            signals = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in info.signals)
+            cells = (topic, info.count, signals or f"{info.schema} ({info.encoding})")
+            rows.append("".join(f"<td>{escape(str(cell))}</td>" for cell in cells))
+        head = "".join(f"<th>{name}</th>" for name in ("topic", "messages", "signals"))
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<p>{escape(repr(self)[1:-1])}</p><table><tr>{head}</tr>{body}</table>"
+
     @property
     def finished(self) -> bool:
         """Whether the run finished: there is a `cosim.result`."""
         return self.result is not None
+
+    @functools.cached_property
+    def outcome(self) -> RunOutcome | None:
+        """How the run ended; None where it did not, and in files of other tools."""
+        return outcome_of(self.result)
+
+    @property
+    def metrics(self) -> Mapping[str, Any]:
+        """The metrics of the run, as in its outcome; empty where there are none."""
+        return {} if self.outcome is None else self.outcome.metrics
+
+    @property
+    def links(self) -> Mapping[str, Mapping[str, Any]]:
+        """The figures of each link, as in the run's outcome; empty where there are none."""
+        return {} if self.outcome is None else self.outcome.links
 
     @functools.cached_property
     def attachments(self) -> dict[str, bytes]:
@@ -139,6 +174,19 @@ class Trace:
         if colon and topic in self.topics:
             return topic, own
         raise InputError.unknown("signal", name, self.signals, where=str(self.path))
+
+    def members(self, name: str) -> list[str]:
+        """Return the signals of a group (`plant.eta`, `plant`), or the one of this name.
+
+        Raises
+        ------
+        InputError : no such signal or group.
+        """
+        inside = (f"{name}.", f"{name}[")
+        found = [one for one in self.signals if one == name or one.startswith(inside)]
+        if not found:
+            self.place(name)  # a column of a topic without a description of its signals
+        return found or [name]
 
     def signal(self, name: str, *, start: float | None = None, end: float | None = None) -> Series:
         """Read one signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
@@ -293,18 +341,23 @@ class Trace:
         what: str | Sequence[str] | None = None,
         *,
         align: Align = "union",
+        between: Between = "hold",
+        index: Index = "seconds",
         start: float | None = None,
         end: float | None = None,
     ) -> Any:
         """Return a pandas DataFrame over time; see `cosim.trace.frames.to_pandas`.
 
-        what : a topic, or topics and signals; by default outputs and inputs of all components.
+        what : a topic, or topics, signals and groups; by default outputs and inputs of all
+            components.
         """
         if what is None:
             what = [t for t in self.topics if layout.component_of(t)] or [
                 topic for topic, info in self.topics.items() if info.signals
             ]
-        return frames.to_pandas(self, what, align=align, start=start, end=end)
+        return frames.to_pandas(
+            self, what, align=align, between=between, index=index, start=start, end=end
+        )
 
     def age(
         self, link: str, at: NDArray[np.float64] | None = None

@@ -42,6 +42,15 @@ class Rows:
 
 
 @dataclass
+class Lines:
+    """Lines of the log: instants [ns], level, name and message of each, in order of time."""
+
+    log_ns: Integers
+    lines: Sequence[tuple[str, str, str]]
+    rank: tuple[int, ...] = (0,)
+
+
+@dataclass
 class Poses:
     """Poses of the vehicle: x, y, z [m] and psi [rad], (m, 4); the rest as in `Rows`."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,11 @@ from cosim.trace.layout import Signal
 
 Integers = NDArray[np.int64]
 
+Index = Literal["seconds", "timedelta"]
+"""The time of a data frame: seconds as doubles, or exact nanoseconds."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, repr=False)
 class Table:
     """The rows of a topic in file order.
 
@@ -55,9 +58,12 @@ class Table:
         """Instants of sending [s]."""
         return self.publish_time_ns / 1e9
 
-    def to_pandas(self) -> Any:
+    def __repr__(self) -> str:
+        return f"<Table {self.topic}: {len(self)} rows, {', '.join(self.columns) or 'no columns'}>"
+
+    def to_pandas(self, *, index: Index = "seconds") -> Any:
         """Return a pandas DataFrame of the rows, index `time_s` [s]; see `cosim.trace.frames`."""
-        return rows_frame(self)
+        return rows_frame(self, index)
 
     def part(self, which: NDArray[Any]) -> Table:
         """Return the rows that a mask or indices select."""
@@ -88,7 +94,7 @@ class Table:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Series:
     """One signal over time.
 
@@ -124,6 +130,14 @@ class Series:
     def __len__(self) -> int:
         return int(self.delivered_ns.size)
 
+    def __repr__(self) -> str:
+        unit = f" [{self.unit}]" if self.unit else ""
+        if not len(self):
+            return f"<Series {self.name}{unit}: no values>"
+        first, last = self.values[0], self.values[-1]
+        times = f"{self.delivered[0]:g} to {self.delivered[-1]:g} s"
+        return f"<Series {self.name}{unit}: {len(self)} values, {times}, {first} to {last}>"
+
     def __array__(self, dtype: Any = None, copy: Any = None) -> NDArray[Any]:
         """Return the values, so that NumPy's functions take the series itself."""
         if copy is False:
@@ -147,7 +161,22 @@ def pandas() -> Any:
     return optional("pandas", extra="tables", what="data frames need pandas")
 
 
-def rows_frame(table: Table) -> Any:
+def index_of(times_ns: Integers, index: Index) -> Any:
+    """Return the index of a data frame: `time_s` [s], or `time`.
+
+    Raises
+    ------
+    InputError : an index of another kind, or pandas is not installed.
+    """
+    pd = pandas()
+    if index == "timedelta":
+        return pd.to_timedelta(pd.Index(times_ns, name="time"), unit="ns")
+    if index != "seconds":
+        raise InputError.unknown("index", str(index), ["seconds", "timedelta"], where="index")
+    return pd.Index(times_ns / 1e9, name="time_s")
+
+
+def rows_frame(table: Table, index: Index = "seconds") -> Any:
     """Return the rows of one topic as a DataFrame; `InputError` without pandas."""
     pd = pandas()
     columns: dict[str, Any] = {}
@@ -155,7 +184,7 @@ def rows_frame(table: Table) -> Any:
         columns["sent_s"] = table.sent
     for name, values in table.columns.items():
         columns[name] = with_gaps(values, table.present[name])
-    frame = pd.DataFrame(columns, index=pd.Index(table.delivered, name="time_s"))
+    frame = pd.DataFrame(columns, index=index_of(table.log_time_ns, index))
     frame.attrs["units"] = {n: s.unit for n, s in table.signals.items() if s.unit is not None}
     return frame
 

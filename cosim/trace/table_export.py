@@ -158,14 +158,8 @@ def _chosen(
         return dict.fromkeys(within, None)
     found: dict[str, list[str]] = {}
     for wanted in signals:
-        members = [
-            place
-            for name, place in trace.signals.items()
-            if (name == wanted or name.startswith((f"{wanted}.", f"{wanted}[")))
-            and place[0] in within
-        ]
-        own = [(topic, signal.name) for topic, signal in members] or [trace.place(wanted)]
-        for topic, name in own:
+        places = [trace.place(name) for name in trace.members(wanted)]
+        for topic, name in [place for place in places if place[0] in within] or places[:1]:
             if name not in found.setdefault(topic, []):
                 found[topic].append(name)
     return dict(found)

@@ -65,6 +65,9 @@ class Readable(Protocol):
     def place(self, name: str) -> tuple[str, str]:
         """See `Trace`."""
 
+    def members(self, name: str) -> list[str]:
+        """See `Trace`."""
+
     def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
         """See `Trace`."""
 

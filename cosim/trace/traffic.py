@@ -49,7 +49,8 @@ def age(
 
     Parameters
     ----------
-    at : instants [s]; by default just before and at each delivery, the corners of the sawtooth.
+    at : instants [s]; by default just before and at each delivery, the corners of the sawtooth,
+        from the first delivery on.
 
     Raises
     ------
@@ -71,7 +72,8 @@ def age(
     known = rows >= 0
     ages[known] = (instants[known] - sent[rows[known]]) / 1e9
     ages[_substituted(trace, link, table, rows, instants)] = np.nan
-    return instants / 1e9, ages
+    first = 0 if at is not None else int(known.argmax())
+    return instants[first:] / 1e9, ages[first:]
 
 
 def loop_age(

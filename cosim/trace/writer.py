@@ -26,7 +26,7 @@ from cosim.trace.encode import RowEncoder
 from cosim.trace.flusher import Flusher
 from cosim.trace.foxglove_topics import FoxgloveTopics
 from cosim.trace.layout import Signal
-from cosim.trace.rows import Poses, Rows
+from cosim.trace.rows import Lines, Poses, Rows
 from cosim.trace.stream import COMPRESSIONS, McapStream
 
 
@@ -184,7 +184,7 @@ class TraceWriter:
         encoder = self._encoder(topic_id, "write")
         self._add(topic_id, log_time_ns, encoder(values), publish_time_ns, sequence)
 
-    def write_rows(self, parts: Sequence[Rows | Poses]) -> None:
+    def write_rows(self, parts: Sequence[Rows | Poses | Lines]) -> None:
         """Write many rows of several topics, in order of log time, then of rank.
 
         The file is the same as if they had been written one by one in that order.
@@ -198,6 +198,8 @@ class TraceWriter:
             if part.log_ns.size:
                 if isinstance(part, Poses):
                     records += self._foxglove.poses(part)
+                elif isinstance(part, Lines):
+                    records += self._foxglove.lines(part)
                 else:
                     records += self._rows(part)
         if not records:

@@ -52,9 +52,15 @@ def benchmark(d: float) -> DelaySystem:
 
 
 def random_system(
-    rng: np.random.Generator, *, late: bool, any_age: bool, uncertain: bool, scale: float = 1.0
+    rng: np.random.Generator,
+    *,
+    late: bool,
+    any_age: bool,
+    uncertain: bool,
+    scale: float = 1.0,
+    blocks: list[list[int]] | None = None,
 ) -> DelaySystem:
-    """n = 2, m = 1, q = 2, p = 2, two delays; the second may carry the feedback."""
+    """n = 2, m = 1, q = 2, p = 2, two delays; the second may carry the feedback; F is 3 x 2."""
 
     def r(*shape: int) -> Array:
         return scale * rng.standard_normal(shape)
@@ -66,4 +72,5 @@ def random_system(
     )
     A = r(2, 2) - 3 * scale * np.eye(2)
     E = r(2, 3) if uncertain else None
-    return DelaySystem(A, r(2, 1), r(2, 2), r(2, 2), r(2, 2), r(2, 1), E, H[0], delays)
+    matrices = (A, r(2, 1), r(2, 2), r(2, 2), r(2, 2), r(2, 1), E, H[0])
+    return DelaySystem(*matrices, delays, uncertainty_blocks=blocks)

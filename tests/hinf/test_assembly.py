@@ -47,7 +47,11 @@ def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
     """Any point, k1, k2 of either sign: equal to the Schur complement of `omega`, to rounding."""
     rng = np.random.default_rng(case)
     system = random_system(
-        rng, late=bool(case & 1), any_age=bool(case & 2), uncertain=bool(case & 4)
+        rng,
+        late=bool(case & 1),
+        any_age=bool(case & 2),
+        uncertain=bool(case & 4),
+        blocks=[[1, 1], [2, 1]] if case & 6 == 6 else None,
     )
     s, n = Structure(system), 2
     k1, k2 = (tuple(float(x) for x in rng.standard_normal(2)) for _ in range(2))
@@ -58,7 +62,7 @@ def test_assembly_equals_the_reference_without_rows_m(case: int) -> None:
         Y=s.Y.of(y),
         Q=tuple(np.zeros((n, n)) if Q is None else Q.of(y) for Q in s.Q),
         R=tuple(R.of(y) for R in s.R if R is not None),
-        eps=0.0 if s.eps is None else s.eps.of(y)[0, 0],
+        eps=0.0 if s.eps is None else np.squeeze(s.eps.of(y)),
         gamma=0.0 if s.gamma is None else s.gamma.of(y)[0, 0],
     )
     whole = np.asarray(omega(system, k1, k2, v)[0].value)

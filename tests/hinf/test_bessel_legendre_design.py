@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,8 +47,9 @@ def test_multipliers_of_a_gain_do_not_raise_its_gamma(
     """
     rng = np.random.default_rng(10 * order + 1)
     met = 0
-    for _ in range(6):
-        system = random_system(rng, late=late, any_age=any_age, uncertain=True, scale=0.3)
+    for blocks in (None, [[1, 1], [2, 1]]) * 3:
+        settings: Any = {"late": late, "any_age": any_age, "uncertain": True, "blocks": blocks}
+        system = random_system(rng, scale=0.3, **settings)
         delays = [x.d for x in system.delays]
         K = 0.1 * rng.standard_normal((1, 2))
         analysis = AnalysisLmi(system, K, order, performance=True)

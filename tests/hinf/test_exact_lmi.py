@@ -18,6 +18,14 @@ from cosim.hinf.lmi.theorem_2_lmi import Unknowns, omega
 from cosim.models.delay_system import DelaySystem
 
 
+def _system(
+    rng: np.random.Generator, *, late: bool, any_age: bool, blocks: list[list[int]]
+) -> DelaySystem:
+    """Any system, with these blocks of F."""
+    several = blocks if len(blocks) > 1 else None
+    return random_system(rng, late=late, any_age=any_age, uncertain=bool(blocks), blocks=several)
+
+
 def _random_variables(rng: np.random.Generator, system: DelaySystem) -> Variables:
     """Positive matrices that need not solve anything."""
 
@@ -29,7 +37,8 @@ def _random_variables(rng: np.random.Generator, system: DelaySystem) -> Variable
     R = tuple(positive() for _ in system.delays)
     # eps small: the p-part of the functional below stays negative definite
     k1, k2 = (tuple(rng.uniform(0.2, 1, 2) * rng.choice((-1, 1), 2)) for _ in range(2))
-    return Variables(positive(), Q, R, 1e-3, k1, k2, 50.0)
+    eps = (1e-3, 3e-3) if len(system.blocks) > 1 else 1e-3
+    return Variables(positive(), Q, R, eps, k1, k2, 50.0)
 
 
 def _dense(lmi: ExactLmi) -> Array:
@@ -66,8 +75,8 @@ def _form(q: Callable[[Array], float], size: int) -> Array:
 def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[Array], float]:
     """V' + z'z/gamma - gamma w'w + (|sum H_i x_i|^2 - |p|^2)/eps as a function of (x_i, w, p).
 
-    V is the functional; p = F sum H_i x_i, so that the last bracket is not negative for any
-    admissible F. For each delay, from
+    V is the functional; p = F sum H_i x_i, so that the last bracket, one for each block of F with
+    an eps of its own, is not negative for any admissible F. For each delay, from
     int (R x' + M s)' R^-1 (R x' + M s) >= 0 with s = (x, x_j), M s = k1 P x + k2 P x_j:
     -int x''R x' <= 2 (M s)'(x - x_j) + d (M s)' R^-1 (M s).
     """
@@ -91,9 +100,9 @@ def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[
             total += x[0] @ Q @ x[0] - x[j + 1] @ Q @ x[j + 1] + delay.d * rate @ R @ rate
             total += 2 * Ms @ (x[0] - x[j + 1]) + delay.d * Ms @ v.R[j] @ Ms
         if system.E.size:
-            assert v.eps is not None
             y = np.sum([H[i] @ x[i] for i in range(N + 1)], axis=0)
-            total += (y @ y - p @ p) / v.eps
+            for (own, rows), eps in zip(system.blocks, np.atleast_1d(v.eps), strict=True):
+                total += (y[rows] @ y[rows] - p[own] @ p[own]) / eps
         assert v.gamma is not None
         return float(total + z @ z / v.gamma - v.gamma * w @ w)
 
@@ -101,23 +110,23 @@ def _derivative_bound(system: DelaySystem, K: Array, v: Variables) -> Callable[[
 
 
 CASES = [
-    (late, any_age, uncertain)
+    (late, any_age, blocks)
     for late in (False, True)
     for any_age in (False, True)
-    for uncertain in (False, True)
+    for blocks in ([], [[3, 2]], [[1, 1], [2, 1]])
 ]
 
 
-@pytest.mark.parametrize(("late", "any_age", "uncertain"), CASES)
+@pytest.mark.parametrize(("late", "any_age", "blocks"), CASES)
 def test_the_table_is_the_functionals_derivative(
     late: bool,  # noqa: FBT001
     any_age: bool,  # noqa: FBT001
-    uncertain: bool,  # noqa: FBT001
+    blocks: list[list[int]],
 ) -> None:
     """Omega, with z, x', Lemma 2 and h eliminated, is the bound of V' built from the definition."""
     rng = np.random.default_rng(7)
     for _ in range(3):
-        system = random_system(rng, late=late, any_age=any_age, uncertain=uncertain)
+        system = _system(rng, late=late, any_age=any_age, blocks=blocks)
         v = _random_variables(rng, system)
         K = rng.standard_normal((1, 2))
         lmi = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))
@@ -132,15 +141,15 @@ def test_the_table_is_the_functionals_derivative(
         np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("late", "any_age", "uncertain"), CASES)
+@pytest.mark.parametrize(("late", "any_age", "blocks"), CASES)
 def test_the_solvers_lmi_is_the_same_up_to_a_congruence(
     late: bool,  # noqa: FBT001
     any_age: bool,  # noqa: FBT001
-    uncertain: bool,  # noqa: FBT001
+    blocks: list[list[int]],
 ) -> None:
     """Rows x_j times k2_j, rows r_j and m_j times sqrt(d_j) turn the solver's LMI into this one."""
     rng = np.random.default_rng(11)
-    system = random_system(rng, late=late, any_age=any_age, uncertain=uncertain)
+    system = _system(rng, late=late, any_age=any_age, blocks=blocks)
     v = _random_variables(rng, system)
     K = rng.standard_normal((1, 2))
     exactly = minus_omega(system, exact_matrix(K) * exact_matrix(v.X), exact_variables(system, v))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cosim.core import InputError
+from cosim.core import InputError, NotAchievableError
 from cosim.hinf import (
     Delay,
     DelaySystem,
@@ -105,7 +106,7 @@ def test_a_proof_is_about_its_own_feedback() -> None:
 
 
 def test_gradients_are_those_of_finite_differences() -> None:
-    """Abscissa and scaled gain change with K and with the scaling as their gradients say."""
+    """Abscissa and scaled gains change with K and with the scalings as their gradients say."""
     rng = np.random.default_rng(0)
     n, m = 4, 2
     matrix = rng.normal
@@ -124,18 +125,27 @@ def test_gradients_are_those_of_finite_differences() -> None:
             Delay(0.7, np.zeros((n, n)), feedback=(False, True, False, False)),
         ],
     )
-    loop = LoopGain(system)
+    several = replace(system, uncertainty_blocks=[[1, 2], [1, 1]])
+    loop, blocks = LoopGain(system), LoopGain(several)
+    alone = LoopGain(several, only_uncertain=True)
     K = 0.1 * rng.normal(size=(m, n)) * loop.free
-    for function in (lambda K, _: loop.abscissa(K), loop.gain):
-        found = function(K, 0.3)
+    one, two = np.array([0.3]), np.array([0.3, -0.1])
+    for function, e in (
+        (lambda K, _: loop.abscissa(K), one),
+        (loop.gain, one),
+        (blocks.gain, two),
+        (alone.gain, two),
+    ):
+        found = function(K, e)
         assert np.isfinite(found.value)
         for i, j in np.argwhere(loop.free):
             step = np.zeros((m, n))
             step[i, j] = 1e-4
-            slope = (function(K + step, 0.3).value - function(K - step, 0.3).value) / 2e-4
+            slope = (function(K + step, e).value - function(K - step, e).value) / 2e-4
             assert slope == pytest.approx(found.in_gain[i, j], abs=1e-4)
-        slope = (function(K, 0.3 + 1e-4).value - function(K, 0.3 - 1e-4).value) / 2e-4
-        assert slope == pytest.approx(found.in_scaling, abs=1e-4)
+        for i, step in enumerate(1e-4 * np.eye(len(e))):
+            slope = (function(K, e + step).value - function(K, e - step).value) / 2e-4
+            assert slope == pytest.approx(found.in_scaling[i], abs=1e-4)
     # without uncertainty it is the largest singular value, computed here once more
     plain = LoopGain(system, uncertain=False).gain(K).value
     omega = np.concatenate([[0.0], np.geomspace(1e-2, 1e2, 3000)])
@@ -211,6 +221,19 @@ def test_files_say_what_is_measured_and_integrated() -> None:
     assert not both.A[2].any()  # integrated where it is received, and only there
     assert both.delays[1].d == 0.1
     assert both.delays[1].any_age
+
+
+def test_a_limit_on_the_gain_goes_with_single_states() -> None:
+    """Four fifths of the norm of the best one: met and certified; a given gain above is refused."""
+    free = design(axis())
+    limit = 0.8 * float(np.linalg.norm(free.K, 2))
+    found = design(axis(), gain_limit=limit)
+    assert np.linalg.norm(found.K, 2) <= limit
+    assert found.certificate["claim"]["guarantees"].keys() == {"gain_limit"}
+    assert check_certificate(found.certificate).valid
+    assert ((found.K == 0) == (free.K == 0)).all()
+    with pytest.raises(NotAchievableError, match="gain_limit"):
+        design(axis(), gain=free.K, gain_limit=limit)
 
 
 @pytest.mark.parametrize(

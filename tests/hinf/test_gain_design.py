@@ -60,9 +60,9 @@ def test_k1_k2_that_do_not_fit_are_refused() -> None:
             design(paper_example.system(), k1, k2)
 
 
-def test_an_order_excludes_design_constraints() -> None:
-    """An order proves gamma alone; without design constraints it is accepted."""
+def test_the_plain_lmi_has_no_design_constraints() -> None:
+    """cvxpy is for gamma alone; without design constraints it is accepted."""
     system = paper_example.system()
-    with pytest.raises(InputError, match="Theorem 2"):
-        design(system, order=0, decay=0.5)
+    with pytest.raises(InputError, match="cvxpy is without design constraints"):
+        design(system, solver="cvxpy", decay=0.5)
     assert design(system, (0.6,), (0.2,), order=0).order == 0

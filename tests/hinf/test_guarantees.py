@@ -8,10 +8,20 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cosim.core.errors import InputError
-from cosim.hinf import Design, check_certificate, design, design_from_json, design_to_json
+from cosim.hinf import (
+    Delay,
+    DelaySystem,
+    Design,
+    check_certificate,
+    design,
+    design_from_json,
+    design_to_json,
+)
+from cosim.hinf.certificate import standalone
 from cosim.models import paper_example
 
 
@@ -165,11 +175,41 @@ def test_an_unknown_guarantee_is_named(saved: Any) -> None:
         check_certificate(data)
 
 
-def test_guarantees_in_a_design_by_order_are_ignored(saved: Any) -> None:
-    """Put into the file of a design by order, where no check reads them: not in the design."""
-    of_order_0 = design(paper_example.system(), (0.6,), (0.2,), order=0)
-    data = json.loads(json.dumps(design_to_json(of_order_0)))
+def test_guarantees_of_another_gain_are_refused(saved: Any) -> None:
+    """Put into the file of another design, claim and all: they are proved for its own gain."""
+    other = design(paper_example.system(), (0.6,), (0.2,), order=0)
+    data = json.loads(json.dumps(design_to_json(other)))
     data["guarantees"] = saved["guarantees"]
-    again = design_from_json(data, where="file")
-    assert again.guarantees.decay is None
-    assert "guarantees" not in again.certificate
+    data["claim"]["guarantees"] = saved["claim"]["guarantees"]
+    data["theorem"] += saved["theorem"][-3:]
+    proof = check_certificate(data)
+    assert not proof.valid
+    assert "gain_limit" in str(proof.reason)
+
+
+@pytest.mark.parametrize(
+    ("age", "order"), [({"any_age": True}, None), ({}, 2), ({"sampled": True, "least_age": 0.1}, 1)]
+)
+def test_guarantees_stand_beside_any_proof_of_gamma(age: dict[str, Any], order: int | None) -> None:
+    """Theorem 2, order 2 of a constant delay, a sampled age: one certificate, read again."""
+    pendulum = DelaySystem(
+        A=[[0, 1], [1, 0]],
+        B=[[0], [1]],
+        C=[[0], [1]],
+        D=[[1, 0], [0, 0]],
+        D2=[[0], [0.1]],
+        delays=[Delay(0.2, [[0, 0], [0, 0]], feedback=True, **age)],
+    )
+    found = design(pendulum, decay=0.3, gain_limit=8.0, order=order)
+    assert found.order == order
+    assert np.linalg.norm(found.K, 2) <= 8.0
+    assert found.abscissa is not None
+    assert found.abscissa < -0.3
+    saved = json.loads(json.dumps(design_to_json(found)))
+    again = design_from_json(saved, where="file")
+    assert again.certificate["claim"]["guarantees"].keys() == {"decay", "gain_limit"}
+    assert design_to_json(again) == saved
+    content = json.dumps(again.certificate).encode()
+    assert standalone.check(content)["guarantees"] == saved["claim"]["guarantees"]
+    saved["guarantees"]["decay"]["rate"] = "1/2"
+    assert _refused(saved)

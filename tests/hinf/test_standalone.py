@@ -67,6 +67,29 @@ def refused_at(gamma: float) -> Any:
     return refused.value.certificate
 
 
+def two_parameters(kind: str, **age: Any) -> Any:
+    """An uncertain stiffness, of 2 x 1, of x and x(t-d), and an uncertain damping as two blocks."""
+    system = DelaySystem(
+        [[0, 1], [-2, -1]],
+        [[0], [1]],
+        [[0], [1]],
+        [[1, 0], [0, 0]],
+        D2=[[0], [0.3]],
+        E=[[0.1, 0, 0], [0, 1, 1]],
+        H=[[0.4, 0], [0, 0.5]],
+        delays=[Delay(0.3, [[0, 0], [-0.5, 0]], [[0.1, 0], [0, 0]], **age)],
+        uncertainty_blocks=[[2, 1], [1, 1]],
+    )
+    if kind == "refutation":
+        with pytest.raises(NotAchievableError) as refused:
+            design(system, (-1.0,), (1.0,), gamma=0.2, order=None, search=False)
+        return refused.value.certificate
+    if kind == "theorem 2":
+        constraints: dict[str, Any] = {"decay": 0.2, "order": None, "search": False}
+        return design(system, (-1.0,), (1.0,), **constraints).certificate
+    return analysis_of(system, order=1)
+
+
 MADE: dict[str, Callable[[], Any]] = {
     "theorem 2": theorem_2,
     "guarantees": guaranteed,
@@ -77,6 +100,9 @@ MADE: dict[str, Callable[[], Any]] = {
     "rate": lambda: analysis_of(networked(1.0, rate=0.3, least_age=0.2), NETWORKED, 1),
     "sampled": lambda: analysis_of(networked(1.3, sampled=True, least_age=0.2), NETWORKED, 1),
     "refutation": lambda: refused_at(5.005),
+    "blocks, theorem 2": lambda: two_parameters("theorem 2"),
+    "blocks, rate": lambda: two_parameters("rate", rate=0.1),
+    "blocks, refutation": lambda: two_parameters("refutation"),
     "gamma floor": lambda: refused_at(4.9),
 }
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import signal
+from itertools import product
 from pathlib import Path
 
 import pytest
 from hostile.expected import RUN_CALLS, Expectation, Row, rows
 from hostile.judged import departures
 from hostile.runs import Interrupt, run_row
-from shared import share_of
+from shared import sampled, share_of
 
 SAMPLE = (
     Row("segfault", "step", "2.0"),
-    Row("exit-0", "get", "3.0"),
-    Row("kill", "enter", "3.0"),
     Row("hang", "step", "3.0"),
     Row("rounding", "step", "3.0"),
 )
@@ -33,7 +32,7 @@ def test_every_third_row_of_the_table(tmp_path: Path, row: Row) -> None:
     assert departures(run_row(row, tmp_path, isolate=True)) == []
 
 
-@pytest.mark.parametrize("call", ["step", "instantiate"])
+@pytest.mark.parametrize("call", ["step", pytest.param("instantiate", marks=pytest.mark.slow)])
 def test_ctrl_c_ends_a_hang(tmp_path: Path, call: str) -> None:
     """Within the second of grace, with a finished trace."""
     found = run_row(
@@ -46,8 +45,9 @@ def test_ctrl_c_ends_a_hang(tmp_path: Path, call: str) -> None:
     assert departures(found, Expectation((130,), (), ("interrupted",))) == []
 
 
-@pytest.mark.parametrize("fault", ["segfault", "exit-0", "hang"])
-@pytest.mark.parametrize("call", ["get", pytest.param("step", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("fault", "call"), sampled(product(["segfault", "exit-0", "hang"], ["get", "step"]), 1)
+)
 def test_run_that_is_not_supervised_survives_too(tmp_path: Path, fault: str, call: str) -> None:
     """The limit of calls holds there as well."""
     row = Row(fault, call, "3.0")

@@ -26,18 +26,12 @@ from cosim.trace import Trace
 
 SAMPLE = (
     *(Row("segfault", "step", v) for v in VERSIONS),
-    Row("kill", "get", "3.0"),
-    Row("stack-overflow", "set", "2.0"),
     Row("exit-0", "step", "3.0"),
-    Row("exit-0", "instantiate", "2.0"),
     Row("abort", "free", "2.0"),
     Row("hang", "step", "2.0"),
     Row("hang-deaf", "terminate", "3.0"),
     Row("leak", "step", "3.0"),
-    Row("not-a-number", "step", "2.0"),
     Row("negative", "step", "2.0"),
-    Row("child", "exit", "3.0"),
-    Row("close-output", "step", "2.0"),
 )
 
 

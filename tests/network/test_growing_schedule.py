@@ -14,6 +14,7 @@ import link_model
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from shared import share_of
 from test_link_exact import (
     Case,
     check_answers,
@@ -124,7 +125,7 @@ def test_blocks_of_any_size_make_the_same_schedule(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", share_of(range(10)))
 def test_blocks_of_any_size_on_three_thousand(part: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """3000 random links, cut at random and forgotten."""
     monkeypatch.setattr(messages, "_DRAWN_AT_ONCE", part + 1)

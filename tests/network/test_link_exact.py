@@ -12,6 +12,7 @@ from typing import Any
 import link_model
 import numpy as np
 import pytest
+from shared import share_of
 
 from cosim.network import (
     REASONS,
@@ -348,7 +349,7 @@ def test_link_is_exact(check: Callable[[int], None], part: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(10))
+@pytest.mark.parametrize("part", share_of(range(10)))
 def test_link_is_exact_on_ten_thousand(part: int) -> None:
     """10 000 random links, nanosecond by nanosecond."""
     for number in range(1000 * part, 1000 * (part + 1)):

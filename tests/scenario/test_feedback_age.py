@@ -40,7 +40,7 @@ from cosim.scenario.preparation import prepare
 from cosim.scenario.read import load
 from cosim.scenario.schema import DesignPart
 from cosim.trace import describe, render
-from cosim.trace.report.verdict import assumptions_of
+from cosim.trace.verdict import assumptions_of
 
 STEP = ns(0.05)
 UP = [("plant.eta.x", "controller.eta.x"), ("plant.nu.u", "controller.nu.u")]
@@ -281,7 +281,7 @@ def test_playout_scenario_keeps_to_its_proof(native_fmus: Path, tmp_path: Path) 
         for text in (printed(outcome_view(results[playout])), printed(render(info))):
             assert "sampled: exactly 0.35 s when a measurement comes into use" in text
             assert words in text
-        checks = {check.what: check for check in assumptions_of(info)}
+        checks = {check.what: check for check in assumptions_of(results[playout])}
         used = checks["Every measurement came into use at the age of the proof"]
         assert words in used.why
         justified = checks["By their settings the links give a sampled age"]

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.shell import BUILT_IN, cosim
+from outcomes.ways import log_of
 from shared import fmu_store, made_once
 
 from cosim.scenario.read import builtin_names, load
-from cosim.trace import Trace
+from cosim.trace import CONCLUSION, Trace, describe, outcome_of, verify
+from cosim.trace.verdict import status_of
 
 GALLERY = sorted(set(builtin_names()) - set(BUILT_IN))
 
@@ -43,6 +45,25 @@ def test_gallery_assertions_are_as_expected(name: str) -> None:
     assert result is not None
     assert '"as_expected": true' in result["assertions"]
     assert "Why these numbers" in load(name).scenario.description
+
+
+@pytest.mark.parametrize("name", GALLERY)
+def test_views_of_the_gallery_tell_the_same_story(name: str) -> None:
+    """Summary, report, info and the end of /log have one headline; the trace verifies."""
+    data, trace = executed(name)
+    headline = data["headline"]
+    known = describe(trace.path)
+    assert status_of(known, outcome_of(trace.result)).what == known["outcome"]["headline"]
+    assert known["outcome"]["headline"] == headline
+    assert known["outcome"]["events"] == data["events"]
+    said = [line for line in log_of(trace.path) if line.name == CONCLUSION]
+    assert said[0].message.partition(": ")[0] == headline
+    metrics, kinds = known["outcome"]["metrics"], {e["kind"] for e in data["events"]}
+    assert ("saturation" in kinds) == bool(metrics["saturated_fraction"])
+    unmet = {name for name, met in metrics["assumptions"].items() if not met}
+    assert ("age" in kinds) == ("message_age_within_design" in unmet)
+    assert ("envelope" in kinds) == any(v > 1 for v in (metrics["envelope_use"] or {}).values())
+    assert verify(trace.path).verdict == "ok"
 
 
 def test_gallery_has_eleven_situations() -> None:

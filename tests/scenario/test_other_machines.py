@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 from cli.shell import cosim
+from shared import share_of
 
 from cosim.scenario.read import builtin_names
 
@@ -89,7 +90,7 @@ def here(native_fmus: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in MACHINES if MACHINES[name]])
+@pytest.mark.parametrize("name", share_of(name for name in MACHINES if MACHINES[name]))
 def test_every_built_in_scenario_has_one_content_hash(
     name: str, here: dict[str, str], native_fmus: Path, tmp_path: Path
 ) -> None:

@@ -82,6 +82,17 @@ def test_a_run_that_fails_is_recorded_and_stops_no_other(tmp_path: Path) -> None
     assert "step 50 s" in found["reason"][2]
 
 
+def test_a_run_whose_assertion_fails_is_not_finished(tmp_path: Path) -> None:
+    """The table has another status and names the assertion; its trace is kept with the failed."""
+    asserted = [{"name": "small", "always": "tiny.x < 2"}]
+    failing = plan([0.5, 9.0], set={"assertions": asserted}, traces="failed")
+    result = execute_study(failing, tmp_path)
+    found = table(tmp_path)
+    assert found["status"] == ["finished", "assertion_failed"]
+    assert found["reason"] == [None, "failed: small"]
+    assert list(result.traces) == [1]
+
+
 def test_a_run_that_ends_the_process_ends_its_child_alone(tmp_path: Path) -> None:
     """In the first run, which is tried before the others, and in a later one."""
     result = execute_study(plan([DEADLY, 1.0, DEADLY + 1.0, 0.5]), tmp_path / "study")

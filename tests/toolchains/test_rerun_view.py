@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cli.shell import cosim, trace_of
 from numpy.typing import NDArray
+from outcomes.ways import found
 
 from cosim.core.errors import InputError
 from cosim.trace import Trace
@@ -145,18 +146,18 @@ def test_a_trace_without_a_pose_and_with_infinite_numbers(tmp_path: Path) -> Non
     """The paper's example has no view in space; infinite numbers are drawn without failing."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "trace" / "report"))
     try:
-        from report_files import foreign, wild  # noqa: PLC0415
+        from report_files import foreign  # noqa: PLC0415
     finally:
         sys.path.pop(0)
     for path in (
         trace_of("paper-example"),
-        wild(tmp_path / "wild.mcap"),
+        found("far").trace,
         foreign(tmp_path / "foreign.mcap"),
     ):
         viewed = rerun_view.view_in_rerun(path, tmp_path / f"{path.stem}.rrd")
         assert viewed.charts > 0
         names = {piece.entity_path for piece in chunk.RrdReader(viewed.output).stream()}
-        assert ("/world/vehicle" in names) == (path.stem == "wild")
+        assert ("/world/vehicle" in names) == (path.stem == "far")
     assert "/lab/sensors/1/temperature" in names
 
 

@@ -44,7 +44,9 @@ def _claims(data: dict[str, Any]) -> list[str]:
         gamma = _not_below(Fraction(claim["gamma"]))
         lines.append(f"gain from disturbance w to output z at most gamma = {gamma}")
     if claim["uncertain"]:
-        lines.append("for every uncertainty F(t) with F'F ≤ I")
+        blocks = ", ".join(f"{p} x {q}" for p, q in claim.get("uncertainty_blocks", ()))
+        more = f", block diagonal with blocks {blocks}" if blocks else ""
+        lines.append(f"for every uncertainty F(t) with F'F ≤ I{more}")
     for number, delay in enumerate(claim["delays"], 1):
         text = f"delay {number} with d = {delay['d']:g} s, age {delay['age']}"
         if delay["feedback"]:

@@ -37,6 +37,10 @@ from .ball_matrices import (
     floats as floats,
     size as size,
 )
+from .block_multipliers import (
+    joined as joined,
+    separated as separated,
+)
 from .certificate import (
     certificate_bytes as certificate_bytes,
     certificate_from_bytes as certificate_from_bytes,
@@ -104,6 +108,7 @@ from .refutation_proof import (
     refuted as refuted,
 )
 from .system_json import (
+    BLOCKS as BLOCKS,
     MATRICES as MATRICES,
     assembled as assembled,
     delay_from as delay_from,
@@ -115,4 +120,7 @@ from .system_json import (
     number as number,
     system_from_json as system_from_json,
 )
-from .theorem import theorem_of as theorem_of
+from .theorem import (
+    theorem_of as theorem_of,
+    uncertainty_text as uncertainty_text,
+)

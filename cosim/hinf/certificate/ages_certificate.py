@@ -24,7 +24,8 @@ from cosim.hinf.certificate.ages_terms import (
     state_blocks,
     unknowns_of,
 )
-from cosim.hinf.certificate.analysis_certificate import check_null, gain_from_json, order_from_json
+from cosim.hinf.certificate.analysis_certificate import check_null, loop_from_json, order_from_json
+from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
@@ -38,7 +39,6 @@ from cosim.hinf.certificate.rational import (
 from cosim.hinf.certificate.system_json import (
     format_value,
     known_keys,
-    system_from_json,
     system_to_json,
 )
 from cosim.hinf.certificate.theorem import theorem_of
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from cosim.models import DelaySystem, Matrix
 
 AGES = "ages"
-_KEYS = ("kind", "claim", "system", "variables", "K")
 _VARIABLES = ("order", "P", "terms", "eps", "gamma", "down_to_zero")
 _TERMS = ("functional", "matrices")
 
@@ -68,7 +67,7 @@ def exact_ages(system: DelaySystem, v: AgesVariables) -> AgesVariables:
         order=v.order,
         P=exact_symmetric(v.P),
         terms=terms,
-        eps=None if v.eps is None or not system.E.size else exact(v.eps),
+        eps=exact_eps(system, v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
         down_to_zero=v.down_to_zero,
     )
@@ -92,7 +91,7 @@ def ages_to_json(system: DelaySystem, gain: Matrix, v: AgesVariables) -> dict[st
                 }
                 for own in v.terms
             ],
-            "eps": None if v.eps is None else to_text(v.eps),
+            "eps": eps_to_json(v.eps),
             "gamma": None if v.gamma is None else to_text(v.gamma),
             "down_to_zero": v.down_to_zero,
         },
@@ -107,14 +106,14 @@ def check_ages(data: dict[str, Any]) -> CertificateCheck:
     ------
     InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
-    own = {key: data[key] for key in _KEYS if key in data}
-    known_keys(own, "certificate", _KEYS, required=_KEYS)
-    system = system_from_json(data["system"])
-    gain = gain_from_json(data["K"], system)
+    system, gain, more = loop_from_json(data)
     v = _variables(system, data["variables"])
-    claim = ages_claim(system, v)
-    named = v.symmetric_matrices()
-    return judged(data, claim, named, lambda: ages_proved(system, gain, v).reason)
+    claim = ages_claim(system, v) | more.claim()
+
+    def reason() -> str | None:
+        return ages_proved(system, gain, v).reason or more.failure(system, gain)
+
+    return judged(data, claim, v.symmetric_matrices(), reason)
 
 
 def _variables(system: DelaySystem, data: Any) -> AgesVariables:
@@ -139,7 +138,6 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
             expected="true or false",
             got=format_value(data["down_to_zero"]),
         )
-    check_null("eps", data["eps"], expected=not system.E.size)
     if not system.has_performance:
         check_null("gamma", data["gamma"], expected=True)
     gamma = None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma")
@@ -159,7 +157,7 @@ def _variables(system: DelaySystem, data: Any) -> AgesVariables:
         order=order,
         P=matrix_from_text(data["P"], "variables.P", rows, rows),
         terms=tuple(terms),
-        eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
+        eps=eps_from_json(system, data["eps"], "variables.eps"),
         gamma=gamma,
         down_to_zero=data["down_to_zero"],
     )

@@ -47,6 +47,7 @@ from cosim.hinf.certificate.ages_terms import (
     state_blocks,
 )
 from cosim.hinf.certificate.analysis_proof import EXACTLY, ExactLoop, exact_loop, orders_of
+from cosim.hinf.certificate.block_multipliers import scalings
 from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, claim_of
 from cosim.hinf.certificate.rational import (
     exact,
@@ -55,6 +56,7 @@ from cosim.hinf.certificate.rational import (
     identity,
     lower_triangle,
 )
+from cosim.hinf.certificate.theorem import uncertainty_text
 
 if TYPE_CHECKING:
     from cosim.models import Delay, DelaySystem, Matrix
@@ -76,7 +78,7 @@ def ages_claim(system: DelaySystem, v: AgesVariables) -> dict[str, Any]:
     for delay_claim, delay in zip(claim["delays"], system.delays, strict=True):
         if delay.d > 0:
             delay_claim.update(_age_claim(delay, next(own), exactly=_exactly(v)))
-    return claim | {"order": v.order, "hypotheses": _hypotheses(v, measured)}
+    return claim | {"order": v.order, "hypotheses": _hypotheses(v, measured, claim)}
 
 
 def _exactly(v: AgesVariables) -> bool:
@@ -105,7 +107,7 @@ _FEEDBACK = {
 """What is measured, by whether the feedback is of single states."""
 
 
-def _hypotheses(v: AgesVariables, measured: str) -> list[str]:
+def _hypotheses(v: AgesVariables, measured: str, claim: dict[str, Any]) -> list[str]:
     """Return what the theorem asks for, sentence by sentence."""
     texts = [
         "x' = sum_i (A_i + dA_i) x(t - age_i(t)) + B u + C w for almost every t >= 0",
@@ -118,8 +120,8 @@ def _hypotheses(v: AgesVariables, measured: str) -> list[str]:
             "gain: x = 0 for t <= 0, w square integrable on [0, T], and then the integral of z'z "
             "over [0, T] is at most gamma^2 times that of w'w, for every T > 0"
         )
-    if v.eps is not None:
-        texts.append("uncertainty: F(t) measurable, F(t)'F(t) <= I, the same F in every term")
+    if claim["uncertain"]:
+        texts.append(f"uncertainty: {uncertainty_text(claim)}")
     if any(own == "rate" for own in v.functionals):
         texts.append("an age with a bounded rate is Lipschitz continuous")
     if any(own in {"wirtinger", "looped"} for own in v.functionals):
@@ -283,7 +285,7 @@ class _Forms:
         f = dict(zip(on, loop.A, strict=True))
         if v.gamma is not None:
             f["w"] = loop.C
-        if v.eps is not None:
+        if loop.blocks:
             f["p"] = loop.E
         state: list[tuple[Map, Map]] = [({"x": one}, f)]
         for j, (own, at) in enumerate(zip(v.terms, corner, strict=True)):
@@ -304,9 +306,10 @@ class _Forms:
                 state += self._looped(form, j, f, at[0])
         values, rates = [value for value, _ in state], [rate for _, rate in state]
         form.twice_of(values, -v.P, rates, self._n)
-        if v.eps is not None:
-            form.square(dict(zip(on, loop.H, strict=True)), -v.eps * identity(loop.H[0].nrows()))
-            form.square({"p": identity(sizes["p"])}, v.eps * identity(sizes["p"]))
+        if loop.blocks:
+            L_p, L_q = scalings(loop.blocks, v.eps)
+            form.square(dict(zip(on, loop.H, strict=True)), -L_q)
+            form.square({"p": identity(sizes["p"])}, L_p)
         if v.gamma is not None:
             z = dict(zip(on, loop.D, strict=True)) | {"w": loop.D1}
             form.square(z, -1 / v.gamma * identity(loop.D1.nrows()))

@@ -42,8 +42,9 @@ class AgeTerms:
 class AgesVariables:
     """The variables: P, the terms of every positive delay, eps and gamma.
 
-    `eps` is None without uncertainty, `gamma` None for stability alone. `down_to_zero` : the claim
-    covers every constant delay up to its bound, not exactly the bound (order 0 always does).
+    `eps` is one number, or a tuple of one per block of F; None without uncertainty. `gamma` is
+    None for stability alone. `down_to_zero` : the claim covers every constant delay up to its
+    bound, not exactly the bound (order 0 always does).
     """
 
     order: int

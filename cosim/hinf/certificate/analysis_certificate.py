@@ -5,6 +5,7 @@
 
 Q, R: one matrix per positive delay; Q is null where any age is allowed. "lower", where it is
 given, has the least of each positive delay that the claim covers, null where any age is allowed.
+Beside these there may be `guarantees` (`cosim.hinf.certificate.guarantees`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from cosim.hinf.certificate.analysis_proof import (
     analysis_proved,
     orders_of,
 )
+from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json, exact_eps
+from cosim.hinf.certificate.guarantees import Guarantees, guarantees_from_json
 from cosim.hinf.certificate.proof import CertificateCheck, judged
 from cosim.hinf.certificate.rational import (
     exact,
@@ -56,7 +59,7 @@ def exact_analysis(system: DelaySystem, v: AnalysisVariables) -> ExactAnalysis:
         P=exact_symmetric(v.P),
         Q=tuple(None if Q is None else exact_symmetric(Q) for Q in v.Q),
         R=tuple(exact_symmetric(R) for R in v.R),
-        eps=None if v.eps is None or not system.E.size else exact(v.eps),
+        eps=exact_eps(system, v.eps),
         gamma=None if v.gamma is None else exact(v.gamma),
         lower=None if v.lower is None else tuple(None if d is None else exact(d) for d in v.lower),
     )
@@ -76,7 +79,7 @@ def analysis_to_json(system: DelaySystem, gain: Matrix, v: ExactAnalysis) -> dic
             "P": matrix_to_text(v.P),
             "Q": [None if Q is None else matrix_to_text(Q) for Q in v.Q],
             "R": [matrix_to_text(R) for R in v.R],
-            "eps": None if v.eps is None else to_text(v.eps),
+            "eps": eps_to_json(v.eps),
             "gamma": None if v.gamma is None else to_text(v.gamma),
         }
         | ({} if lower is None else {"lower": lower}),
@@ -91,13 +94,27 @@ def check_analysis(data: dict[str, Any]) -> CertificateCheck:
     ------
     InputError : not a certificate. (Where the claim is not proved, no error: `valid` is False.)
     """
+    system, gain, more = loop_from_json(data)
+    v = _variables(system, data["variables"])
+    claim = analysis_claim(system, v) | more.claim()
+
+    def reason() -> str | None:
+        return analysis_proved(system, gain, v).reason or more.failure(system, gain)
+
+    return judged(data, claim, v.matrices(), reason)
+
+
+def loop_from_json(data: dict[str, Any]) -> tuple[DelaySystem, Matrix, Guarantees]:
+    """Read what every certificate of an analysis has: the system, the gain, and guarantees.
+
+    Raises
+    ------
+    InputError : a missing key, a wrong shape, a number that is none.
+    """
     own = {key: data[key] for key in _KEYS if key in data}
     known_keys(own, "certificate", _KEYS, required=_KEYS)
     system = system_from_json(data["system"])
-    gain = gain_from_json(data["K"], system)
-    v = _variables(system, data["variables"])
-    claim = analysis_claim(system, v)
-    return judged(data, claim, v.matrices(), lambda: analysis_proved(system, gain, v).reason)
+    return system, gain_from_json(data["K"], system), guarantees_from_json(data, system)
 
 
 def gain_from_json(rows: Any, system: DelaySystem) -> Matrix:
@@ -183,7 +200,6 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
                 got=format_value(data[name]),
             )
     checks = [(f"Q[{j}]", data["Q"][j], delay.any_age) for j, delay in enumerate(late)]
-    checks.append(("eps", data["eps"], not system.E.size))
     if not system.has_performance:
         checks.append(("gamma", data["gamma"], True))
     for name, value, expected in checks:
@@ -197,7 +213,7 @@ def _variables(system: DelaySystem, data: Any) -> ExactAnalysis:
             for j, Q in enumerate(data["Q"])
         ),
         R=tuple(matrix_from_text(R, f"variables.R[{j}]", n, n) for j, R in enumerate(data["R"])),
-        eps=None if data["eps"] is None else from_text(data["eps"], "variables.eps"),
+        eps=eps_from_json(system, data["eps"], "variables.eps"),
         gamma=None if data["gamma"] is None else from_text(data["gamma"], "variables.gamma"),
         lower=_lower(late, order, data["lower"]) if "lower" in data else None,
     )

@@ -7,7 +7,7 @@ delays of zero folded into x(t) (they are no delays), and order N (0 where any a
     -Phi > 0,  P + diag(0, (2k+1)/dj Qj) > 0,  Qj > 0 (none where any age is allowed),
     Rj > 0,  gamma > 0.
 
--Phi > 0 implies eps > 0 and, with gamma > 0, gamma > |D1|.
+-Phi > 0 implies every eps > 0 and, with gamma > 0, gamma > |D1|.
 
 At order 0 the terms of each delay grow with it, so what holds at dj holds for every constant
 delay up to dj. From order 1 on the functional belongs to its delay, and the claim is about
@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import flint
 
 from cosim.core import InputError
+from cosim.hinf.certificate.block_multipliers import Blocks, scalings
 from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, claim_of
 from cosim.hinf.certificate.rational import (
     exact,
@@ -55,17 +56,17 @@ MAX_ORDER = 12
 class AnalysisVariables:
     """A solution as floats: P; Q, R one per positive delay (Q None where any age is allowed).
 
-    P is square with n + n sum_j N_j rows, N_j the order, 0 where any age is allowed. `eps` is
-    None without uncertainty, `gamma` None for stability alone. `lower`: the least value [s] of
-    each positive delay that is covered, None for any age; None as a whole where only the delays
-    themselves are covered.
+    P is square with n + n sum_j N_j rows, N_j the order, 0 where any age is allowed. `eps` is one
+    number, or a tuple of one per block of F; None without uncertainty. `gamma` is None for
+    stability alone. `lower`: the least value [s] of each positive delay that is covered, None for
+    any age; None as a whole where only the delays themselves are covered.
     """
 
     order: int
     P: Matrix
     Q: tuple[Matrix | None, ...]
     R: tuple[Matrix, ...]
-    eps: float | None
+    eps: float | tuple[float, ...] | None
     gamma: float | None
     lower: tuple[float | None, ...] | None = None
 
@@ -102,6 +103,7 @@ class ExactLoop:
     C: Any
     D1: Any
     E: Any
+    blocks: Blocks
     d: list[Any]
     orders: list[int]
 
@@ -217,6 +219,7 @@ def exact_loop(system: DelaySystem, gain: Matrix, orders: list[int]) -> ExactLoo
         exact_matrix(system.C),
         exact_matrix(system.D1),
         exact_matrix(system.E),
+        system.blocks,
         [exact(delay.d) for delay in system.delays if delay.d > 0],
         orders,
     )
@@ -256,7 +259,7 @@ def minus_phi(  # noqa: C901 - one table, read from top to bottom
     if v.gamma is not None:
         sizes["w"] = loop.C.ncols()
         f["w"] = loop.C
-    if v.eps is not None:
+    if loop.blocks:
         sizes["p"] = loop.E.ncols()
         f["p"] = loop.E
 
@@ -292,11 +295,12 @@ def minus_phi(  # noqa: C901 - one table, read from top to bottom
             block = _block(v.P, b * n, a * n, n)
             subtract(value, block, rate)
             subtract(rate, block.transpose(), value)
-    if v.eps is not None:
+    if loop.blocks:
         q = dict(zip(on, loop.H, strict=True))
-        subtract(q, v.eps * identity(loop.H[0].nrows()), q)
+        L_p, L_q = scalings(loop.blocks, v.eps)
+        subtract(q, L_q, q)
         p = {"p": identity(sizes["p"])}
-        subtract(p, -v.eps * identity(sizes["p"]), p)
+        subtract(p, -L_p, p)
     if v.gamma is not None:
         z = dict(zip(on, loop.D, strict=True)) | {"w": loop.D1}
         subtract(z, 1 / v.gamma * identity(loop.D1.nrows()), z)

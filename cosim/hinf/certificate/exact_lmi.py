@@ -8,21 +8,22 @@ the other. Notation and derivation:
 Lemma 2 per delay with M1j = k1j P, M2j = k2j P; then multiply from both sides by X = P^-1 in
 every x block, and by Rbar_j = Rj^-1 where the terms dj x''Rj x' (row r_j) and
 dj M_j'Rj^-1 M_j (row m_j) are removed by Lemma 3; Qbar_j = X Qj X, Y = K X. Lemma 1 removes
-F(t) with eps (row h). With G_i = A_i X + phi_i B Y, rows of x_j multiplied by k2j and those of
-r_j and m_j by sqrt(dj) (a congruence that avoids roots and quotients):
+F(t) (row h) with an eps for each block of F, L_p and L_q of `block_multipliers`. With
+G_i = A_i X + phi_i B Y, rows of x_j multiplied by k2j and those of r_j and m_j by sqrt(dj) (a
+congruence that avoids roots and quotients):
 
-    (x,x)               G0 + G0' + sum Qbar_j + 2 sum k1j X + eps E E'
+    (x,x)               G0 + G0' + sum Qbar_j + 2 sum k1j X + E L_p E'
     (x,xj)              Gj + (k2j - k1j) X
     (xj,xj)             -Qbar_j - 2 k2j X
     (x,w), (w,w)        C, -gamma I
     (x,z), (xj,z)       (D X + phi_0 D2 Y)', phi_j (D2 Y)'
     (w,z), (z,z)        D1', -gamma I
-    (x,rj), (xi,rj)     dj (G0' + eps E E'), dj Gi'
-    (w,rj), (rj,rl)     dj C', -delta_jl dj Rbar_j + dj dl eps E E'
+    (x,rj), (xi,rj)     dj (G0' + E L_p E'), dj Gi'
+    (w,rj), (rj,rl)     dj C', -delta_jl dj Rbar_j + dj dl E L_p E'
     (x,mj), (xj,mj)     dj k1j Rbar_j, dj k2j Rbar_j
     (mj,mj)             -dj Rbar_j
     (x,h), (xj,h)       X H0', X Hj'
-    (h,h)               -eps I
+    (h,h)               -L_q
 
 If all inputs are doubles then all entries are dyadic rationals. At dj = 0 the rows r_j and
 m_j are zero and left out: there x(t-dj) = x(t), both their terms vanish, and V' < 0 follows
@@ -34,8 +35,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import flint
-
+from cosim.hinf.certificate.block_multipliers import scalings
 from cosim.hinf.certificate.rational import exact, exact_matrix, identity, lower_triangle
 from cosim.models import DelaySystem
 
@@ -45,7 +45,8 @@ class ExactVariables:
     """The LMI's variables as rationals: `fmpq_mat` and `fmpq`.
 
     X (n, n); Q, R one (n, n) per delay (Qbar, Rbar of the table); k1, k2 one number per
-    delay; eps None where nothing is uncertain, gamma None for stability alone.
+    delay; eps one number, or a tuple of one per block of F, None where nothing is uncertain;
+    gamma None for stability alone.
     """
 
     X: Any
@@ -82,7 +83,7 @@ class ExactLmi:
     row_names: list[str]
 
 
-def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
+def minus_omega(  # noqa: C901 - one table, read from top to bottom
     system: DelaySystem, Y: Any, v: ExactVariables, shift: Shift | None = None
 ) -> ExactLmi:
     """Return -Omega of the module's table, exactly.
@@ -105,10 +106,9 @@ def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
     G = [A[i] * v.X + B * Y if acts[i] else A[i] * v.X for i in range(N + 1)]
     G, H = (G, H) if shift is None else _shifted(G, H, v.X, shift)
     C = exact_matrix(system.C)
-    EE = flint.fmpq_mat(n, n)
-    if v.eps is not None:
-        E = exact_matrix(system.E)
-        EE = v.eps * (E * E.transpose())
+    L_p, L_q = scalings(system.blocks, v.eps)
+    E = exact_matrix(system.E)
+    EE = E * L_p * E.transpose()
 
     sizes = {"x": n} | {f"x{j}": n for j in later}
     t: dict[tuple[str, str], Any] = {}
@@ -144,11 +144,11 @@ def minus_omega(  # noqa: C901, PLR0915 - one table, read from top to bottom
         t["x", f"m{j}"] = v.k1[j - 1] * R
         t[f"x{j}", f"m{j}"] = v.k2[j - 1] * R
         t[f"m{j}", f"m{j}"] = -R
-    if v.eps is not None:
+    if system.blocks:
         sizes["h"] = system.H.shape[0]
         for i in range(N + 1):
             t["x" if i == 0 else f"x{i}", "h"] = v.X * H[i].transpose()
-        t["h", "h"] = -v.eps * identity(sizes["h"])
+        t["h", "h"] = -L_q
 
     negated = {key: -block for key, block in t.items()}
     names = [name for name in sizes for _ in range(sizes[name])]

@@ -97,4 +97,5 @@ def _claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
     for delay in claim["delays"]:
         delay["age"] = EXACTLY
     words = "stability and H-infinity norm < gamma of the nominal loop"
+    claim.pop("uncertainty_blocks", None)
     return claim | {"property": words, "uncertain": False}

@@ -4,7 +4,7 @@ The conditions, in rational arithmetic, for the deployed K and Y := K X:
 
     -Omega > 0,  X > 0,  every Qbar_j > 0 (exactly 0 where any age is allowed),  k2_j /= 0.
 
--Omega > 0 implies Rbar_j > 0 for every delay dj > 0, eps > 0 and gamma > |D1|. The terms of
+-Omega > 0 implies Rbar_j > 0 for every delay dj > 0, every eps > 0 and gamma > |D1|. The terms of
 each delay grow with it, so what holds at dj holds for every constant delay up to dj.
 """
 
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import InputError
+from cosim.hinf.certificate.block_multipliers import exact_eps
 from cosim.hinf.certificate.exact_lmi import ExactVariables, Shift, minus_omega
 from cosim.hinf.certificate.rational import (
     asymmetric,
@@ -40,13 +41,14 @@ class Variables:
     """The LMI's variables from a solver: float arrays and floats.
 
     X (n, n); Q, R one (n, n) per delay: Qbar = P^-1 Q P^-1, Rbar = R^-1 (Q zero for any age);
-    k1, k2 one number per delay. `eps` is ignored without uncertainty, `gamma` without w and z.
+    k1, k2 one number per delay. `eps` is one number, or a tuple of one per block of F; it is
+    ignored without uncertainty, `gamma` without w and z.
     """
 
     X: Matrix
     Q: tuple[Matrix, ...]
     R: tuple[Matrix, ...]
-    eps: float | None
+    eps: float | tuple[float, ...] | None
     k1: tuple[float, ...]
     k2: tuple[float, ...]
     gamma: float | None
@@ -111,10 +113,17 @@ def claim_of(system: DelaySystem, gamma: Any) -> dict[str, Any]:
             }
             for delay in system.delays
         ],
-        "uncertain": bool(system.E.size),
+        **uncertainty_claim(system),
         "inputs": "doubles",
         **({} if system.feedback is None else {"feedback": list(system.feedback)}),
     }
+
+
+def uncertainty_claim(system: DelaySystem) -> dict[str, Any]:
+    """Return the part of a claim that says which F is covered: one full block, or several."""
+    sizes = system.uncertainty_blocks
+    more = {} if sizes is None else {"uncertainty_blocks": [list(size) for size in sizes]}
+    return {"uncertain": bool(system.blocks), **more}
 
 
 def proved(system: DelaySystem, gain: Matrix, v: ExactVariables) -> CertificateCheck:
@@ -214,7 +223,7 @@ def exact_variables(system: DelaySystem, v: Variables) -> ExactVariables:
         X=symmetric("X", v.X),
         Q=tuple(symmetric(f"Q[{j}]", Q) for j, Q in enumerate(v.Q)),
         R=tuple(symmetric(f"R[{j}]", R) for j, R in enumerate(v.R)),
-        eps=scalar("eps", v.eps) if system.E.size else None,
+        eps=exact_eps(system, v.eps),
         k1=tuple(scalar(f"k1[{j}]", value) for j, value in enumerate(v.k1)),
         k2=tuple(scalar(f"k2[{j}]", value) for j, value in enumerate(v.k2)),
         gamma=scalar("gamma", v.gamma) if system.has_performance else None,

@@ -20,7 +20,7 @@ import flint
 import numpy as np
 
 from cosim.core import InputError
-from cosim.hinf.certificate.proof import CertificateCheck, judged
+from cosim.hinf.certificate.proof import CertificateCheck, judged, uncertainty_claim
 from cosim.hinf.certificate.rational import (
     exact,
     exact_matrix,
@@ -135,7 +135,7 @@ def _floor_claim(system: DelaySystem, gamma: Any) -> dict[str, Any]:
         "property": "no delay, k1, k2 and K meet the LMI of Theorem 2: gamma <= ||D1||",
         "gamma": to_text(gamma),
         "delays": [],
-        "uncertain": bool(system.E.size),
+        **uncertainty_claim(system),
         "inputs": "doubles",
     }
 

@@ -29,8 +29,9 @@ from typing import TYPE_CHECKING, Any
 import flint
 
 from cosim.core import InputError
+from cosim.hinf.certificate.block_multipliers import joined
 from cosim.hinf.certificate.exact_lmi import ExactVariables, minus_omega
-from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck
+from cosim.hinf.certificate.proof import MAX_ROWS, CertificateCheck, uncertainty_claim
 from cosim.hinf.certificate.rational import first_bad_matrix, to_text
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ class AffineLmi:
     rows : the block of every row that Z has, those of m_j left out.
     constant : entries where all unknowns are zero.
     parts : by (name, i, j), an entry on or below the diagonal of a symmetric unknown: X, Q1..,
-        R1.., or any entry of Y, or (eps, 0, 0).
+        R1.., or any entry of Y, or (eps, i, 0) for block i of F.
     """
 
     def __init__(self, system: DelaySystem, place: Place) -> None:
@@ -105,8 +106,7 @@ class AffineLmi:
         for name in names:
             yield from ((name, i, j) for i in range(n) for j in range(i + 1))
         yield from (("Y", i, j) for i in range(m) for j in range(n))
-        if self._system.E.size:
-            yield ("eps", 0, 0)
+        yield from (("eps", i, 0) for i in range(len(self._system.blocks)))
 
     def _at(self, name: str | None, i: int, j: int) -> Entries:
         """-Omega where one unknown is a unit (of a symmetric one, two entries), the others zero."""
@@ -121,7 +121,8 @@ class AffineLmi:
             return matrix
 
         N = len(self._system.delays)
-        eps = flint.fmpq(int(name == "eps")) if self._system.E.size else None
+        blocks = range(len(self._system.blocks))
+        eps = joined([flint.fmpq(int(name == "eps" and i == k)) for k in blocks])
         variables = ExactVariables(
             X=unit("X", n),
             Q=tuple(unit(f"Q{k}", n) for k in range(1, N + 1)),
@@ -168,7 +169,7 @@ def refutation_claim(system: DelaySystem, place: Place) -> dict[str, Any]:
             }
             for delay in system.delays
         ],
-        "uncertain": bool(system.E.size),
+        **uncertainty_claim(system),
         "inputs": "doubles",
     }
 

@@ -35,6 +35,7 @@ def claim_of(s, gamma):
         "uncertain": s.s > 0,
         "inputs": "doubles",
     }
+    claim |= {"uncertainty_blocks": [[*pair] for pair in s.blocks]} if len(s.blocks) > 1 else {}
     return claim | ({"feedback": s.fed[0]} if isinstance(s.fed[0], list) else {})
 
 
@@ -43,7 +44,7 @@ def variables_of(s, table, gain):
     need(all(len(x) == len(s.delays) for x in (Q, R, k1, k2)), "not one of each per delay")
     Q, R = ([sn.symmetric(x, s.n) for x in each] for each in (Q, R))
     k1, k2 = ([sn.text(x) for x in each] for each in (k1, k2))
-    eps, gamma = sn.scalar(eps, needed=s.s), sn.scalar(gamma, needed=gain)
+    eps, gamma = s.multipliers(eps), sn.scalar(gamma, needed=gain)
     return sn.symmetric(X, s.n), Q, R, eps, k1, k2, gamma
 
 
@@ -59,14 +60,11 @@ def omega(s, loop, X, Q, R, eps, k1, k2, gamma, z=True, rate=0):
     o.add(x[0], f)
     o.add(o["z"], out + s.D1 @ o["w"])
     o.add(o["h"], h)
-    e = s.E.T @ (x[0] + total(s.d[j] * o[f"r{j}"] for j in late))
-    for y, weight in (
-        (e, eps),
-        (o["h"], -(eps or 0)),
-        (o["w"], -(gamma or 0)),
-        (o["z"], -(gamma or 0)),
-    ):
-        o.add(y, y, (weight or 0) / F(2))
+    e, (L_p, L_q) = s.E.T @ (x[0] + total(s.d[j] * o[f"r{j}"] for j in late)), s.scalings(eps)
+    o.square(e, L_p)
+    o.square(o["h"], L_q, -1)
+    for y in (o["w"], o["z"]):
+        o.add(y, y, -(gamma or 0) / F(2))
     for j, Q_j, R_j, one, two in zip(late, Q, R, k1, k2):
         slack, r, d = one * x[0] + two * x[j], o[f"r{j}"], s.d[j]
         o.square(x[0], Q_j)
@@ -96,9 +94,13 @@ def design(c, s):
     v = variables_of(s, c["variables"], s.q and s.p)
     need(s.K @ v[0] == sn.matrix(c["variables"]["Y"], s.m, s.n), "Y is not K X")
     theorem_2(s, *v)
+    return claim_of(s, v[-1]) | guarantees(c, s)
+
+
+def guarantees(c, s):
     readers = {"decay": decay, "gain_limit": gain_limit, "peak_control": peak_control}
     more = {name: readers[name](s, table) for name, table in c.get("guarantees", {}).items()}
-    return claim_of(s, v[-1]) | ({"guarantees": more} if more else {})
+    return {"guarantees": more} if more else {}
 
 
 def above_exp(x):
@@ -177,7 +179,10 @@ def refutation(c, s):
     )
     need([x is None for x in Q] == s.varies[1:], "a multiplier Q for any age, or none")
 
-    def at(X=none, Y=none, Q=(), R=(), eps=0):
+    blocks = range(len(s.blocks))
+    no_eps = [0] * len(blocks)
+
+    def at(X=none, Y=none, Q=(), R=(), eps=no_eps):
         G = [A @ X + (s.B @ Y if fed else none) for A, fed in zip(s.open, s.fed)]
         out = [
             (s.open_D @ X if i == 0 else none) + (s.D2 @ Y if fed else none)
@@ -201,7 +206,7 @@ def refutation(c, s):
     unknowns += [({"Q": [(j, U)]}, own[j], U) for U in units for j in late if not s.varies[j]]
     unknowns += [({"R": [(j, U)]}, none, U) for U in units for j in late]
     unknowns += [({"Y": M({(i, j): F(1)})}, none, none) for i in range(s.m) for j in range(n)]
-    unknowns += [({"eps": F(1)}, none, none)] if s.s else []
+    unknowns += [({"eps": [F(i == k) for k in blocks]}, none, none) for i in blocks]
     for unknown, A, U in unknowns:
         change = at(**unknown).matrix + -1 * constant.matrix
         need(against(change, Z) == against(U, A), "the multipliers do not cancel an unknown")
@@ -225,7 +230,8 @@ def analysis(c, s):
     gamma, delays, more = analysis_proved(c, s)
     claim = claim_of(s, gamma)
     both = zip(claim["delays"], delays)
-    return claim | {"delays": [own | changed for own, changed in both]} | more
+    own = {"delays": [own | changed for own, changed in both]}
+    return claim | own | more | guarantees(c, s)
 
 
 CHECKS = {

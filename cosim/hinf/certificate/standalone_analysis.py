@@ -175,7 +175,7 @@ def analysis_proved(c, s):
     late = [j for j in range(1, len(s.d)) if s.d[j] > 0]
     gamma, eps = (
         sn.scalar(v["gamma"], needed=v["gamma"] is not None),
-        sn.scalar(v["eps"], needed=s.s),
+        s.multipliers(v["eps"]),
     )
     need(gamma is None or (gamma > 0 and s.q and s.p), "gamma is not positive, or bounds nothing")
     if ages:
@@ -221,8 +221,9 @@ def analysis_proved(c, s):
             pairs += term.add_to(o, f, own, sn.eye(sum(size for _, size in rows)), n)
         y, rate = (total(x.at(i * n, 0) for i, x in enumerate(each)) for each in zip(*pairs))
         o.add(y, P @ rate)
-        for x, weight in ((q, eps), (o["p"], eps and -eps)):
-            o.add(x, x, (weight or 0) / F(2))
+        L_p, L_q = s.scalings(eps)
+        o.square(q, L_q)
+        o.square(o["p"], L_p, -1)
         for x, weight in ((z, gamma and 1 / gamma), (o["w"], gamma and -gamma)):
             o.add(x, x, (weight or 0) / F(2))
         sn.positive(-1 * o.matrix, o.n, "-Phi")

@@ -172,13 +172,14 @@ def values(table: Any, required: str, optional: str = "") -> list[Any]:
 class Loop:
     """Eq. (7) with u = K sum_i S_i x(t - d_i), exactly: index 0 is x(t), index j is delay j.
 
-    n, m, q, p, s, r : sizes of x, u, w, z and F(t). A, H, D : lists, the loop closed; `open`
-    without K. a, rate, sampled, varies : what is known of an age. fed : `feedback` as given.
-    whole : the whole state is fed back through one of them.
+    n, m, q, p, s, r : sizes of x, u, w, z and F(t); `blocks` those of the blocks of F. A, H, D :
+    lists, the loop closed; `open` without K. a, rate, sampled, varies : what is known of an age.
+    fed : `feedback` as given. whole : the whole state is fed back through one of them.
     """
 
     def __init__(self, system: dict[str, Any], gain: Any = None) -> None:
-        values(system, "A", "B C D D1 D2 E H name delays feedback integrals")
+        optional = "B C D D1 D2 E H name delays feedback integrals uncertainty_blocks"
+        values(system, "A", optional)
         self.delays = system.get("delays", [])
         for x in self.delays:
             values(x, "d", "A H feedback any_age sampled least_age rate")
@@ -195,6 +196,14 @@ class Loop:
                     at[key, i] = matrix(table[key], *shape, number)
         self.n, self.m, self.q, self.p, self.s, self.r = (size.get(x, 0) for x in "nmqpsr")
         need((self.s > 0) == (self.r > 0), "E without H, or H without E")
+        self.blocks = [(self.s, self.r)] if self.s else []
+        if "uncertainty_blocks" in system:
+            sizes = system["uncertainty_blocks"]
+            self.blocks = [(int(number(a)), int(number(b))) for a, b in sizes]
+            need([[*pair] for pair in self.blocks] == sizes, "blocks of half a row")
+        need(all(min(pair) > 0 for pair in self.blocks), "an empty block")
+        sums = [sum(pair[i] for pair in self.blocks) for i in (0, 1)]
+        need(sums == [self.s, self.r], "the blocks are not those of E and H")
         need("B" in system or self.m == 0, "D2 without B")
         self.B, self.C, self.D1, self.D2, self.E = (
             at.get((key, 0), M()) for key in ("B", "C", "D1", "D2", "E")
@@ -215,6 +224,20 @@ class Loop:
         own = [at.get(("D", 0), M()), *(M() for _ in self.delays)]
         self.D = [D + self.D2 @ self.K @ x for D, x in zip(own, S, strict=True)]
         self.open_D = own[0]
+
+    def multipliers(self, x: Any) -> list[Fraction]:
+        """Read eps: "p/q", a list where F has several blocks, or null."""
+        texts = x if len(self.blocks) > 1 else [] if x is None else [x]
+        need(len(texts) == len(self.blocks), "not one eps per block of F")
+        return [text(each) for each in texts]
+
+    def scalings(self, eps: list[Any]) -> tuple[M, M]:
+        """Return diagonals with eps_i on the columns of E and on the rows of H of block i."""
+        found = []
+        for i in (0, 1):
+            each = [x for pair, x in zip(self.blocks, eps, strict=True) for _ in range(pair[i])]
+            found.append(M({(k, k): x for k, x in enumerate(each)}) + M())
+        return found[0], found[1]
 
     def _read_ages(self) -> None:
         flags = [[x.get(key, False) for x in self.delays] for key in ("sampled", "any_age")]

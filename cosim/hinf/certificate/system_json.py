@@ -7,7 +7,8 @@ A delay whose age is known better has `least_age`, `rate` or `sampled` beside th
 is a list of truth values, one per state, where only some states are fed back through a delay; so
 is `feedback` beside `delays`, for x(t). `integrals` is the number of states, the last ones, that
 the controller keeps as integrals of what it measures; no proof depends on it. A matrix without
-entries is left out; its shape follows from the others.
+entries is left out; its shape follows from the others. `uncertainty_blocks` has the columns of E
+and rows of H of every block of F, [[1, 1], [2, 3]], where there are several.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from cosim.models import Delay, DelaySystem, Matrix
 
 MATRICES = ("A", "B", "C", "D", "D1", "D2", "E", "H")
 """The matrices of a system that do not belong to one delay."""
+
+BLOCKS = "uncertainty_blocks"
+"""The key of the sizes of the blocks of F."""
 
 _FLAGS = ("feedback", "any_age", "sampled")
 _TRUTHS = "true or false, or a list of them, one per state"
@@ -42,6 +46,8 @@ def system_to_json(system: DelaySystem) -> dict[str, Any]:
     ]
     at_once: dict[str, Any] = {} if system.feedback is None else {"feedback": list(system.feedback)}
     at_once |= {"integrals": system.integrals} if system.integrals else {}
+    if system.uncertainty_blocks is not None:
+        at_once[BLOCKS] = [list(size) for size in system.uncertainty_blocks]
     return {"name": system.name, **matrices, "delays": delays, **at_once}
 
 
@@ -57,7 +63,7 @@ def system_from_json(data: Any, where: str = "system") -> DelaySystem:
     ------
     InputError : naming the key, what was expected and what was got.
     """
-    keys = (*MATRICES, "name", "delays", "feedback", "integrals")
+    keys = (*MATRICES, "name", "delays", "feedback", "integrals", BLOCKS)
     known_keys(data, where, keys, required=("A",))
     delays = data.get("delays", [])
     if not isinstance(delays, list):
@@ -135,10 +141,33 @@ def assembled(data: dict[str, Any], delays: list[Delay], where: str, name: str =
         )
     try:
         return DelaySystem(
-            **matrices, delays=delays, name=title, feedback=feedback, integrals=integrals
+            **matrices,
+            delays=delays,
+            name=title,
+            feedback=feedback,
+            integrals=integrals,
+            uncertainty_blocks=_block_sizes(data[BLOCKS], where) if BLOCKS in data else None,
         )
     except ValueError as error:
         raise InputError(str(error), where=where) from error
+
+
+def _block_sizes(value: Any, where: str) -> list[list[int]]:
+    """Read the columns of E and rows of H of every block of F."""
+
+    def is_size(pair: Any) -> bool:
+        whole = isinstance(pair, list) and len(pair) == 2
+        return whole and all(isinstance(x, int) and not isinstance(x, bool) for x in pair)
+
+    if not isinstance(value, list) or not all(is_size(pair) for pair in value):
+        raise InputError(
+            "not the blocks of the uncertainty F",
+            where=f"{where}.{BLOCKS}",
+            expected="a list of pairs, the columns of E and the rows of H of each block",
+            got=format_value(value),
+            hint="two parameters are [[1, 1], [1, 1]]",
+        )
+    return value
 
 
 def known_keys(
@@ -231,7 +260,7 @@ def differences(one: DelaySystem, other: DelaySystem, *, close: float = 0.0) -> 
         ]
         if facts[0] != facts[1]:
             yield f"delays ({', '.join(kind)}): {facts[0]} and {facts[1]}"
-    for key in ("feedback", "integrals"):
+    for key in ("feedback", "integrals", BLOCKS):
         a, b = getattr(one, key), getattr(other, key)
         if a != b:
             yield f"{key}: {a} and {b}"

@@ -37,8 +37,7 @@ def theorem_of(claim: dict[str, Any]) -> list[str]:
     if any(age.startswith("sampled") for age in ages):
         texts.append(_SAMPLED)
     texts.append(
-        "uncertainty: [dA_0 ... dA_N] = E F(t) [H_0 ... H_N], F measurable, F(t)'F(t) <= I, the "
-        "same F in every term"
+        f"uncertainty: [dA_0 ... dA_N] = E F(t) [H_0 ... H_N], {uncertainty_text(claim, 'F')}"
         if claim["uncertain"]
         else "uncertainty: none, every dA_i = 0"
     )
@@ -53,6 +52,18 @@ def theorem_of(claim: dict[str, Any]) -> list[str]:
         texts.append(_GAIN)
     more = claim.get("guarantees", {}).values()
     return texts + [f"conclusion: {one['property']}" for one in more]
+
+
+def uncertainty_text(claim: dict[str, Any], F: str = "F(t)") -> str:
+    """Return which F is covered by a claim with uncertainty; `F` is its name."""
+    text = f"{F} measurable, F(t)'F(t) <= I, the same F in every term"
+    if "uncertainty_blocks" not in claim:
+        return text
+    sizes = claim["uncertainty_blocks"]
+    names = [f"F_{i}" for i in range(1, len(sizes) + 1)]
+    each = ", ".join(f"{name} {p} x {q}" for name, (p, q) in zip(names, sizes, strict=True))
+    text = text.replace("F(t)'F(t)", "F_i(t)'F_i(t)")
+    return f"F = diag({', '.join(names)}), {each}, {text}; real or complex"
 
 
 def _feedback(claim: dict[str, Any]) -> list[str]:

@@ -3,7 +3,7 @@
     {"X": [["p/q", ...]], "Q": [...], "R": [...], "eps": ..., "k1": [...], "k2": [...],
      "gamma": ...}
 
-Y = K X is left out; the certificate of a design adds it.
+eps is a list where F has several blocks. Y = K X is left out; the certificate of a design adds it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from cosim.core import InputError
+from cosim.hinf.certificate.block_multipliers import eps_from_json, eps_to_json
 from cosim.hinf.certificate.exact_lmi import ExactVariables
 from cosim.hinf.certificate.rational import (
     from_text,
@@ -30,7 +31,7 @@ def variables_to_json(v: ExactVariables) -> dict[str, Any]:
         "X": matrix_to_text(v.X),
         "Q": [matrix_to_text(Q) for Q in v.Q],
         "R": [matrix_to_text(R) for R in v.R],
-        "eps": None if v.eps is None else to_text(v.eps),
+        "eps": eps_to_json(v.eps),
         "k1": [to_text(value) for value in v.k1],
         "k2": [to_text(value) for value in v.k2],
         "gamma": None if v.gamma is None else to_text(v.gamma),
@@ -75,7 +76,7 @@ def variables_from_json(
         X=matrix_from_text(data["X"], f"{where}.X", n, n),
         Q=matrices("Q"),
         R=matrices("R"),
-        eps=scalar("eps", needed=bool(system.E.size)),
+        eps=eps_from_json(system, data["eps"], f"{where}.eps"),
         k1=scalars("k1"),
         k2=scalars("k2"),
         gamma=scalar("gamma", needed=gain),

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.hinf.certificate import AgeFunctional, is_symmetric_unknown
 from cosim.hinf.lmi.analysis_lmi import couplings
@@ -116,6 +117,8 @@ class PartOfLoop:
     C, E, D1 : the loop's, of the disturbances and of the columns of E that belong to the part.
     rows : sizes of the rows of -Phi, by name.
     blocks : names of the blocks of y.
+    channels : the unknown, the columns of E that belong to the part, and the rows of H, of every
+        block of the uncertainty.
     """
 
     def __init__(
@@ -126,9 +129,11 @@ class PartOfLoop:
         matrices: dict[str, list[Array]],
         rows: dict[str, int],
         blocks: list[str],
+        channels: dict[str, tuple[NDArray[np.bool_], slice]] | None = None,
     ) -> None:
         self._number, self._order, self._late = number, order, late
         self._matrices, self._rows, self._blocks = matrices, rows, blocks
+        self._channels = channels or {}
         self._n = rows["x"]
         self._base = sum(rows.values())
 
@@ -183,7 +188,9 @@ class PartOfLoop:
         self.add_functional(form, at, f, corner)
         if "p" in at:
             q = np.asarray(sum(H @ x for H, x in zip(given["H"], on, strict=True)))
-            form.multiple("eps", q.T @ q - at["p"].T @ at["p"])
+            for name, (columns, rows) in self._channels.items():
+                own, own_q = at["p"][columns], q[rows]
+                form.multiple(name, own_q.T @ own_q - own.T @ own)
         if "w" in at:
             z = np.asarray(sum(D @ x for D, x in zip(given["D"], on, strict=True)))
             z = z + given["D1"][0] @ at["w"]

@@ -134,7 +134,7 @@ class AgesLmi(LoopLmi[AgesVariables]):
                     if name == "Y":
                         height = sum(self._sizes(part, delays).values())
                     shapes[f"{c} {j} {name}"] = (height, columns // n * size)
-        return shapes | ({"eps": (1, 1)} if self._E.size else {})
+        return shapes | dict.fromkeys(self._blocks, (1, 1))
 
     def _sizes(self, part: _Part, delays: Sequence[float]) -> dict[str, int]:
         """Return the rows of -Phi of one part."""
@@ -162,7 +162,12 @@ class AgesLmi(LoopLmi[AgesVariables]):
         late, blocks = self._late(delays), state_blocks(system, self.order, functionals)
         for c, part in enumerate(self._parts):
             sizes = self._sizes(part, delays)
-            loop = PartOfLoop(c, self.order, late, self._matrices(part), sizes, blocks)
+            channels = {
+                name: (np.isin(part.p, np.arange(len(self._part["p"]))[columns]), rows)
+                for name, (columns, rows) in self._blocks.items()
+            }
+            matrices = self._matrices(part)
+            loop = PartOfLoop(c, self.order, late, matrices, sizes, blocks, channels)
             for form in loop.forms(gamma, down_to_zero=down_to_zero):
                 own = form.constraint(places, width)
                 whole = Constraint(own.size, -own.constant, -own.columns)
@@ -172,9 +177,9 @@ class AgesLmi(LoopLmi[AgesVariables]):
                     whole.columns[:, -1] += svec(gamma * form.supplied)
                 phi.append(whole)
             positive += [form.constraint(places, width) for form in loop.positive()]
-        if self._E.size:
+        for name in self._blocks:
             one = Form(1)
-            one.multiple("eps", np.eye(1))
+            one.multiple(name, np.eye(1))
             positive.append(one.constraint(places, width))
         return phi, positive
 
@@ -219,7 +224,7 @@ class AgesLmi(LoopLmi[AgesVariables]):
             order=self.order,
             P=P,
             terms=tuple(terms),
-            eps=float(values["eps"][0, 0]) if "eps" in values else None,
+            eps=self._multipliers(values),
             gamma=gamma,
             down_to_zero=down_to_zero,
         )
@@ -231,7 +236,8 @@ class AgesLmi(LoopLmi[AgesVariables]):
             own = {"w": part.w, "p": part.p}.get(name, part.states)
             places.append(start + own)
             unit = self._T if name.startswith("r") else 1.0
-            factors.append(np.ones(own.size) if name in "wp" else unit * self._back[own])
+            of_signals = {"w": np.ones(own.size), "p": 1.0 / self._channel[part.p]}
+            factors.append(of_signals.get(name, unit * self._back[own]))
             start += size
         return np.concatenate(places).astype(np.intp), np.concatenate(factors)
 

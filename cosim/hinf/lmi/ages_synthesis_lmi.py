@@ -7,7 +7,8 @@ the loop by a multiplier (Finsler's lemma, the descriptor method of Fridman):
 
 is added to V'. With every row x = X xh but those of w and p, U'X = I and Y = K X, the matrices of
 the functional become ones of the same shape and signs, and the whole is linear in them, X (n, n;
-not symmetric) and Y, with z, q by Schur complements and p = eh ph, eh = 1/eps:
+not symmetric) and Y, with z, q by Schur complements and p = eh ph, eh = 1/eps, one for each block
+of F:
 
     Phi + He (xh + b rh)'(sum_i A_i X xh_i + B Y xh_f + C w + eh E ph - X rh)
         + He z'(D X xh + D2 Y xh_f + D1 w) - gamma (w'w + z'z)
@@ -70,7 +71,7 @@ class AgesSynthesisLmi(GainLmi[float]):
         for j, names in enumerate(unknowns_of(system, order, own, gamma=performance)):
             for name, (height, width) in names.items():
                 shapes[f"0 {j} {name}"] = (sum(rows.values()) if name == "Y" else height, width)
-        shapes |= {"eps": (1, 1)} if system.E.size else {}
+        shapes |= dict.fromkeys(self._blocks, (1, 1))
         self._at, self._width = {}, 0
         for name, shape in shapes.items():
             self._at[name] = slice(self._width, self._width + count_of(name, shape))
@@ -101,9 +102,9 @@ class AgesSynthesisLmi(GainLmi[float]):
                     whole = Constraint(own.size, whole.constant + share * supplied, whole.columns)
             phi.append(whole)
         positive = [form.constraint(self._at, width) for form in self._forms.positive()]
-        if "eps" in self._at:
+        for name in self._blocks:
             one = Form(1)
-            one.multiple("eps", np.eye(1))
+            one.multiple(name, np.eye(1))
             positive.append(one.constraint(self._at, width))
         return phi, positive
 
@@ -122,7 +123,10 @@ class AgesSynthesisLmi(GainLmi[float]):
 
         if "h" in at:
             p, h = at["p"], at["h"]
-            form.multiple("eps", symmetrised(M, self._E @ p) - p.T @ p - h.T @ h)
+            for name, (columns, rows) in self._blocks.items():
+                own, q = p[columns], h[rows]
+                f = symmetrised(M, self._E[:, columns] @ own)
+                form.multiple(name, f - own.T @ own - q.T @ q)
             for H, x in zip(self._H, on, strict=True):
                 form.twice("gain X", H.T @ h, x)
         if "z" in at:

@@ -17,6 +17,8 @@ and y' = [f; v_10; v_11; ...]. Stability, and the gain gamma for every admissibl
           - sum_{k<=N} (2k+1) v_jk'Rj v_jk) + eps (q'q - p'p) + z'z/gamma - gamma w'w < 0,
     P + diag(0, (2k+1)/dj Qj) > 0,  Qj > 0,  Rj > 0,  q = sum_i Hi xi,
 
+where F has several blocks with an eps and the entries of p and q of each of them;
+
 a quadratic form in [x, x1.., W.., w, p]: no Schur complement, linear in all unknowns.
 
 **Order 0 is Theorem 1.** Its free M1j, M2j enter through Lemma 2 alone, [M1 M2]' + [M1 M2] +
@@ -38,7 +40,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from cosim.hinf.certificate import AnalysisVariables
 from cosim.hinf.lmi.conic import Constraint
@@ -119,7 +121,7 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         sizes = {"P": n * (1 + sum(orders[i] for i, _, _ in times))}
         sizes |= {f"Q{i}": n for i, _, _ in times if not self._any_age[i]}
         sizes |= {f"R{i}": n for i, _, _ in times}
-        return sizes | ({"eps": 1} if self._E.size else {})
+        return sizes | dict.fromkeys(self._blocks, 1)
 
     def _at(  # noqa: C901 - one table, read from top to bottom
         self,
@@ -175,7 +177,9 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         columns["P"] = product(np.concatenate(y), np.concatenate(rate))
         if p:
             q = np.asarray(sum(H @ x for H, x in zip(self._H, on, strict=True)))
-            columns["eps"] = svec(q.T @ q - at["p"].T @ at["p"])[:, None]
+            for name, (columns_of_E, rows_of_H) in self._blocks.items():
+                here, there = q[rows_of_H], at["p"][columns_of_E]
+                columns[name] = svec(here.T @ here - there.T @ there)[:, None]
         constant = np.zeros((total, total))
         ratio = np.zeros((total * (total + 1) // 2, 0))
         if self._performance:
@@ -214,13 +218,13 @@ class AnalysisLmi(LoopLmi[AnalysisVariables]):
         parts = [S]
         for i, _, s in times:
             parts += [S / (self._T * s)] * orders[i]
-        whole = block_diag(*parts)
+        whole = scipy.linalg.block_diag(*parts)
         return AnalysisVariables(
             order=self.order,
             P=self._T * whole.T @ values["P"] @ whole,
             Q=tuple(None if self._any_age[i] else S @ values[f"Q{i}"] @ S for i, _, _ in times),
             R=tuple(S @ values[f"R{i}"] @ S / s**2 for i, _, s in times),
-            eps=float(values["eps"][0, 0]) if "eps" in values else None,
+            eps=self._multipliers(values),
             gamma=gamma,
             lower=tuple(None if self._any_age[i] else 0.0 for i, _, _ in times)
             if down_to_zero

@@ -19,7 +19,7 @@ times a product of powers of k1, k2, d:
 
 All T_c are built once; another k1, k2, d only changes the weights of their sum.
 Unknowns y: upper triangles of X, of Qbar_j where it is free, of Rbar_j / max(1, dj) where
-dj > 0; Y by rows; eps; gamma.
+dj > 0; Y by rows; eps, one per block of F; gamma.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ class Structure:
     rows : rows of Omega.
     offset : first row of each block.
     base : index (from 1) of the delay b of the module's text.
-    X, Y, eps, gamma : places of the unknowns; eps, gamma None where there are none.
+    X, Y, eps, gamma : places of the unknowns; eps is one row with an entry per block of F; eps,
+        gamma None where there are none.
     Q, R : one per delay; Q None for any age, R None for a delay of zero.
     spare : places of unknowns that do not occur here, for other constraints.
     """
@@ -92,7 +93,7 @@ class Structure:
         self.Y = self._full(m, n)
         self.Q = tuple(None if x.any_age else self._symmetric(n) for x in system.delays)
         self.R = tuple(self._symmetric(n) if late else None for late in self.late)
-        self.eps = self._full(1, 1) if system.E.size else None
+        self.eps = self._full(1, len(system.blocks)) if system.blocks else None
         self.gamma = self._full(1, 1) if system.has_performance else None
         self.spare = self._full(1, spare).place[0]
         self.offset: dict[str, int] = {}
@@ -178,10 +179,10 @@ class Structure:
                 self._put(row, column, factor, system.B, self.Y, one, flipped=flipped)
 
         def EE(row: str, column: str, factor: _Factor) -> None:
-            if self.eps is not None:
-                # columns of E one by one: eps is a 1 x 1 matrix
-                for e in system.E.T:
-                    self._put(row, column, factor, e[:, None], self.eps, e[None, :])
+            # columns of E one by one: the eps of a block is a 1 x 1 matrix
+            for (columns, _), eps in zip(system.blocks, self._each_eps(), strict=True):
+                for e in system.E.T[columns]:
+                    self._put(row, column, factor, e[:, None], eps, e[None, :])
 
         G("x0", "x0", 0, lambda _: 2.0)
         EE("x0", "x0", lambda _: 1.0)
@@ -210,8 +211,13 @@ class Structure:
         if self.eps is not None:
             for i in range(N + 1):
                 self._put(f"x{i}", "h", a(i), one, self.X, H[i].T)
-            for unit in np.eye(H[0].shape[0]):
-                self._put("h", "h", lambda _: -1.0, unit[:, None], self.eps, unit[None, :])
+            for (_, rows), eps in zip(system.blocks, self._each_eps(), strict=True):
+                for unit in np.eye(H[0].shape[0])[rows]:
+                    self._put("h", "h", lambda _: -1.0, unit[:, None], eps, unit[None, :])
+
+    def _each_eps(self) -> list[Unknown]:
+        """Return the eps of every block of F, as a 1 x 1 matrix."""
+        return [] if self.eps is None else [Unknown(row[None, None]) for row in self.eps.place[0]]
 
     def _write_delay(self, j: int, one: Matrix) -> None:
         """Put the terms that Lemma 2 adds for delay j, except those with G."""

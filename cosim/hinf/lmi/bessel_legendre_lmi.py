@@ -12,9 +12,9 @@ x = X xh for each of x, x', xj, W_jk, where X'U = I,
     2 (xh + S_0' xh' + sum S_jk' Wh_jk)' (sum_i A_i X xh_i + B Y xh_f + C w + E p - X xh'),
 
 Y = K X, while P, Qj, Rj become Ph = X'P X (every block), Qh, Rh without restriction. With
-p = eh ph, eh = 1/eps, and z and q by Schur complements the whole is linear in X (n, n; not
-symmetric), Y, Ph, Qh, Rh, eh and gamma, in [x, x', x1.., W.., w, p, z, h]. For feedback over a
-delay B Y is multiplied by that xh_i instead.
+p = eh ph, eh = 1/eps (one for each block of F), and z and q by Schur complements the whole is
+linear in X (n, n; not symmetric), Y, Ph, Qh, Rh, eh and gamma, in [x, x', x1.., W.., w, p, z, h].
+For feedback over a delay B Y is multiplied by that xh_i instead.
 
 **What is lost.** The conditions are convex for fixed S only, and a fixed S restricts them.
 Scalar S_0 = b I, S_jk = 0 is the usual choice. At a gain that the analysis already proves
@@ -102,7 +102,10 @@ class BesselLegendreLmi(GainLmi[Multipliers]):
         constant = np.zeros(rows.total * (rows.total + 1) // 2)
         if self._E.size:
             p, h = rows.at["p"], rows.at["h"]
-            columns["eps"] = symmetrised(M, self._E @ p) - svec(p.T @ p + h.T @ h)
+            for name, (columns_of_E, rows_of_H) in self._blocks.items():
+                p_i, h_i = p[columns_of_E], h[rows_of_H]
+                acting = symmetrised(M, self._E[:, columns_of_E] @ p_i)
+                columns[name] = acting - svec(p_i.T @ p_i + h_i.T @ h_i)
         if self._reference is not None:
             w, z = rows.at["w"], rows.at["z"]
             constant = symmetrised(M, self._C @ w) + symmetrised(z, self._D1 @ w)
@@ -119,7 +122,7 @@ class BesselLegendreLmi(GainLmi[Multipliers]):
             places[name] = slice(first, first + part.shape[1])
             first = places[name].stop
         for name in (name for name in columns if name[0] in "PQRe"):
-            size = rows.rows_of_P if name == "P" else 1 if name == "eps" else n
+            size = rows.rows_of_P if name == "P" else 1 if name in self._blocks else n
             block = np.zeros((size * (size + 1) // 2, first))
             block[:, places[name]] = product(np.eye(size), np.eye(size), weight=0.5)
             for Q, row, weight in bessel if name == "P" else ():

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from scipy.linalg import matrix_balance
+import scipy
 
+from cosim.hinf.certificate import joined
 from cosim.hinf.lmi.conic import Constraint, Solution, solve
 from cosim.hinf.lmi.parts import Labels, parts_of, solve_in_parts
 from cosim.hinf.lmi.svec import Array, svec
@@ -40,7 +41,7 @@ Labelled = tuple[Labels, list[Labels | None]]
 def own_units(loop: Sequence[Array]) -> tuple[Array, float]:
     """Return (n,) factors that balance the states of a loop, and its unit of time [s]."""
     speed = np.asarray(sum(np.abs(M) for M in loop))
-    _, (scales, _) = matrix_balance(speed, permute=False, separate=True)
+    _, (scales, _) = scipy.linalg.matrix_balance(speed, permute=False, separate=True)
     back = 1.0 / np.asarray(scales, dtype=np.float64)
     rate = sum(float(np.linalg.norm(back[:, None] * M / back, 2)) for M in loop)
     return back, 1.0 / (rate or 1.0)
@@ -98,6 +99,28 @@ def _solved(
     return solve_in_parts(asked, rows, q, tolerance=_TOLERANCE)
 
 
+def named_blocks(system: DelaySystem) -> dict[str, tuple[slice, slice]]:
+    """Return the name of the multiplier of every block of F, and the block."""
+    blocks = system.blocks
+    return {f"eps {i}" if len(blocks) > 1 else "eps": block for i, block in enumerate(blocks)}
+
+
+def in_channel_units(
+    system: DelaySystem, E: Array, H: Sequence[Array]
+) -> tuple[Array, list[Array], Array]:
+    """Return E and every H with p and q counted in units of their own for each block of F.
+
+    They make the norms of E and H of a block equal, so that its eps is of the size of the others.
+    A block that is alone keeps its units. The third value is the unit of p, (s,).
+    """
+    columns, rows = np.ones(E.shape[1]), np.ones(len(system.H))
+    for p, q in system.blocks if len(system.blocks) > 1 else ():
+        size = float(np.linalg.norm(E[:, p])), float(np.linalg.norm([M[q] for M in H]))
+        if min(size) > 0:
+            columns[p] = rows[q] = np.exp2(np.round(np.log2(size[1] / size[0]) / 2))
+    return E * columns, [M / rows[:, None] for M in H], columns
+
+
 class LoopLmi(ABC, Generic[Variables]):
     """The LMI of one loop, to be solved at any delays.
 
@@ -117,8 +140,10 @@ class LoopLmi(ABC, Generic[Variables]):
         self._back = back
         self._A = [self._T * back[:, None] * M / back for M in loop]
         self._C = self._T * back[:, None] * system.C
-        self._E = self._T * back[:, None] * system.E
-        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        E = self._T * back[:, None] * system.E
+        H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        self._E, self._H, self._channel = in_channel_units(system, E, H)
+        self._blocks = named_blocks(system)
         on_output = system.D2 @ K
         self._D = [((i == 0) * system.D + on_output * S) / back for i, S in enumerate(chosen)]
         self._D1 = system.D1
@@ -127,6 +152,12 @@ class LoopLmi(ABC, Generic[Variables]):
         if performance:
             links += [*(("z", "x", D) for D in self._D), ("z", "w", self._D1)]
         self._part = parts_of(links)
+
+    def _multipliers(self, values: dict[str, Array]) -> Any:
+        """Return the eps of a point in the system's own units."""
+        units = [self._channel[columns][0] for columns, _ in self._blocks.values()]
+        each = zip(self._blocks, units, strict=True)
+        return joined([float(values[name][0, 0] / unit**2) for name, unit in each])
 
     @abstractmethod
     def unknowns(self, delays: Sequence[float]) -> int:
@@ -214,8 +245,10 @@ class GainLmi(ABC, Generic[Multiplier]):
         self._A = [self._T * back[:, None] * M / back for M in open_A]
         self._B = self._T * back[:, None] * system.B
         self._C = self._T * back[:, None] * system.C
-        self._E = self._T * back[:, None] * system.E
-        self._H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        E = self._T * back[:, None] * system.E
+        H = [M / back for M in [system.H, *(delay.H for delay in system.delays)]]
+        self._E, self._H, _ = in_channel_units(system, E, H)
+        self._blocks = named_blocks(system)
         self._D, self._D1, self._D2 = system.D / back / size, system.D1 / size, system.D2 / size
 
     def least_gamma(self, multiplier: Multiplier) -> tuple[float, Array] | None:

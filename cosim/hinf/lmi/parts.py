@@ -2,9 +2,9 @@
 
 Where the states, inputs and signals of a system fall into parts that no matrix connects, a change
 of sign of one part changes nothing. The mean of a solution over all such changes is a solution at
-the same gamma and eps, with matrices that do not connect the parts either. So nothing is lost by
-one small LMI for each part, tied by gamma and eps alone: the four axes of the vehicle are solved
-in a tenth of the time.
+the same gamma and eps, one for each block of F, with matrices that do not connect the parts
+either. So nothing is lost by one small LMI for each part, tied by gamma and eps alone: the four
+axes of the vehicle are solved in a tenth of the time.
 """
 
 from __future__ import annotations

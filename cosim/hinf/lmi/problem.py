@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from cosim.hinf.certificate import ExactVariables, Variables, exact_variables
+from cosim.hinf.certificate import ExactVariables, Variables, exact_variables, joined
 from cosim.hinf.lmi.assembly import Scalars, Structure, Unknown, unit_of_R
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution, solve
 from cosim.hinf.lmi.parts import parts_of_system, solve_in_parts
@@ -32,13 +32,16 @@ ROUGH_TOLERANCE = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A solution of the LMI, as floats: X, Y, Q, R (one per delay), eps, gamma."""
+    """A solution of the LMI, as floats: X, Y, Q, R (one per delay), eps, gamma.
+
+    eps is a tuple where F has several blocks.
+    """
 
     X: Array
     Y: Array
     Q: tuple[Array, ...]
     R: tuple[Array, ...]
-    eps: float | None
+    eps: float | tuple[float, ...] | None
     gamma: float | None
 
 
@@ -271,7 +274,7 @@ class Problem:
             Y=units.back_Y(s.Y.of(y)),
             Q=tuple(of(Q, 2, 0.0) for Q in s.Q),
             R=tuple(unit_of_R(d) * of(R, 1, 1.0) for R, d in zip(s.R, p.d, strict=True)),
-            eps=None if s.eps is None else units.c**2 * float(s.eps.of(y)[0, 0]),
+            eps=None if s.eps is None else joined((units.c**2 * s.eps.of(y)[0]).tolist()),
             gamma=None if s.gamma is None else float(s.gamma.of(y)[0, 0]) / units.a**2,
         )
         diagonal = np.abs(np.diag(s.at(p).at(y)))

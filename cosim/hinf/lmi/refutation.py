@@ -112,7 +112,8 @@ def _rows(problem: Problem, p: Scalars) -> Array:
     put("x0", "x0", x)
     for j, k2 in enumerate(p.k2, 1):
         put(f"x{j}", f"x{j}", x / np.sqrt(abs(units.T * k2)))
-    for name, value in (("w", units.a), ("z", units.a), ("h", 1.0 / units.c)):
+    channels = 1.0 / units.per_block(structure.system, units.c)[1]
+    for name, value in (("w", units.a), ("z", units.a), ("h", channels)):
         if name in structure.offset:
             put(name, name, value)
     base = structure.base
@@ -146,7 +147,8 @@ def _made_exact(system: DelaySystem, place: Place, Z: Array) -> Multipliers | No
             coefficient = entries[at + i, at + j]
             _put(W, at + i, at + j, W[at + i, at + j] - left / (share * coefficient))
         elif name == "eps":
-            W[first["h"], first["h"]] -= left
+            at = first["h"] + system.blocks[i][1].start
+            W[at, at] -= left
         else:
             _put(own[name], i, j, -left / share)
     Q = tuple(None if x.any_age else own[f"Q{j}"] for j, x in enumerate(system.delays, 1))

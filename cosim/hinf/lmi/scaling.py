@@ -2,7 +2,7 @@
 
 A solver loses its digits on a state in millimetres beside one in kilometres, or a rate of 1e6
 1/s. With x = S x~, u = U u~, t = T t~, w = w~ a, z = z~ / a, and p = p~ c for the channel of
-the uncertainty,
+each block of the uncertainty,
 
     A~ = T S^-1 A S,  B~ = T S^-1 B U,  C~ = a T S^-1 C,  E~ = c T S^-1 E,  H~ = H S / c,
     D~ = a D S,  D1~ = a^2 D1,  D2~ = a D2 U,  d~ = d/T,  k1~ = T k1,  k2~ = T k2,
@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance
 
 from cosim.core import InputError
 from cosim.hinf.lmi.svec import Array
@@ -34,18 +34,22 @@ _EVEN = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """The units: `state` (n,), `input` (m,), and T, a, c of the module's text."""
+    """The units: `state` (n,), `input` (m,), and T, a, c of the module's text.
+
+    c has one entry per block of F; one where nothing is uncertain.
+    """
 
     state: Array
     input: Array
     T: float
     a: float
-    c: float
+    c: Array
 
     def system(self, system: DelaySystem) -> DelaySystem:
         """Return the system in these units."""
-        S, U, T, a, c = self.state, self.input, self.T, self.a, self.c
+        S, U, T, a = self.state, self.input, self.T, self.a
         rows = T / S[:, None]
+        c_E, c_H = self.per_block(system, self.c)
         return replace(
             system,
             A=rows * system.A * S,
@@ -54,14 +58,22 @@ class Scaling:
             D=a * system.D * S,
             D1=a**2 * system.D1,
             D2=a * system.D2 * U,
-            E=c * rows * system.E,
-            H=system.H * S / c,
+            E=c_E * rows * system.E,
+            H=system.H * S / c_H[:, None],
             delays=tuple(
                 # what else is known of an age is not used here: it is one of any age
-                Delay(x.d / T, rows * x.A * S, x.H * S / c, x.feedback, x.any_age)
+                Delay(x.d / T, rows * x.A * S, x.H * S / c_H[:, None], x.feedback, x.any_age)
                 for x in system.delays
             ),
         )
+
+    @staticmethod
+    def per_block(system: DelaySystem, values: Array) -> tuple[Array, Array]:
+        """Return a number per block of F at each column of E (s,) and each row of H (r,)."""
+        columns, rows = np.ones(system.E.shape[1]), np.ones(len(system.H))
+        for (p, q), value in zip(system.blocks, values, strict=False):
+            columns[p], rows[q] = value, value
+        return columns, rows
 
     def gain(self, K: Array) -> Array:
         """Return K~ of K."""
@@ -79,8 +91,8 @@ class Scaling:
 def scaling_of(system: DelaySystem) -> Scaling:
     """Choose units for a system by balancing the matrix of influences.
 
-    Its rows: each state, each input, the channel of the uncertainty, that of w and z. Each
-    entry of B has its inverse from the state back to the input, at the system's own rate.
+    Its rows: each state, each input, the channel of each block of the uncertainty, that of w and
+    z. Each entry of B has its inverse from the state back to the input, at the system's own rate.
 
     Raises
     ------
@@ -99,15 +111,17 @@ def scaling_of(system: DelaySystem) -> Scaling:
     back = np.divide(rate, B, out=np.zeros((n, m)), where=B > 0).T
     gain = _rough_gain(system, flow, rate, back)
     a = float(_power(np.array(gain**-0.5)))
-    x, u, p, z = slice(0, n), slice(n, n + m), n + m, n + m + 1
-    acts = np.zeros((n + m + 2, n + m + 2))
+    channels = max(1, len(system.blocks))
+    x, u, z = slice(0, n), slice(n, n + m), n + m + channels
+    acts = np.zeros((z + 1, z + 1))
     acts[x, x], acts[x, u], acts[u, x] = flow / rate, B / rate, back
-    acts[x, p], acts[p, x] = _largest(system.E, 1) / rate, _largest(H, 0)
+    for p, (columns, rows) in enumerate(system.blocks, n + m):
+        acts[x, p], acts[p, x] = _largest(system.E[:, columns], 1) / rate, _largest(H[rows], 0)
     acts[x, z], acts[z, x] = a * _largest(system.C, 1) / rate, a * _largest(system.D, 0)
     acts[z, u] = a * _largest(system.D2, 0)
-    _, (units, _) = matrix_balance(acts, permute=False, separate=True)
+    _, (units, _) = scipy.linalg.matrix_balance(acts, permute=False, separate=True)
     units = _power(np.asarray(units, dtype=np.float64) / units[z])
-    return Scaling(units[x], units[u], float(_power(np.array(1.0 / rate))), a, float(units[p]))
+    return Scaling(units[x], units[u], float(_power(np.array(1.0 / rate))), a, units[n + m : z])
 
 
 def units_of(system: DelaySystem) -> list[Scaling]:
@@ -123,7 +137,7 @@ def units_of(system: DelaySystem) -> list[Scaling]:
     """
     balanced = scaling_of(system)
     n, m = system.B.shape
-    own = replace(balanced, state=np.ones(n), input=np.ones(m), a=1.0, c=1.0)
+    own = replace(balanced, state=np.ones(n), input=np.ones(m), a=1.0, c=np.ones_like(balanced.c))
     spread = float(balanced.state.max() / balanced.state.min())
     s = system
     parts = (s.A, s.B, s.C, s.D, s.D2, s.E, s.H, *(M for x in s.delays for M in (x.A, x.H)))

@@ -8,15 +8,15 @@ per delay with M1j = k1j P, M2j = k2j P; X = P^-1, Rbar = R^-1, Qbar = P^-1 Q P^
 With s_i = 1/k2_i and G_i = A_i X + phi_i B Y (phi_i = 1 where the feedback acts), block order
 [x, x1..xN, w, z, xdot_1..xdot_N, m1..mN, h]:
 
-    (x,x)        G0 + G0' + sum Qbar_i + 2 sum k1_i X + eps E E'
+    (x,x)        G0 + G0' + sum Qbar_i + 2 sum k1_i X + E L_p E'
     (x,xi)       s_i G_i - k1_i s_i X + X
     (xi,xi)      -s_i^2 Qbar_i - 2 s_i X
     (x,w), (w,w), (w,z), (z,z)          C, -gamma I, D1', -gamma I
     (x,z), (xi,z)                       (D X + phi_0 D2 Y)', s_i phi_i (D2 Y)'
-    (x,xdot_j), (xi,xdot_j), (w,xdot_j) sqrt(dj) (G0' + eps E E'), sqrt(dj) s_i G_i', sqrt(dj) C'
-    (xdot_j,xdot_l)                     -delta_jl Rbar_j + sqrt(dj dl) eps E E'
+    (x,xdot_j), (xi,xdot_j), (w,xdot_j) sqrt(dj) (G0' + E L_p E'), sqrt(dj) s_i G_i', sqrt(dj) C'
+    (xdot_j,xdot_l)                     -delta_jl Rbar_j + sqrt(dj dl) E L_p E'
     (x,mj), (xj,mj), (mj,mj)            sqrt(dj) k1j Rbar_j, sqrt(dj) Rbar_j, -Rbar_j
-    (x,h), (xi,h), (h,h)                X H0', s_i X Hi', -eps I
+    (x,h), (xi,h), (h,h)                X H0', s_i X Hi', -L_q
 
 With one delay and immediate feedback this is Theorem 2, Eq. (14), its misprints corrected:
 Omega_12 needs k2^-1 A1 X and Omega_25 needs A1'. Rows xdot and m are divided by sqrt(d), a
@@ -40,7 +40,7 @@ class Unknowns:
     """The LMI's unknowns, as cvxpy variables or expressions.
 
     X (n, n); Y (m, n); Q, R one (n, n) per delay, Q zero where any age is allowed; eps and
-    gamma scalars.
+    gamma scalars, eps one per block of F where there are several.
     """
 
     X: Any
@@ -66,10 +66,12 @@ def unknowns(system: DelaySystem, *, gain: Matrix | None, gamma: float | None) -
         cp.Variable((n, n), symmetric=True, name=f"R{j}") for j in range(1, len(system.delays) + 1)
     )
     free = cp.Variable(name="gamma") if gamma is None else gamma
-    return Unknowns(X, Y, Q, R, cp.Variable(name="eps"), free)
+    blocks = len(system.blocks)
+    eps = cp.Variable(blocks, name="eps") if blocks > 1 else cp.Variable(name="eps")
+    return Unknowns(X, Y, Q, R, eps, free)
 
 
-def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
+def omega(  # noqa: C901, PLR0912, PLR0915 - one table, read from top to bottom
     system: DelaySystem, k1: tuple[float, ...], k2: tuple[float, ...], v: Unknowns
 ) -> tuple[Any, list[Any]]:
     """Return Omega of the module's table, and the other matrices that must be positive.
@@ -92,7 +94,11 @@ def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
     sizes |= {f"r{j}": n for j in late} | {f"m{j}": n for j in late}
     if system.H.shape[0]:
         sizes["h"] = system.H.shape[0]
-    EE = v.eps * (system.E @ system.E.T)
+    # L_p and L_q have the eps of each block of F on its columns of E and rows of H
+    blocks = system.blocks or ((slice(0), slice(0)),)
+    each = [v.eps[i] for i in range(len(blocks))] if len(blocks) > 1 else [v.eps]
+    channels = list(zip(each, blocks, strict=True))
+    EE = sum(eps * (system.E[:, p] @ system.E[:, p].T) for eps, (p, _) in channels)
 
     t: dict[tuple[str, str], Any] = {}
     t["x0", "x0"] = G[0] + G[0].T + sum(v.Q) + 2.0 * sum(k1) * v.X + EE
@@ -124,7 +130,8 @@ def omega(  # noqa: C901, PLR0912 - one table, read from top to bottom
     if "h" in sizes:
         for i in range(N + 1):
             t[f"x{i}", "h"] = s[i] * v.X @ H[i].T
-        t["h", "h"] = -v.eps * np.eye(sizes["h"])
+        ones = np.eye(sizes["h"])
+        t["h", "h"] = -sum(eps * np.diag(ones[q].sum(axis=0)) for eps, (_, q) in channels)
 
     def block(row: str, column: str) -> Any:
         if (row, column) in t:

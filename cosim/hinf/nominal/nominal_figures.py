@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,11 @@ class NominalFigures(NamedTuple):
     exact_norm_upper: float | None
     norm_frequency: float | None
     delay_margin: tuple[float | None, ...] | None
+
+    @classmethod
+    def of(cls, record: Any) -> NominalFigures:
+        """Return the figures that a design or an analysis has among its attributes."""
+        return cls(**{name: getattr(record, name) for name in cls._fields})
 
 
 @one_thread

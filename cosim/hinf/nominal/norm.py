@@ -24,8 +24,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from cosim.hinf.nominal.closed_loop import ClosedLoop
 from cosim.hinf.nominal.roots import Roots, characteristic_roots
@@ -129,7 +129,7 @@ class _Bounds:
 
 def _refine(loop: ClosedLoop, low: float, high: float) -> tuple[float, float]:
     """Return the highest gain near a local peak between `low` and `high`, and its frequency."""
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda w: -float(gain_at(loop, w)),
         bounds=(low, high),
         method="bounded",

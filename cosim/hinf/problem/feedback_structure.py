@@ -179,6 +179,7 @@ def without_integrals(system: DelaySystem) -> DelaySystem:
         delays=delays,
         name=system.name,
         feedback=at_once if any(at_once) else None,
+        uncertainty_blocks=system.uncertainty_blocks,
     )
 
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
-from scipy.signal import tf2ss
 
 from cosim.core import InputError
 from cosim.models import Delay, DelaySystem, Matrix
@@ -97,9 +96,10 @@ class Filter:
                 gain = (numerator[0] if numerator else 0.0) / denominator[0]
                 parts.append((np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[gain]]))
             else:
-                parts.append(tf2ss(numerator or [0.0], denominator))
+                parts.append(scipy.signal.tf2ss(numerator or [0.0], denominator))
         matrices = [
-            block_diag(*(np.asarray(M) for M in column)) for column in zip(*parts, strict=True)
+            scipy.linalg.block_diag(*(np.asarray(M) for M in column))
+            for column in zip(*parts, strict=True)
         ]
         return cls.from_matrices(*matrices, where=where)
 
@@ -170,7 +170,7 @@ def _augmented(system: DelaySystem, k: int, **matrices: Any) -> DelaySystem:
     delays = tuple(
         Delay(
             x.d,
-            block_diag(x.A, np.zeros((k, k))),
+            scipy.linalg.block_diag(x.A, np.zeros((k, k))),
             np.hstack([x.H, more]),
             [*(own > 0).tolist(), *[False] * k],
             x.any_age,

@@ -93,4 +93,5 @@ def of_any_age(system: DelaySystem, share: float = 1.0) -> DelaySystem:
 def without_uncertainty(system: DelaySystem) -> DelaySystem:
     """Return the nominal system: E and every H removed."""
     delays = tuple(replace(x, H=x.H[:0]) for x in system.delays)
-    return replace(system, E=system.E[:, :0], H=system.H[:0], delays=delays)
+    E, H = system.E[:, :0], system.H[:0]
+    return replace(system, E=E, H=H, delays=delays, uncertainty_blocks=None)

@@ -22,6 +22,11 @@ Optional in [system]: `weights`, one positive number per row of z (of D, D1 and 
 `feedback`, one truth value per state: which are fed back at once. A state that is fed back
 nowhere is not measured; its column of K is zero.
 
+The F of the uncertainty E F(t) [H_0 ... H_N] is one full block, or block diagonal::
+
+    [system]
+    uncertainty_blocks = [[1, 1], [2, 3]]  # columns of E, rows of H of each; [1, 1]: a parameter
+
 Integral action (`cosim.hinf.problem.feedback_structure`), the states counted from 1::
 
     [system.integral]
@@ -65,6 +70,7 @@ import numpy as np
 
 from cosim.core import InputError
 from cosim.hinf.certificate import (
+    BLOCKS,
     MATRICES,
     assembled,
     delay_from,
@@ -156,7 +162,8 @@ def system_from_toml(text: str, *, where: str, name: str) -> NamedSystem:
     data = parse_toml(text, where)
     known_keys(data, where, ("system", "design", "weights"), required=("system",))
     table, place = data["system"], f"{where}: system"
-    keys = (*MATRICES, *_ONE_DELAY, "delays", "name", "weights", "feedback", "integral")
+    more = ("delays", "name", "weights", "feedback", "integral", BLOCKS)
+    keys = (*MATRICES, *_ONE_DELAY, *more)
     known_keys(table, place, keys, required=("A",))
     system = assembled(table, _delays(table, place), place, name)
     weights, unweighted = None, None

@@ -95,8 +95,9 @@ def certified_delay(
     check_order_of_analysis(order)
     if gamma is not None:
         check_gamma(gamma, system)
-    affordable = affordable_order(system, K, performance=gamma is not None)
-    own_order = affordable if order == "auto" else order
+    own_order = order
+    if own_order == "auto":
+        own_order = affordable_order(system, K, performance=gamma is not None)
     search = _searched(system, K, gamma, delay_index, own_order, limit, precision)
     search.widen()
     done = search.d is not None and search.d >= limit

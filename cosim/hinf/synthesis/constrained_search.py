@@ -41,11 +41,14 @@ _STEPS = 2  # designs with relaxed constraints
 
 
 def prove_constraints(
-    found: Design, design_constraints: DesignConstraints
+    found: Design, design_constraints: DesignConstraints, at: Scalars | None
 ) -> tuple[Guarantees | None, str]:
-    """Prove the design constraints for the gain as it is; or return None and why."""
+    """Prove the design constraints for the gain as it is; or return None and why.
+
+    at : k1, k2 to begin with; any may do, since the gain is given. None for a limit of it alone.
+    """
     system, K = found.system, found.K
-    scalars = starts(scalars_of(found))
+    scalars = [] if at is None else starts(at)
     made: dict[str, Any] = {}
     if design_constraints.gain_limit is not None:
         limit = GainLimit(exact(min(norm_above(K), design_constraints.gain_limit)))
@@ -65,6 +68,26 @@ def prove_constraints(
     return Guarantees(**made), ""
 
 
+def constrained(
+    found: Design, design_constraints: DesignConstraints, at: Scalars | None = None
+) -> Design:
+    """Return a design with the constraints proved for its gain; `at` as in `prove_constraints`.
+
+    Raises
+    ------
+    NotAchievableError : they are not, and why.
+    """
+    guarantees, reason = prove_constraints(found, design_constraints, at)
+    if guarantees is None:
+        raise NotAchievableError(
+            "the design constraints could not be proved for this gain",
+            where=found.system.name or None,
+            expected=describe_constraints(design_constraints),
+            got=reason,
+        )
+    return with_guarantees(found, guarantees)
+
+
 def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
     """Return the design with the guarantees in its claim, their proofs in its certificate."""
     claim = found.certificate["claim"] | guarantees.claim()
@@ -74,7 +97,7 @@ def with_guarantees(found: Design, guarantees: Guarantees) -> Design:
 
 
 def scalars_of(found: Design) -> Scalars:
-    """Return k1, k2 and the delays of a design."""
+    """Return k1, k2 and the delays of a design by Theorem 2."""
     return checked_scalars(found.system, found.k1, found.k2)
 
 
@@ -149,7 +172,7 @@ class ConstrainedSearch:
             )
         except NotAchievableError as error:
             return None, error.what if FAILED in error.what else f"{error.what}: {error.got}"
-        guarantees, reason = prove_constraints(found, self._design_constraints)
+        guarantees, reason = prove_constraints(found, self._design_constraints, scalars_of(found))
         return (None, reason) if guarantees is None else (with_guarantees(found, guarantees), "")
 
     def _of_itself(self, plain: Design) -> dict[str, Any]:

@@ -105,8 +105,9 @@ def as_cvxpy(
     Returns
     -------
     CvxpyLmi
-        X (n, n) symmetric, Y (m, n), Q and R one (n, n) per delay, eps and gamma scalars, the
-        `constraints` and the `problem`; after solving, `design()` proves the gain.
+        X (n, n) symmetric, Y (m, n), Q and R one (n, n) per delay, eps and gamma scalars (eps a
+        vector where the uncertainty has several blocks), the `constraints` and the `problem`;
+        after solving, `design()` proves the gain.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars
 from cosim.hinf.synthesis.search import MULTIPLES, RATIO_LIMIT, SearchDoneError, scaled, starts
@@ -72,7 +72,7 @@ def search_greatest_delay(
     forward = np.eye(2 * N + 1)[-1]
     low, high = (np.array([math.log(x)] * N) for x in MULTIPLES)
     ratios = np.full(N, RATIO_LIMIT)
-    bounds: Any = optimize.Bounds(
+    bounds: Any = scipy.optimize.Bounds(
         np.concatenate([low, -ratios, [-np.inf]]),
         np.concatenate([high, ratios, [math.log(limit)]]),
     )
@@ -83,7 +83,7 @@ def search_greatest_delay(
         "fun": lambda u: slack(u)[0] - _INSIDE,
         "jac": lambda u: slack(u)[1],
     }
-    minimize: Any = optimize.minimize
+    minimize: Any = scipy.optimize.minimize
     with suppress(SearchDoneError):
         minimize(
             lambda u: -float(u[-1]),

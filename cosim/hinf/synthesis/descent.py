@@ -4,9 +4,9 @@ For a gain with a pattern (`DelaySystem.measured`) the LMIs of a design are not 
 for a full gain they lose what their multipliers lose. Here K itself is the unknown:
 
 1. from every start, the spectral abscissa is made negative, where it is not;
-2. with uncertainty, the gain from p to q is brought below one;
+2. with uncertainty, the gain from p to q, scaled where F has several blocks, is brought below one;
 3. the exact norm of the loop, with uncertainty its scaled gain (`loop_gain`), is made small over
-   K and the scaling.
+   K and the scalings.
 
 Each stage is a nonsmooth minimisation (`nonsmooth`) with a fixed number of evaluations: the same
 input proposes the same gains. Nothing here is a proof; the analysis of a proposal is.
@@ -79,9 +79,11 @@ class _Descent:
     def from_start(self, start: Matrix) -> Matrix | None:
         """Return the gain that the stages reach; None where one of them fails."""
         K = np.where(self._loop.free, start, 0.0)
-        target = -_STABLE * self._speed
+        target, log_e = -_STABLE * self._speed, np.zeros(self._loop.scalings)
         if self._loop.abscissa(K).value > target:
-            K, value = self._minimised(lambda K, _: self._loop.abscissa(K), K, below=target)
+            K, _, value = self._minimised(
+                lambda K, _: self._loop.abscissa(K), K, log_e, below=target
+            )
             if not value < 0:
                 return None
         if self._alone is not None:
@@ -89,40 +91,41 @@ class _Descent:
             if alone.gain(K).value > _SURELY:
                 if not np.isfinite(alone.gain(K).value):
                     return None
-                K, value = self._minimised(lambda K, _: alone.gain(K), K, below=_SURELY)
+                K, log_e, value = self._minimised(alone.gain, K, log_e, below=_SURELY)
                 if not value < 0:
                     return None
         if not self._loop.has_gain:
             return K
-        log_e = 0.0
         if self._loop.has_scaling:
-            values = [self._loop.gain(K, e).value for e in _SCALINGS]
-            log_e = float(_SCALINGS[int(np.argmin(values))])
+            log_e = log_e - log_e.mean()
+            values = [self._loop.gain(K, log_e + e).value for e in _SCALINGS]
+            log_e = log_e + _SCALINGS[int(np.argmin(values))]
         if not np.isfinite(self._loop.gain(K, log_e).value):
             return None
         return self._minimised(self._loop.gain, K, log_e)[0]
 
     def _minimised(
         self,
-        function: Callable[[Matrix, float], Value],
+        function: Callable[[Matrix, Reals], Value],
         K: Matrix,
-        log_e: float = 0.0,
+        log_e: Reals,
         below: float = -np.inf,
-    ) -> tuple[Matrix, float]:
-        """Minimise over the free entries of K and, where it is used, log e."""
+    ) -> tuple[Matrix, Reals, float]:
+        """Minimise over the free entries of K and, where they are used, log e."""
         free = self.units != 0
+        count = int(free.sum())
 
         def gain_of(x: Reals) -> Matrix:
             gain = np.zeros(K.shape)
-            gain[free] = x[:-1] * self.units[free]
+            gain[free] = x[:count] * self.units[free]
             return gain
 
         def of(x: Reals) -> tuple[float, Reals]:
-            found = function(gain_of(x), float(x[-1]))
+            found = function(gain_of(x), x[count:])
             slope = np.append((found.in_gain * self.units)[free], found.in_scaling)
-            slope[:-1] += 2 * _SMALL * x[:-1]
-            return found.value + _SMALL * float(x[:-1] @ x[:-1]), slope
+            slope[:count] += 2 * _SMALL * x[:count]
+            return found.value + _SMALL * float(x[:count] @ x[:count]), slope
 
         start = np.append(K[free] / self.units[free], log_e)
         best = minimised(of, start, evaluations=self._evaluations, below=below)
-        return gain_of(best.x), best.value
+        return gain_of(best.x), best.x[count:], best.value

@@ -11,7 +11,6 @@ import numpy as np
 from cosim.core import InputError
 from cosim.hinf.certificate import (
     KEY,
-    Guarantees,
     check_certificate,
     format_value,
     guarantees_from_json,
@@ -75,15 +74,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
     if worst is not None:
         worst = worst_case_from_json(worst, f"{where}: worst_case", system.C.shape[1])
     order: int | None = proved.get("order")
-    own = (
-        "kind",
-        "theorem",
-        "claim",
-        "system",
-        "variables",
-        "K",
-        *(() if order is not None else (KEY,)),
-    )
+    own = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
     return Design(
         system=system,
         K=np.array(data["K"], dtype=float),
@@ -92,7 +83,7 @@ def design_from_json(data: Any, *, where: str) -> Design:
         k2=() if order is not None else tuple(map(_double, proved["k2"])),
         certificate={key: data[key] for key in own if key in data},
         order=order,
-        guarantees=Guarantees() if order is not None else guarantees_from_json(data, system),
+        guarantees=guarantees_from_json(data, system),
         delay_margin=margins,
         worst_case=worst,
         **notes,

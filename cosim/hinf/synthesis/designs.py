@@ -122,7 +122,7 @@ def design_of_analysis(found: Analysis, worst_case: WorstCase | None = None) -> 
         certificate=found.certificate,
         order=found.order,
         worst_case=worst_case or worst_case_at(found.system, found.K, found.norm_frequency),
-        **{name: getattr(found, name) for name in NominalFigures._fields},
+        **NominalFigures.of(found)._asdict(),
     )
 
 
@@ -213,7 +213,7 @@ def quickly_proved(system: DelaySystem, gain: ArrayLike) -> Design | None:
 
 def _in_full(quick: Analysis, gamma: float | None, order: Order) -> Analysis:
     """Return the full analysis of the gain of a quick one."""
-    figures = NominalFigures(**{name: getattr(quick, name) for name in NominalFigures._fields})
+    figures = NominalFigures.of(quick)
     return best_analysis(quick.system, gain_of(quick.system, quick.K), gamma, order, figures)
 
 

@@ -31,6 +31,7 @@ from cosim.hinf.synthesis.analysis import Order, analyse
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
 from cosim.hinf.synthesis.constrained_search import (
     ConstrainedSearch,
+    constrained,
     describe_constraints,
     prove_constraints,
     scalars_of,
@@ -51,11 +52,19 @@ from cosim.hinf.synthesis.greatest_delays import (
 )
 from cosim.hinf.synthesis.improved_delays import improved_delay
 from cosim.hinf.synthesis.not_achievable import none_succeeded
-from cosim.hinf.synthesis.routes import Request, designed_by_some_route
+from cosim.hinf.synthesis.routes import (
+    Request,
+    analysed_again,
+    designed_by_some_route,
+    is_small,
+)
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
 from cosim.hinf.synthesis.structured_gains import structured_design
 from cosim.models import DelaySystem, Matrix
+
+_WORTH = 1.02
+"""By how much a delay by order 1 must be longer than one by Theorem 2, which covers any age."""
 
 
 @one_thread
@@ -88,9 +97,10 @@ def design(
         others. None: where neither is given, or nothing is found at those given; False: never.
     order : "auto" tries every route (`cosim.hinf.synthesis.routes`) and claims the best proof;
         None for Theorem 2 alone; N for the Bessel-Legendre condition of order N, which starts
-        from the gain of Theorem 2 and allows no design constraints. Where more is known of an
-        age than its bound, gains of Theorem 2 are analysed with these ages, at order 1 unless
-        one is given; with design constraints they count as of any age.
+        from the gain of Theorem 2. Where more is known of an age than its bound, gains of
+        Theorem 2 are analysed with these ages, at order 1 unless one is given. With design
+        constraints the gain is found by Theorem 2, its gamma proved as said here, and the
+        constraints are proved for ages up to their bounds.
     solver : "cvxpy" solves the plain LMI of Theorem 2 with cvxpy and Clarabel.
     decay : alpha [1/s]; with w = 0 every solution decays at least as e^{-alpha t}.
     gain_limit : bound on the largest singular value of K.
@@ -122,14 +132,17 @@ def design(
     """
     system = checked_system(system, control=True)
     if system.is_structured:
-        given_too = (k1, k2, search, decay, gain_limit, peak_control, offset, energy)
+        given_too = (k1, k2, search, decay, peak_control, offset, energy)
         if any(x is not None for x in given_too) or order is None or solver == "cvxpy":
             refuse_structure(
-                system, "Theorem 2", "leave out k1, k2, search, solver and design constraints"
+                system, "Theorem 2", "leave out k1, k2, search, solver, decay and peak_control"
             )
+        design_constraints_of(system, gain_limit=gain_limit)
         if gamma is not None:
             check_achievable(gamma, system)
-        return structured_design(system, "auto" if order is None else order, gamma, gain)
+        return structured_design(
+            system, "auto" if order is None else order, gamma, gain, gain_limit
+        )
     given = k1 is not None or k2 is not None
     one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
@@ -140,7 +153,7 @@ def design(
         offset=offset,
         energy=energy,
     )
-    _check_combination(design_constraints, order, solver)
+    _check_combination(design_constraints, solver)
     if gamma is not None:
         check_achievable(gamma, system)
     if isinstance(order, int):
@@ -152,12 +165,33 @@ def design(
         return _proved(asked, gain, order, solver, search=look)
     theorem_2.checked_scalars(system, one, two)
     if gain is not None:
-        return _proved_with_constraints(asked, gain, design_constraints, search=look)
+        return _proved_with_constraints(asked, gain, design_constraints, order, search=look)
     plain: Design | None = None
     # without a constraint the best gain may be unbounded
     with suppress(NotAchievableError):
         plain = theorem_2.design(system, one, two, gamma=gamma, search=look)
-    return _constrained(asked, plain, design_constraints, search=look, may_search=search is None)
+    found = _constrained(
+        asked, plain, design_constraints, order, search=look, may_search=search is None
+    )
+    return _sharpest(found, gamma, order)
+
+
+def _sharpest(found: Design, gamma: float | None, order: Order | None) -> Design:
+    """Return a design of Theorem 2 with constraints, its gamma proved by the condition asked for.
+
+    Raises
+    ------
+    NotAchievableError : an order is asked for, and its condition does not prove the gain.
+    """
+    if found.order is not None or order is None:
+        return found
+    if isinstance(order, int):
+        again = given_gain_design(found.system, found.K, gamma, order)
+    elif gamma is not None and not ages_are_known(found.system):
+        return found
+    else:
+        again = analysed_again(found)
+    return again if again is found else with_guarantees(again, found.guarantees)
 
 
 def _designed(asked: Request, order: Order | None, solver: str, *, search: bool) -> Design:
@@ -198,17 +232,14 @@ def _proved(
     return theorem_2.design(system, one, two, gamma=gamma, gain=gain, search=search)
 
 
-def _check_combination(
-    design_constraints: DesignConstraints, order: int | str | None, solver: str
-) -> None:
-    """Refuse design constraints with another condition or solver than their own."""
-    if design_constraints.any and (solver == "cvxpy" or order not in ("auto", None)):
+def _check_combination(design_constraints: DesignConstraints, solver: str) -> None:
+    """Refuse design constraints with another solver than their own."""
+    if design_constraints.any and solver == "cvxpy":
         raise InputError(
-            "design constraints are proved with Theorem 2 only",
-            where="order" if solver == "clarabel" else "solver",
-            expected=f"no {'order' if solver == 'clarabel' else 'other solver'}, with "
-            f"{describe_constraints(design_constraints)}",
-            got=str(order) if solver == "clarabel" else solver,
+            "the plain LMI in cvxpy is without design constraints",
+            where="solver",
+            expected=f"no other solver, with {describe_constraints(design_constraints)}",
+            got=solver,
         )
 
 
@@ -216,6 +247,7 @@ def _constrained(
     asked: Request,
     plain: Design | None,
     design_constraints: DesignConstraints,
+    order: Order | None,
     *,
     search: bool,
     may_search: bool,
@@ -224,21 +256,23 @@ def _constrained(
     system, gamma = asked.system, asked.gamma
     start = theorem_2.checked_scalars(system, asked.k1, asked.k2)
     if plain is not None:
-        guarantees, _ = prove_constraints(plain, design_constraints)
+        start = scalars_of(plain)
+        guarantees, _ = prove_constraints(plain, design_constraints, start)
         if guarantees is not None:
             return with_guarantees(plain, guarantees)
-        start = scalars_of(plain)
     errors: list[tuple[str, NotAchievableError]] = []
     for look in (search, True) if may_search and not search else (search,):
-        constrained = ConstrainedSearch(start, system, design_constraints, gamma, search=look)
+        searching = ConstrainedSearch(start, system, design_constraints, gamma, search=look)
         try:
-            return constrained.best(plain)
+            return searching.best(plain)
         except NotAchievableError as error:
             errors.append(("k1, k2 searched" if look else "these k1, k2", error))
     if may_search:
         for name, propose in _other_gains(asked, start, design_constraints):
             try:
-                return _proved_with_constraints(asked, propose(), design_constraints, search=True)
+                return _proved_with_constraints(
+                    asked, propose(), design_constraints, order, search=True
+                )
             except NotAchievableError as error:
                 if isinstance(error, NoGainError):
                     break
@@ -252,28 +286,25 @@ def _other_gains(
     """Yield ways to a gain that may meet the constraints, each with its name."""
     if asked.system.has_performance and design_constraints.energy is None:
         bare = without_performance(asked.system)
-        constrained = ConstrainedSearch(start, bare, design_constraints, None, search=True)
-        yield "the constraints for stability, then its gain", lambda: constrained.best(None).K
+        searching = ConstrainedSearch(start, bare, design_constraints, None, search=True)
+        yield "the constraints for stability, then its gain", lambda: searching.best(None).K
     yield "a gain without the constraints", lambda: designed_by_some_route(asked).K
 
 
 def _proved_with_constraints(
-    asked: Request, gain: ArrayLike, design_constraints: DesignConstraints, *, search: bool
+    asked: Request,
+    gain: ArrayLike,
+    design_constraints: DesignConstraints,
+    order: Order | None,
+    *,
+    search: bool,
 ) -> Design:
     """Prove a given gain with the constraints."""
     system = asked.system
-    found = theorem_2.design(
-        system, asked.k1, asked.k2, gamma=asked.gamma, gain=gain, search=search
-    )
-    guarantees, reason = prove_constraints(found, design_constraints)
-    if guarantees is None:
-        raise NotAchievableError(
-            "the design constraints could not be proved for this gain",
-            where=system.name or None,
-            expected=describe_constraints(design_constraints),
-            got=reason,
-        )
-    return with_guarantees(found, guarantees)
+    found = _proved(asked, gain, order, "clarabel", search=search)
+    at = theorem_2.checked_scalars(system, asked.k1, asked.k2)
+    at = at if found.order is not None else scalars_of(found)
+    return constrained(found, design_constraints, at)
 
 
 def greatest_delay(
@@ -298,8 +329,9 @@ def greatest_delay(
     limit : where the search ends [s].
     search : look for better k1, k2 as well.
     order : None for Theorem 2, for ages of any variation, with a refutation just beyond; N for
-        the Bessel-Legendre condition of order N; "auto" for order 1 where Theorem 2 certifies no
-        delay. With N or "auto", what else is known of an age than its bound is used.
+        the Bessel-Legendre condition of order N; "auto" for Theorem 2, then orders 0 and 1 where
+        it certifies no delay, and order 1 where it pays (a small system with a constant delay,
+        k1, k2 not given). With N or "auto", what else is known of an age than its bound is used.
 
     Raises
     ------
@@ -317,16 +349,20 @@ def greatest_delay(
     known = ages_are_known(system) and order is not None
     errors: list[tuple[str, NotAchievableError]] = []
     found: GreatestDelay | None = None
-    for condition in (None, 1) if order == "auto" else (order,):
+    for condition, improves in _conditions_of_delay(system, order, given=given):
+        if found is not None and not improves:
+            continue
         try:
-            found = _delay_by(
+            tried = _delay_by(
                 of_any_age(system), gamma, (one, two), condition, delay_index, limit, look
             )
-            break
         except NoGainError:
             raise
         except NotAchievableError as error:
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
+            continue
+        if found is None or tried.delay > _WORTH * found.delay:
+            found = tried
     if known:
         own: Order = order if isinstance(order, int) else "auto"
 
@@ -339,6 +375,23 @@ def greatest_delay(
     if found is None:
         raise none_succeeded(errors)
     return found
+
+
+def _conditions_of_delay(
+    system: DelaySystem, order: Order | None, *, given: bool
+) -> Iterator[tuple[int | None, bool]]:
+    """Yield the conditions to find a delay by, and whether each is to improve the one before.
+
+    Order 1 after Theorem 2 where a design would try it too; order 0 before it where it is slow.
+    """
+    if order != "auto":
+        yield order, False
+        return
+    yield None, False
+    small = is_small(system)
+    if not small:
+        yield 0, False
+    yield 1, small and not given and any(not x.any_age for x in system.delays if x.d > 0)
 
 
 def _delay_by(

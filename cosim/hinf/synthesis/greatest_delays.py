@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-from scipy import optimize
+import scipy
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf.lmi import (
@@ -190,7 +190,7 @@ def _margin_by(
 
 
 def _zero(margin: Callable[[float], float], low: float, high: float) -> float:
-    return float(optimize.brentq(margin, low, high, xtol=_PRECISION * high, rtol=_PRECISION))
+    return float(scipy.optimize.brentq(margin, low, high, xtol=_PRECISION * high, rtol=_PRECISION))
 
 
 def _refuted(

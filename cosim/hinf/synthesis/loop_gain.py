@@ -9,15 +9,18 @@ The loop is that of Eq. (7) with u = K sum_i S_i x(t-d_i), the delays taken as c
     ds = u* B dK phi(s) v / (u* H'(s) v).
 
 **Gain.** F enters through p = F q. With the transfer functions G_z, G_q from (w, p) to z and q,
-and one scaling e > 0 as in the LMI (eps = gamma e^2), no F with F'F <= I makes the gain exceed g
-where
+and a scaling e_i > 0 for each block of F as in the LMI (eps_i = gamma e_i^2; L_p and L_q have e_i^2
+on the columns of E and the rows of H of block i), no F with F'F <= I makes the gain exceed g where
 
-    G_z* G_z <= g^2 N,   N = diag(I, e^2 I) - e^2 G_q* G_q > 0     at every frequency.
+    G_z* G_z <= g^2 N,   N = diag(I, L_p) - G_q* L_q G_q > 0     at every frequency.
 
 The least g at one frequency is a generalised eigenvalue; at its vector v, with a = G_z v,
-b = G_q v, x = H^-1 (C E) v and the row l = a*(D2 + D_z H^-1 B) + g^2 e^2 b* H_q H^-1 B,
+b = G_q v, x = H^-1 (C E) v and the row l = a*(D2 + D_z H^-1 B) + g^2 b* L_q H_q H^-1 B,
 
-    d(g^2) (v*N v) = 2 Re(l dK phi x) - 2 g^2 e^2 (|v_p|^2 - |b|^2) d(log e).
+    d(g^2) (v*N v) = 2 Re(l dK phi x) - 2 g^2 sum_i e_i^2 (|v_pi|^2 - |b_i|^2) d(log e_i).
+
+**Uncertainty alone.** N > 0 at some gain asks for |L_q^1/2 G_qp L_p^-1/2| < 1; at its singular
+vectors u, v the logarithm changes by (|u_i|^2 - |v_i|^2) d(log e_i). One block needs no scaling.
 
 Without uncertainty g is the largest singular value. A maximum over frequencies has the gradient
 at its peak: the function has a kink where two peaks are equal. Where a delay varies, the loop is
@@ -29,7 +32,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from cosim.hinf.nominal import ClosedLoop, approximate_roots
@@ -51,12 +54,12 @@ class Value(NamedTuple):
 
     value : infinite where the loop is not stable, or not with every F at this e.
     in_gain : (m, n) by K.
-    in_scaling : by log e.
+    in_scaling : (blocks,) by log e; zero where it has no part in the value.
     """
 
     value: float
     in_gain: Matrix
-    in_scaling: float
+    in_scaling: Reals
 
 
 class _At(NamedTuple):
@@ -75,10 +78,11 @@ class LoopGain:
     ----------
     system : Eq. (7) (n states, m inputs).
     uncertain : False: F = 0.
-    only_uncertain : the gain is that from p to q, which must be less than one.
+    only_uncertain : the gain is that from p to q, scaled, which must be less than one.
 
     Attributes
     ----------
+    scalings : how many there are: one per block of F, one where nothing is uncertain.
     free : (m, n) whether an entry of K may differ from zero.
     has_gain : whether there is a gain to make small.
     """
@@ -103,6 +107,11 @@ class LoopGain:
             self._E, self._H = system.E, H
             if not uncertain:
                 self._E, self._H = system.E[:, :0], H[:, :0]
+        blocks = system.blocks
+        self.scalings = max(1, len(blocks))
+        self._blocks = blocks if self._E.size else ()
+        # of the gain from p to q; a single block needs none
+        self._scaled_alone = blocks if only_uncertain and len(blocks) > 1 else ()
         self.has_gain = bool(self._C.size and self._D[0].size)
         self.has_scaling = bool(self._E.size) and self.has_gain
         greatest = [delay.constant_age for delay in system.delays]
@@ -116,8 +125,12 @@ class LoopGain:
         """Return the greatest real part of the characteristic roots [1/s], computed roughly."""
         return max((self._abscissa_at(K, ages) for ages in self._ages), key=lambda x: x.value)
 
-    def gain(self, K: Matrix, log_e: float = 0.0) -> Value:
-        """Return log g at the scaling e; infinite where the loop or N is not as it must be."""
+    def gain(self, K: Matrix, log_e: float | Reals = 0.0) -> Value:
+        """Return log g at the scalings e; infinite where the loop or N is not as it must be.
+
+        log_e : one number per block of F, or one for all.
+        """
+        log_e = np.broadcast_to(np.asarray(log_e, dtype=np.float64), (self.scalings,))
         found: list[Value] = []
         for ages in self._ages:
             found.append(self._gain_at(K, log_e, ages))
@@ -153,7 +166,7 @@ class LoopGain:
         u, v = left[:, -1].conj(), right[-1].conj()
         slope = u @ self._derivative(K, root, ages) @ v
         gradient = np.outer(u @ self._B, phi[0] * v) / slope if slope else np.zeros(K.shape)
-        return Value(root.real, np.asarray(gradient.real * self.free), 0.0)
+        return Value(root.real, np.asarray(gradient.real * self.free), np.zeros(self.scalings))
 
     def _derivative(self, K: Matrix, s: complex, ages: Reals) -> Complexes:
         """Return H'(s)."""
@@ -161,8 +174,8 @@ class LoopGain:
         late = np.einsum("i,iab->ab", weights, self._A) + (self._B @ K) * (weights @ self._S)
         return np.asarray(np.eye(len(self._B)) + late, dtype=np.complex128)
 
-    def _gain_at(self, K: Matrix, log_e: float, ages: Reals) -> Value:
-        nothing = Value(np.inf, np.zeros(K.shape), 0.0)
+    def _gain_at(self, K: Matrix, log_e: Reals, ages: Reals) -> Value:
+        nothing = Value(np.inf, np.zeros(K.shape), np.zeros(self.scalings))
         roots = self._roots(K, ages)
         if not roots[0].real < 0:
             return nothing
@@ -193,7 +206,7 @@ class LoopGain:
             high = inner[rows, np.minimum(top[rows] + 1, _POINTS - 1)]
         if not best > floor:
             # the limit of high frequencies, which no gain changes
-            return Value(float(np.log(max(floor, 1e-300))), np.zeros(K.shape), 0.0)
+            return nothing._replace(value=float(np.log(max(floor, 1e-300))))
         return self._slopes(K, log_e, at, ages)
 
     def _grid(self, roots: Complexes) -> Reals:
@@ -206,20 +219,24 @@ class LoopGain:
         sweep = np.geomspace(1e-2 * slow, max(fast, 2e-2 * slow), _SWEEP)
         return np.unique(np.concatenate([[0.0], speeds, sweep]))
 
-    def _maps(self, K: Matrix, omega: Reals, ages: Reals) -> tuple[_At, Any]:
+    def _maps(self, K: Matrix, log_e: Reals, omega: Reals, ages: Reals) -> tuple[_At, Any]:
         weights, phi, H = self._at(K, 1j * omega, ages)
         D = np.einsum("ki,iab->kab", weights, self._D) + (self._D2 @ K) * phi[:, None, :]
         q = np.einsum("ki,iab->kab", weights, self._H)
         inverse = np.linalg.inv(H)
-        return _At(phi, inverse, D, q), inverse @ np.hstack([self._C, self._E])
+        x = inverse @ np.hstack([self._C, self._E])
+        for (columns, rows), e in zip(self._scaled_alone, np.exp(log_e), strict=False):
+            D[:, rows] *= e
+            x[:, :, columns] /= e
+        return _At(phi, inverse, D, q), x
 
-    def _levels(self, K: Matrix, log_e: float, omega: Reals, ages: Reals) -> Reals:
+    def _levels(self, K: Matrix, log_e: Reals, omega: Reals, ages: Reals) -> Reals:
         """Return the least g at every frequency; infinite where N is not positive."""
-        at, x = self._maps(K, omega, ages)
+        at, x = self._maps(K, log_e, omega, ages)
         z = at.on_output @ x
         z[:, :, : self._D1.shape[1]] += self._D1
         if self._E.size:
-            N = _scaled(at.on_uncertain @ x, self._C.shape[1], log_e)
+            N = self._scaled(at.on_uncertain @ x, log_e)
             try:
                 lower = np.linalg.cholesky(N)
             except np.linalg.LinAlgError:
@@ -230,39 +247,51 @@ class LoopGain:
         square = np.linalg.eigvalsh(z @ z.conj().swapaxes(1, 2))[:, -1]
         return np.asarray(np.sqrt(np.maximum(square, 0.0)), dtype=np.float64)
 
-    def _slopes(self, K: Matrix, log_e: float, omega: float, ages: Reals) -> Value:
+    def _slopes(self, K: Matrix, log_e: Reals, omega: float, ages: Reals) -> Value:
         """Return log g at one frequency, with its derivatives."""
-        whole, states = self._maps(K, np.array([omega]), ages)
+        whole, states = self._maps(K, log_e, np.array([omega]), ages)
         at, x = _At(*(part[0] for part in whole)), states[0]
         z, q = at.on_output @ x, at.on_uncertain @ x
         z[:, : self._D1.shape[1]] += self._D1
-        count, e2 = self._C.shape[1], float(np.exp(2 * log_e))
-        square, v = _least(z, q, count, log_e)
+        square, v = self._least(z, q, log_e)
         square = square**2
-        a, b = z @ v, q @ v
-        weight = np.concatenate([np.ones(count), np.full(len(v) - count, e2)])
-        size = float((weight * np.abs(v) ** 2).sum() - e2 * np.vdot(b, b).real)
+        a, b, v_p = z @ v, q @ v, v[self._C.shape[1] :]
+        size = float((self._weight(log_e) * np.abs(v) ** 2).sum())
         through = at.inverse @ self._B
-        row = a.conj() @ (self._D2 + at.on_output @ through)
-        row = row + square * e2 * b.conj() @ (at.on_uncertain @ through)
+        row, on_q = a.conj() @ (self._D2 + at.on_output @ through), at.on_uncertain @ through
+        slope = np.zeros(self.scalings)
+        for i, (p, h) in enumerate(self._blocks):
+            e2 = float(np.exp(2 * log_e[i]))
+            own = np.vdot(b[h], b[h]).real
+            size -= float(e2 * own)
+            row = row + square * e2 * b[h].conj() @ on_q[h]
+            slope[i] = -2 * square * e2 * float(np.vdot(v_p[p], v_p[p]).real - own)
+        for i, (p, h) in enumerate(self._scaled_alone):
+            slope[i] = 2 * float(np.vdot(a[h], a[h]).real - square * np.vdot(v[p], v[p]).real)
         gradient = 2 * np.outer(row, at.phi * (x @ v)).real * self.free / size
-        slope = -2 * square * e2 * float(np.vdot(v[count:], v[count:]).real - np.vdot(b, b).real)
         return Value(
             0.5 * float(np.log(square)), gradient / (2 * square), slope / size / (2 * square)
         )
 
+    def _weight(self, log_e: Reals) -> Reals:
+        """Return the diagonal of diag(I, L_p)."""
+        weight = np.ones(self._C.shape[1] + self._E.shape[1])
+        for (columns, _), e in zip(self._blocks, log_e, strict=False):
+            weight[self._C.shape[1] :][columns] = float(np.exp(2 * e))
+        return weight
 
-def _scaled(q: Complexes, count: int, log_e: float) -> Complexes:
-    """Return N for G_q, `count` columns of which belong to w."""
-    e2 = float(np.exp(2 * log_e))
-    weight = np.concatenate([np.ones(count), np.full(q.shape[-1] - count, e2)])
-    return np.asarray(np.diag(weight) - e2 * (q.conj().swapaxes(-1, -2) @ q))
+    def _scaled(self, q: Complexes, log_e: Reals) -> Complexes:
+        """Return N for G_q."""
+        N: Any = np.diag(self._weight(log_e))
+        for (_, rows), e in zip(self._blocks, log_e, strict=False):
+            own = q[..., rows, :]
+            N = N - float(np.exp(2 * e)) * (own.conj().swapaxes(-1, -2) @ own)
+        return np.asarray(N)
 
-
-def _least(z: Complexes, q: Complexes, count: int, log_e: float) -> tuple[float, Any]:
-    """Return the least g with z*z <= g^2 N, and its vector; infinite where N is not positive."""
-    try:
-        values, vectors = scipy.linalg.eigh(z.conj().T @ z, _scaled(q, count, log_e))
-    except np.linalg.LinAlgError:
-        return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
-    return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
+    def _least(self, z: Complexes, q: Complexes, log_e: Reals) -> tuple[float, Any]:
+        """Return the least g with z*z <= g^2 N, its vector; infinite where N is not positive."""
+        try:
+            values, vectors = scipy.linalg.eigh(z.conj().T @ z, self._scaled(q, log_e))
+        except np.linalg.LinAlgError:
+            return np.inf, np.zeros(z.shape[1], dtype=np.complex128)
+        return float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]

@@ -38,7 +38,7 @@ from cosim.hinf.synthesis.ages_gains import (
     is_past_the_best,
     nearest_to_a_goal,
 )
-from cosim.hinf.synthesis.analysis import Order, best_analysis, is_exact, preferred
+from cosim.hinf.synthesis.analysis import Analysis, Order, best_analysis, is_exact, preferred
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains
 from cosim.hinf.synthesis.cvxpy_lmi import cvxpy_design
 from cosim.hinf.synthesis.designs import Design, design_of_analysis, proved_by_analysis
@@ -119,7 +119,7 @@ def analysed_again(found: Design) -> Design:
     """Return a design of Theorem 2 with the best proof of its gain that is affordable."""
     if found.gamma is None or found.abscissa is None or found.order is not None:
         return found
-    figures = NominalFigures(**{name: getattr(found, name) for name in NominalFigures._fields})
+    figures = NominalFigures.of(found)
     if _unknowns(found.system, 0) > _MOST_UNKNOWNS or is_exact(found):
         return found
     again = best_analysis(found.system, found.K, None, "auto", figures)
@@ -164,8 +164,7 @@ def _routes(asked: Request) -> Iterator[Route]:
     orders = [n for n in (_ORDERS if constant else (0,)) if late]
     orders = [n for n in orders if _unknowns(s, n) <= _MOST_UNKNOWNS]
     for order in orders:
-        small = _unknowns(s, order) <= _DESIGN_UNKNOWNS
-        pays = constant and small and not asked.given and gamma is None and order == 1
+        pays = constant and is_small(s) and not asked.given and gamma is None and order == 1
         yield Route(f"order {order}", partial(proposed, order=order, continued=False), pays)
     yield Route(
         "the plain LMI in cvxpy",
@@ -217,6 +216,11 @@ def _routes_with_ages(asked: Request, order: Order) -> Iterator[Route]:
     yield Route("the LMI of these ages", of_the_ages, improves=gamma is None)
     yield Route("the plain LMI in cvxpy, for any age", by_cvxpy)
     yield Route("a descent on the exact norm", lambda _: descent_design(s, gamma, order))
+
+
+def is_small(system: DelaySystem) -> bool:
+    """Whether designs of order 1 take about a second."""
+    return _unknowns(system, 1) <= _DESIGN_UNKNOWNS
 
 
 def _unknowns(system: DelaySystem, order: int) -> int:

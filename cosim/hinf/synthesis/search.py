@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from cosim.hinf.lmi import ROUGH_TOLERANCE, Answer, Array, Problem, Scalars, Solution
 from cosim.models import DelaySystem, Matrix
@@ -197,7 +197,7 @@ def _descend(
     if not np.array_equal(inside, u):
         return start, sign * _value(ask(start))
     with suppress(SearchDoneError):
-        optimize.minimize(
+        scipy.optimize.minimize(
             value,
             u,
             jac=True,

@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike
 
 from cosim.core import NotAchievableError
 from cosim.hinf.lmi import units_of
+from cosim.hinf.problem import DesignConstraints
 from cosim.hinf.synthesis import theorem_2
 from cosim.hinf.synthesis.ages_gains import is_past_the_best
 from cosim.hinf.synthesis.analysis import Analysis, Order
+from cosim.hinf.synthesis.constrained_search import constrained
 from cosim.hinf.synthesis.descent import proposals
 from cosim.hinf.synthesis.designs import (
     Design,
@@ -34,11 +36,16 @@ _LONGER = (1.0, 1.5, 2.5)
 """Ages for which gains are proposed, as multiples of those that vary: a gain for longer constant
 ages is more cautious."""
 
+_ROUNDING = 1e-9
 _SAME = 1e-3  # gains closer than this, relative, are one
 
 
 def structured_design(
-    system: DelaySystem, order: Order, gamma: float | None, gain: ArrayLike | None
+    system: DelaySystem,
+    order: Order,
+    gamma: float | None,
+    gain: ArrayLike | None,
+    gain_limit: float | None = None,
 ) -> Design:
     """Design a gain with the zeros of the system's feedback, or take a given one, and prove it.
 
@@ -48,6 +55,7 @@ def structured_design(
     order : of the analysis.
     gamma : a bound to meet instead of the least one.
     gain : (m, n) a gain to analyse instead of designing one.
+    gain_limit : bound on the largest singular value of K, which is in the certificate then.
 
     Raises
     ------
@@ -55,11 +63,20 @@ def structured_design(
     NotAchievableError : no gain could be certified.
     """
     if gain is not None:
-        return given_gain_design(system, gain, gamma, order)
-    return descent_design(system, gamma, order)
+        found = given_gain_design(system, gain, gamma, order)
+    else:
+        found = descent_design(system, gamma, order, gain_limit)
+    if gain_limit is None:
+        return found
+    return constrained(found, DesignConstraints(gain_limit=gain_limit))
 
 
-def descent_design(system: DelaySystem, gamma: float | None, order: Order = "auto") -> Design:
+def descent_design(
+    system: DelaySystem,
+    gamma: float | None,
+    order: Order = "auto",
+    gain_limit: float | None = None,
+) -> Design:
     """Prove the best of the gains that a descent proposes, as `structured_design`.
 
     Raises
@@ -72,9 +89,10 @@ def descent_design(system: DelaySystem, gamma: float | None, order: Order = "aut
         certified = any(one.certified for one in made)
         return certified and (len(made) >= len(factors) or is_past_the_best(made))
 
-    return proved_by_analysis(
-        system, structured_gains(system, factors), gamma, order, enough=enough
-    )
+    gains = structured_gains(system, factors)
+    if gain_limit is not None:
+        gains = (_below(K, gain_limit) for K in gains)
+    return proved_by_analysis(system, gains, gamma, order, enough=enough)
 
 
 def structured_gains(
@@ -96,6 +114,11 @@ def structured_gains(
     yield from others
     if system.is_structured:  # otherwise it has been tried
         yield from _ranked(system, proposals(system, list(_of_whole_state(system)), drawn=0))
+
+
+def _below(K: Matrix, gain_limit: float) -> Matrix:
+    """Return the gain, made smaller as a whole where it is above the limit."""
+    return K * min(1.0, (1 - _ROUNDING) * gain_limit / float(np.linalg.norm(K, 2) or 1.0))
 
 
 def _ranked(system: DelaySystem, gains: Iterator[Matrix]) -> list[Matrix]:

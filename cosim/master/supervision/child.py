@@ -21,7 +21,6 @@ from typing import Any
 
 from cosim.core import ComponentError, flush_output, prepare_for_foreign_code
 from cosim.fmu import adopt_folder, watch_calls
-from cosim.master.cause import Cause
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.session import Session
@@ -30,6 +29,7 @@ from cosim.master.supervision.messages import Job
 from cosim.master.supervision.shared import SharedRun
 from cosim.master.wire import wire
 from cosim.master.wiring import Wiring
+from cosim.trace import Cause
 
 _REPORT_S = 0.01
 _WAIT_S = 0.0005

@@ -15,7 +15,6 @@ from typing import Any, Final, Protocol
 from cosim.core import DEATH_HINTS, ComponentError, InputError, death_of
 from cosim.fmu import own_folder, unpack_fmu
 from cosim.master.adjustments import Adjustments
-from cosim.master.cause import Cause, CauseKind
 from cosim.master.engine import EngineChoice, EngineName
 from cosim.master.observers import Observer, ObserverDispatch
 from cosim.master.run import Run, RunStatus
@@ -30,6 +29,7 @@ from cosim.master.system import System
 from cosim.master.table import Move, Set, make_table
 from cosim.master.wire import wire
 from cosim.master.wiring import RowMemory, Wiring
+from cosim.trace import Cause, CauseKind
 
 _TICK_S: Final = 0.02
 GRACE_S: Final = 1.0

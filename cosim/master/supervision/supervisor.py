@@ -9,7 +9,6 @@ from itertools import count
 from typing import Any, Self
 
 from cosim.core import InputError
-from cosim.master.cause import Cause
 from cosim.master.engine import EngineName
 from cosim.master.observers import Observer
 from cosim.master.run import Run
@@ -18,6 +17,7 @@ from cosim.master.supervision.follow import FollowedRun, Interruption, Wired
 from cosim.master.supervision.limits import Limits, most_memory
 from cosim.master.supervision.process import Method, Worker, default_method
 from cosim.master.system import System
+from cosim.trace import Cause
 
 _PATIENCE_S = 1.0
 

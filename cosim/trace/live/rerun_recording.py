@@ -33,6 +33,8 @@ _LEVELS = {
 }
 _FAR = 1e30
 """Largest position: Rerun stores them in four bytes."""
+_EVENTS = 60
+"""Most events in the verdict; the log has all."""
 _AT_ONCE = 6
 """Most charts in one tab."""
 
@@ -190,6 +192,7 @@ def _verdict(content: Content) -> str:
     if content.guarantee is not None:
         lines.append(f"{content.guarantee.what}: {content.guarantee.why}")
     lines += [f"- {_markdown(each.what)}: {_markdown(each.why)}" for each in content.assertions]
+    lines += [f"- {each.t:g} s: {_markdown(each.what)}" for each in content.timeline[:_EVENTS]]
     signs = {"good": "met", "bad": "NOT MET", "open": "open"}
     lines += [
         f"- {signs[check.tone]}: {_markdown(check.what)} ({_markdown(check.why)})"

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from cosim.trace import verdict
 from cosim.trace.info import description_of
 from cosim.trace.layout import HOST_PREFIX
+from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
-from cosim.trace.report import generic, traffic, vehicle, verdict
+from cosim.trace.report import generic, traffic, vehicle
 from cosim.trace.report.chart import LARGEST, Chart
 from cosim.trace.report.parameters import Change, Settings
 from cosim.trace.report.series import Recording, Series
@@ -54,12 +56,14 @@ class Content:
     Attributes
     ----------
     info : as from `cosim.trace.describe`.
+    outcome : of the run; one that says nothing where it left none.
     span : first and last time shown [s].
-    log : the last lines, of all levels.
+    log : its lines, of all levels.
     left_out : what is not drawn, and why.
     """
 
     info: dict[str, Any]
+    outcome: RunOutcome
     name: str
     status: verdict.Check
     guarantee: verdict.Check | None
@@ -91,28 +95,26 @@ def content_of(path: Path) -> Content:
     trace = Trace(path, incomplete=True)
     info = description_of(trace, hashed=True)
     settings = Settings(trace)
-    metrics = verdict.metrics_of(info["result"])
-    designed = metrics.get("designed_age_s")
-    recording = Recording(
-        trace,
-        limit=settings.limit,
-        designed_s=float(designed) if isinstance(designed, int | float) else None,
-    )
-    links = traffic.figures(recording, info["links"])
+    recording = Recording(trace)
+    found = outcome_of(trace.result)
+    outcome = found or RunOutcome()
+    metrics = outcome.metrics
+    links = traffic.figures(recording, outcome.links)
     log = log_of(recording)
-    assumptions, assertions = verdict.assumptions_of(info), verdict.assertions_of(info)
+    assumptions = verdict.assumptions_of(outcome)
     craft = vehicle.vehicle_of(recording)
     sections = list(_sections(recording, settings, metrics, craft))
     return Content(
         info=info,
+        outcome=outcome,
         name=path.name,
-        status=verdict.status_of(info),
-        guarantee=verdict.guarantee_of(info, assumptions),
+        status=verdict.status_of(info, found),
+        guarantee=verdict.guarantee_of(outcome, assumptions),
         assumptions=assumptions,
-        assertions=assertions,
+        assertions=verdict.assertions_of(outcome),
         figures=list(verdict.figures_of(metrics)),
         bars=_bars(metrics),
-        timeline=timeline_of(recording, settings, links, log, assertions, metrics),
+        timeline=timeline_of(recording, outcome, log),
         log=log,
         links=links,
         path=None if craft is None else vehicle.path_of(craft) or None,

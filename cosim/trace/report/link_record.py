@@ -38,29 +38,20 @@ class Line:
 class LinkRecord:
     """The messages of one link, in order of delivery.
 
-    Parameters
-    ----------
-    designed_s : age that the loop was designed for [s]; None if unknown.
-
     Attributes
     ----------
     delivered : number of messages.
     reasons : number of dropped messages by reason.
     delay_ns, largest_delay_ns : sum and largest of the times from sending to delivery.
-    silence_ns, silence_from_ns : longest time between two deliveries, and its beginning.
-    too_old_ns : when the message in use was first older than designed; None if never.
+    largest_age_ns, silence_ns : of the message in use; longest time between two deliveries.
     dropped : times of due and sending, and number of each dropped message; and its reason.
     """
 
-    def __init__(self, designed_s: float | None = None) -> None:
+    def __init__(self) -> None:
         self.delivered = 0
         self.reasons: Counter[str] = Counter()
-        self.delay_ns = self.largest_delay_ns = self.silence_from_ns = 0
-        self.silence_ns = -1
-        self.largest_age_ns = 0
-        self.too_old_ns: int | None = None
+        self.delay_ns = self.largest_delay_ns = self.largest_age_ns = self.silence_ns = 0
         self.dropped: list[tuple[Integers, list[str]]] = []
-        self._designed_s = designed_s
         self._age = Line()
         self._last: tuple[int, int] | None = None
 
@@ -87,11 +78,7 @@ class LinkRecord:
         if self._last is None:
             return
         arrived, age = (np.array([each], np.int64) for each in self._last)
-        too_old = self.too_old_ns
         self._sawtooth(arrived, age, np.maximum(arrived, end_ns), None)
-        # of the last message, only its arrival counts
-        if too_old is None and self._designed_s and age[0] / 1e9 <= self._designed_s:
-            self.too_old_ns = None
         self._last = None
 
     def ages(self) -> tuple[Integers, Reals]:
@@ -105,16 +92,8 @@ class LinkRecord:
             return
         t = np.column_stack([arrived, until]).ravel()
         ages = np.column_stack([age, age + until - arrived]).ravel()
-        silences = until - arrived
-        longest = int(np.argmax(silences))
-        if silences[longest] > self.silence_ns:
-            self.silence_ns = int(silences[longest])
-            self.silence_from_ns = int(arrived[longest])
+        self.silence_ns = max(self.silence_ns, int((until - arrived).max()))
         self.largest_age_ns = max(self.largest_age_ns, int(ages.max()))
-        if self.too_old_ns is None and self._designed_s:
-            late = np.flatnonzero(ages / 1e9 > self._designed_s)
-            if late.size:
-                self.too_old_ns = int(t[late[0]])
         self._age.add(t, ages / 1e9, segments)
 
     def _add_dropped(self, dropped: Table, segments: int | None) -> None:

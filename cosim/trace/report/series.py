@@ -33,7 +33,6 @@ WILD = 1e12
 """Values beyond are no sensible numbers."""
 
 _SEGMENTS = 3000
-_LOG_ROWS = 1000
 _POSE = ("eta.", "reference.")
 _NOT_DRAWN = (LOG_TOPIC, FRAME_TOPIC, POSE_TOPIC)
 _STAMP = ("timestamp.", "header.stamp.", "stamp.")
@@ -75,18 +74,13 @@ class Recording:
     """A trace with its topics read, and thinned if it is large.
 
     A large trace is read part by part. Of each signal and age the points that a drawing needs are
-    kept: first, last, least and greatest of each segment of time, and the first value at a limit
-    or beyond all numbers. What is counted or measured is exact.
-
-    Parameters
-    ----------
-    limit : returns the limit of a component's output, or None.
-    designed_s : age that the loop was designed for [s]; None if unknown.
+    kept: first, last, least and greatest of each segment of time, and the first value beyond all
+    numbers. What is counted or measured is exact.
 
     Attributes
     ----------
     unread : by topic, why it could not be read.
-    log : the last lines of the log; None without.
+    log : the lines of the log; None without.
     series : every signal of numbers.
     links : by name.
     loop : the age of the measurement behind the command in force; None without a loop.
@@ -94,21 +88,14 @@ class Recording:
     end_ns : greatest log time [ns].
     """
 
-    def __init__(
-        self,
-        trace: Trace,
-        *,
-        limit: Callable[[str, str], float | None] = lambda _component, _name: None,
-        designed_s: float | None = None,
-    ) -> None:
+    def __init__(self, trace: Trace) -> None:
         self.trace = trace
         self.unread: dict[str, str] = {}
-        self._limit = limit
         topics = [topic for topic, info in trace.topics.items() if info.count]
         while True:
             self.log: Table | None = None
             self._signals: dict[tuple[str, str], _Signal] = {}
-            self.links = {name: LinkRecord(designed_s) for name in _link_names(trace.topics)}
+            self.links = {name: LinkRecord() for name in _link_names(trace.topics)}
             self._pair, self.loop = self._loop()
             readable = [topic for topic in topics if topic not in self.unread]
             try:
@@ -165,8 +152,7 @@ class Recording:
     def _add(self, tables: Mapping[str, Table], segments: int | None) -> None:
         for topic, table in tables.items():
             if topic == LOG_TOPIC:
-                log = table if self.log is None else self.log.followed_by(table)
-                self.log = log if segments is None else log.part(np.arange(len(log))[-_LOG_ROWS:])
+                self.log = table if self.log is None else self.log.followed_by(table)
             if topic not in _NOT_DRAWN and not topic.endswith("/dropped"):
                 self._add_signals(table, segments)
         for name, link in self.links.items():
@@ -194,8 +180,7 @@ class Recording:
                 described = known.get(name, Signal(name))
                 stepwise = direction in {"input", "link"} or _steps(described, info.metadata)
                 place = table.topic, component, direction, name, described.unit
-                bound = self._limit(component, name) if direction == "output" else None
-                signal = _Signal(place, stepwise=stepwise, bound=bound)
+                signal = _Signal(place, stepwise=stepwise)
                 self._signals[table.topic, name] = signal
             values = np.where(table.present[name], column.astype(np.float64), np.nan)[order]
             if name.startswith(_POSE):
@@ -234,32 +219,21 @@ class Recording:
 class _Signal:
     """The points kept of one signal, and how many there were."""
 
-    def __init__(
-        self,
-        place: tuple[str, str, str, str, str | None],
-        *,
-        stepwise: bool,
-        bound: float | None,
-    ) -> None:
+    def __init__(self, place: tuple[str, str, str, str, str | None], *, stepwise: bool) -> None:
         self.count = self._gaps = 0
         self._place, self._stepwise = place, stepwise
-        self._bound = None if bound is None else bound * (1 - 1e-12)
         self._parts: list[tuple[NDArray[np.int64], Reals]] = []
-        self._noted: set[str] = set()
+        self._wild = False
 
     def kept(self, t: NDArray[np.int64], values: Reals, segments: int | None) -> Indices:
         """Return the numbers of the points to keep of a part."""
         if segments is None:
             return np.arange(t.size)
         chosen = [decimated((t - t[0]) / 1e9, values, segments, stepwise=self._stepwise)]
-        size = np.abs(values)
-        marks = {"wild": ~np.isfinite(values) | (size > WILD)}
-        if self._bound is not None:
-            marks["bound"] = size >= self._bound
-        for what, where in marks.items():
-            if what not in self._noted and where.any():
-                self._noted.add(what)
-                chosen.append(np.array([int(np.argmax(where))]))
+        wild = ~np.isfinite(values) | (np.abs(values) > WILD)
+        if not self._wild and wild.any():
+            self._wild = True
+            chosen.append(np.array([int(np.argmax(wild))]))
         return np.unique(np.concatenate(chosen))
 
     def add(self, t: NDArray[np.int64], values: Reals, kept: Indices) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,7 @@ class LinkFigures:
     sent, in_flight : as the run counted them; None if it did not finish.
     reasons : number of dropped messages, by reason.
     mean_delay_s, largest_delay_s : from sending to delivery [s]; None without deliveries.
-    silence_s, silence_from_s : longest time without a delivery, and its beginning [s].
+    silence_s : longest time without a delivery [s].
     """
 
     name: str
@@ -34,7 +34,6 @@ class LinkFigures:
     largest_delay_s: float | None
     largest_age_s: float | None
     silence_s: float | None
-    silence_from_s: float | None
 
     @property
     def dropped_share(self) -> float | None:
@@ -44,24 +43,19 @@ class LinkFigures:
         return dropped / due if due else None
 
 
-def figures(recording: Recording, counted: Mapping[str, Mapping[str, str]]) -> list[LinkFigures]:
+def figures(recording: Recording, counted: Mapping[str, Mapping[str, Any]]) -> list[LinkFigures]:
     """Return the figures of every link; `counted` are those in the run's result."""
-    return [
-        _figures(name, recording, link, counted.get(name, {}))
-        for name, link in recording.links.items()
-    ]
+    return [_figures(name, link, counted.get(name, {})) for name, link in recording.links.items()]
 
 
-def _figures(
-    name: str, recording: Recording, link: LinkRecord, counted: Mapping[str, str]
-) -> LinkFigures:
+def _figures(name: str, link: LinkRecord, counted: Mapping[str, Any]) -> LinkFigures:
     sent, in_flight = (
-        int(text) if (text := counted.get(key, "")).isdecimal() else None
+        value if isinstance(value := counted.get(key), int) else None
         for key in ("sent", "in_flight")
     )
     reasons = dict(sorted(link.reasons.items()))
     if not link.delivered:
-        return LinkFigures(name, sent, in_flight, 0, reasons, None, None, None, None, None)
+        return LinkFigures(name, sent, in_flight, 0, reasons, None, None, None, None)
     return LinkFigures(
         name,
         sent,
@@ -72,7 +66,6 @@ def _figures(
         largest_delay_s=link.largest_delay_ns / 1e9,
         largest_age_s=link.largest_age_ns / 1e9,
         silence_s=link.silence_ns / 1e9,
-        silence_from_s=float(recording.seconds(np.array(link.silence_from_ns))),
     )
 
 
@@ -124,12 +117,3 @@ def _marks(recording: Recording, name: str, link: LinkRecord, number: int, foot:
         for i in range(due.size)
     ]
     return Curve(f"{name}: not used", t, np.full(t.size, foot), role=number, text=text)
-
-
-def moments(link: LinkFigures) -> Iterator[tuple[float, str]]:
-    """Yield time [s] and text of the longest silence, if the link dropped messages."""
-    if link.silence_s is not None and link.silence_from_s is not None and link.reasons:
-        yield (
-            link.silence_from_s,
-            f"{link.name}: longest silence, {link.silence_s:.4g} s without a delivery",
-        )

@@ -9,7 +9,7 @@ from typing import Any
 from cosim.core import InputError, write_whole
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import page
-from cosim.trace.report.verdict import Check
+from cosim.trace.verdict import Check
 
 
 @dataclass(frozen=True)

@@ -1,64 +1,19 @@
-"""Traces that a report must cope with: failed runs, values beyond all numbers, other tools'."""
+"""Files that a report must cope with and that no run of ours writes: damaged, another tool's."""
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 from pathlib import Path
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from hostile.hostile_fmu import FAULTS, hostile_fmu
 from mcap.writer import Writer
 
-from cosim.scenario.python_api import run
 from cosim.trace import Attachment, Signal, TraceWriter
 from cosim.trace.layout import file_descriptor
 
 POSE = [Signal(n, i, "m") for i, n in enumerate(("eta.x", "eta.y", "eta.z"))]
-TITLE = "A <b>run</b> & its </script> end"
 EPOCH_NS = 1_700_000_000_000_000_000
-
-
-FAILING = f"""
-title = "{TITLE}"
-[run]
-end = 1.0
-step = 0.1
-[components.pump]
-fmu = "pump.fmu"
-parameters = {{ u = 1.0, fault = {FAULTS.index("error")}, at = 0.4 }}
-[[assertions]]
-eventually = "pump.x > 0.15"
-[[assertions]]
-name = "the <i>tank</i> stays empty"
-always = "pump.x < 0.25"
-[[assertions]]
-always = "pump.x >= 0"
-"""
-"""x is the time; the step from 0.4 s on fails. One promise is kept, one broken, one not got to."""
-
-
-def failing(folder: Path) -> Path:
-    """A run that failed: a component refused a step; markup in title, message and assertion."""
-    hostile_fmu(folder, "2.0", "pump")
-    (folder / "failing.toml").write_text(FAILING)
-    path = folder / "failing.mcap"
-    assert run(folder / "failing.toml", path).status == "failed"
-    return path
-
-
-def wild(path: Path) -> Path:
-    """Growth beyond 1e300, NaN, an infinity: what no run of ours holds, but a file may."""
-    signals = [*POSE, Signal("eta.psi", 3, "rad")]
-    with TraceWriter(path, run={"scenario": "wild", "title": TITLE}) as writer:
-        eta = writer.add_topic("/plant/output", signals, schema_name="cosim.plant.Output")
-        for k in range(3000):
-            depth = 1.5**k if k < 1700 else math.nan
-            psi = math.inf if k == 2000 else 0.1
-            writer.write(eta, k * 10**7, [0.1 * k, math.sin(k / 50), depth, psi])
-        writer.log(30 * 10**9, "error", "plant", "doStep: the <matrix> is singular")
-        return writer.finish({"status": "failed", "metrics": json.dumps({"gain": 1e300})})
 
 
 def small(
@@ -68,7 +23,7 @@ def small(
     result: dict[str, str] | None = None,
     scenario: bytes = b"",
 ) -> Path:
-    """A pose, a command, a link with a loss; what it says of itself is given."""
+    """A pose, a command, a link with a loss; metadata and attachments may hold anything."""
     attached = [
         Attachment("scenario.toml", "application/toml", scenario),
         Attachment("plant.modelDescription.xml", "text/xml", scenario),

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cli.shell import trace_of
+from cli.shell import shared_run, trace_of
+from outcomes.ways import found
 from report_browser import Page, browser, needs_chromium
-from report_files import foreign, wild
+from report_files import foreign
 
 from cosim.trace.report import write_report
 
@@ -39,7 +40,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "vehicle": recorded,
         "paper": trace_of("paper-example"),
         "cut": cut,
-        "wild": wild(folder / "wild.mcap"),
+        "far": found("far").trace,
         "foreign": foreign(folder / "foreign.mcap"),
     }
     return {
@@ -50,14 +51,14 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("paper", "cut", "foreign")]
 
 
-@pytest.mark.parametrize("name", ["vehicle", "wild", *SLOW])
+@pytest.mark.parametrize("name", ["vehicle", "far", *SLOW])
 def test_every_chart_is_drawn_without_errors_or_requests(
     name: str, page: Page, reports: dict[str, Path]
 ) -> None:
     """No error on the console, no request to anywhere, nothing left empty, light and dark."""
     page.errors.clear()
     page.asked.clear()
-    page.open(reports[name], scheme="dark" if name == "wild" else "light")
+    page.open(reports[name], scheme="dark" if name == "far" else "light")
     assert page.ask(DRAWN) == []
     assert page.ask("document.querySelectorAll('.plot .main-svg').length") > 0
     page.ask("document.getElementById('theme').click()")
@@ -90,6 +91,21 @@ def test_page_fits_a_phone_screen(page: Page, reports: dict[str, Path]) -> None:
     page.open(reports["vehicle"], width=360)
     assert page.ask("document.documentElement.scrollWidth") <= 360
     assert page.ask(DRAWN) == []
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_bars_of_the_verdict_are_to_scale(width: int, page: Page, reports: dict[str, Path]) -> None:
+    """Gain, norm and bound: the widths on the screen have the ratios of the numbers."""
+    metrics = shared_run("auv-acoustic-naive").json["metrics"]
+    values = [metrics[key] for key in ("gain", "exact_norm", "gamma")]
+    page.open(reports["vehicle"], width=width)
+    drawn = page.ask("""[...document.querySelectorAll('.bars .bar')].map(
+        (bar) => bar.getBoundingClientRect().width)""")
+    longest = max(drawn)
+    assert longest > 100
+    wanted = [longest * value / max(values) for value in values]
+    assert drawn == pytest.approx(wanted, abs=0.5)
+    assert min(wanted) < 0.9 * longest
 
 
 def test_dark_and_light_change_charts_too(page: Page, reports: dict[str, Path]) -> None:

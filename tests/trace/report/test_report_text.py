@@ -13,16 +13,17 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from cli.shell import cosim, shared_run, trace_of
-from report_files import TITLE, failing, foreign, small, wild
+from outcomes.ways import TITLE, found
+from report_files import foreign, small
 from shared import copied
 
 from cosim.core.errors import InputError
-from cosim.trace import Trace
+from cosim.trace import RunOutcome, Trace, outcome_of
 from cosim.trace.report import write_report
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import MAX_BYTES, figures, page
-from cosim.trace.report.verdict import assumptions_of, metrics_of
 from cosim.trace.report.write import default_output
+from cosim.trace.verdict import assumptions_of
 
 
 class _Texts(HTMLParser):
@@ -82,7 +83,7 @@ def test_the_first_time_at_a_limit_is_found(naive: str) -> None:
         full = np.flatnonzero(np.abs(command[f"force.{axis}"]) >= 2500.0)
         t = command.log_time_ns[full[0]] / 1e9
         reported = f"{t:.3f}".rstrip("0").rstrip(".")
-        assert f"{reported} s controller.force.{axis} is at its limit of 2500 N" in words(naive)
+        assert f"{reported} s controller.force.{axis}: at its limit of 2500 N (" in words(naive)
 
 
 def test_delivered_and_lost_are_counted(naive: str) -> None:
@@ -143,13 +144,13 @@ def test_the_same_trace_gives_the_same_bytes(naive: str, tmp_path: Path) -> None
     assert len(again.encode()) < MAX_BYTES
 
 
-@pytest.mark.parametrize("kind", ["vehicle", "paper", "wild", "foreign"])
+@pytest.mark.parametrize("kind", ["vehicle", "paper", "far", "foreign"])
 def test_plotly_knows_every_property(kind: str, tmp_path: Path) -> None:
     """The charts fit plotly's schema: a misspelt property would be ignored in silence."""
     path = {
         "vehicle": lambda: trace_of("auv-acoustic"),
         "paper": lambda: trace_of("paper-worst-case"),
-        "wild": lambda: wild(tmp_path / "w.mcap"),
+        "far": lambda: found("far").trace,
         "foreign": lambda: foreign(tmp_path / "f.mcap"),
     }[kind]()
     charts = figures(content_of(path), 10_000)["charts"]
@@ -159,9 +160,9 @@ def test_plotly_knows_every_property(kind: str, tmp_path: Path) -> None:
         go.Figure(figure)
 
 
-def test_cause_of_a_failed_run_is_at_the_top(tmp_path: Path) -> None:
-    """Reason, assertions and last log lines before all else; markup in texts stays text."""
-    html = page(content_of(failing(tmp_path)))
+def test_cause_of_a_failed_run_is_at_the_top() -> None:
+    """Reason, assertions, what went wrong and the log before all else; markup stays text."""
+    html = page(content_of(found("refused").trace))
     page_text = words(html)
     assert TITLE in page_text
     order = [
@@ -170,23 +171,25 @@ def test_cause_of_a_failed_run_is_at_the_top(tmp_path: Path) -> None:
         "the <i>tank</i> stays empty always pump.x < 0.25 failed at 0.3 s",
         "always pump.x >= 0 failed",
         "eventually pump.x > 0.15 passed at 0.2 s",
-        "0.3 s the <i>tank</i> stays empty: failed",
-        "The last lines of the log",
-        "the <pump> has lost its prime",
-        "What happened",
+        "What went wrong 0.3 s the <i>tank</i> stays empty: assertion failed",
+        "0.4 s pump: the <pump> has lost its prime",
+        "Log, the last 6 of 6 lines",
+        "Provenance",
     ]
-    places = [page_text.index(part) for part in order[:-2]]
+    places = [page_text.rindex(part) for part in order]
     assert places == sorted(places)
-    assert page_text.index(order[-2], places[-1]) < page_text.index(order[-1], places[-1])
+    assert page_text.count("What went wrong") == 2  # once in the list of sections
+    assert "What happened" not in page_text
     for markup in ("<b>run</b>", "<i>tank</i>", "<pump>"):
         assert markup not in html
 
 
-def test_infinite_values_are_reported(tmp_path: Path) -> None:
-    """The first one, and where later ones are drawn."""
-    page_text = words(page(content_of(wild(tmp_path / "wild.mcap"))))
-    assert "plant.eta.psi is inf" in page_text
-    assert "values beyond 1e+150: drawn there: plant.eta.z" in page_text
+@pytest.mark.usefixtures("light")
+def test_infinite_values_are_reported() -> None:
+    """The first one, and where values are drawn that are too large."""
+    assert "3.5 s pump.x is inf" in words(page(content_of(found("diverged").trace)))
+    far = words(page(content_of(found("far").trace)))
+    assert "values beyond 1e+150: drawn there: plant.eta.z, plant.eta.psi" in far
 
 
 PROMISES = """
@@ -256,16 +259,16 @@ def test_assertions_of_a_trace_for_programs_are_those_of_the_run(tmp_path: Path)
 
     A run that was stopped leaves open what it did not get to.
     """
-    failing(tmp_path)
+    folder = copied(found("refused").trace.parent, tmp_path / "run")
     for more, results in (
         ((), ["holds", "fails", "fails"]),
         (("--until", "0.2"), ["holds", "undecided", "undecided"]),
     ):
-        traces = cosim("run", "failing.toml", "--json", "--out", "t.mcap", *more, cwd=tmp_path)
-        reported = cosim("trace", "info", "t.mcap", "--json", cwd=tmp_path)
+        traces = cosim("run", "refused.toml", "--json", "--out", "t.mcap", *more, cwd=folder)
+        reported = cosim("trace", "info", "t.mcap", "--json", cwd=folder)
         assert reported.json["result"]["assertions"] == traces.json["assertions"]
         assert [v["result"] for v in traces.json["assertions"]] == results
-    content = content_of(tmp_path / "t.mcap")
+    content = content_of(folder / "t.mcap")
     assert content.status.what == "stopped"
     assert [c.tone for c in content.assertions] == ["good", "open", "open"]
     assert content.assertions[1].why == "undecided: the run ended before"
@@ -314,17 +317,19 @@ def test_why_an_assumption_is_not_met(
     assumption: str, metrics: dict[str, Any], words_wanted: str
 ) -> None:
     """Each reason has its text."""
-    info = {"result": {"metrics": {**metrics, "assumptions": {assumption: False}}}}
-    (check,) = assumptions_of(info)
+    outcome = RunOutcome(metrics={**metrics, "assumptions": {assumption: False}})
+    (check,) = assumptions_of(outcome)
     assert check.tone == "bad"
     assert words_wanted in check.why
 
 
 def test_figures_of_any_type_are_accepted() -> None:
     """Values of other types in place of figures are ignored."""
-    for result in (None, {}, {"metrics": "text"}, {"metrics": {"assumptions": [1]}}):
-        assert assumptions_of({"result": result}) == []
-        assert isinstance(metrics_of(result), dict)
+    for result in ({}, {"metrics": '"text"'}, {"metrics": '{"assumptions": [1]}'}):
+        outcome = outcome_of(result)
+        assert outcome is not None
+        assert assumptions_of(outcome) == []
+        assert isinstance(outcome.metrics, dict)
 
 
 @pytest.fixture
@@ -381,7 +386,7 @@ def test_default_place_of_a_report() -> None:
 
 def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The message says what to install; nothing is written."""
-    path, real = wild(tmp_path / "wild.mcap"), builtins.__import__
+    path, real = copied(found("far").trace, tmp_path / "far.mcap"), builtins.__import__
 
     def without(name: str, *rest: Any) -> Any:
         if name.startswith("plotly"):
@@ -391,12 +396,12 @@ def test_without_plotly_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError, match=r"auv-cosim\[report\]"):
         write_report(path)
-    assert not (tmp_path / "wild.html").exists()
+    assert not (tmp_path / "far.html").exists()
 
 
 def test_report_command(tmp_path: Path) -> None:
     """`cosim trace report`: JSON, words, its own place, and refusals."""
-    failing(tmp_path)
+    copied(found("refused").trace, tmp_path / "failing.mcap")
     reported = cosim("trace", "report", "failing.mcap", "--json", cwd=tmp_path)
     assert reported.code == 0, reported.err
     assert reported.json["output"] == "failing.html"

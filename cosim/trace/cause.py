@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal, Self, cast
+from typing import Any, Final, Literal, Self, cast, get_args
 
 from cosim.core import ComponentError
 
@@ -23,6 +23,7 @@ CauseKind = Literal[
 ]
 VERSION: Final = 1
 """Of what `Cause.to_json` returns; it grows when a key changes its meaning."""
+_KINDS: Final = frozenset(get_args(CauseKind))
 _FAILURES: Final = frozenset(
     {"refused", "crashed", "exited", "timed-out", "memory", "not-finite", "delay", "unsettled"}
 )
@@ -56,6 +57,26 @@ class Cause:
         """Return the cause that an error of a component is, at a time [s]."""
         kind = cast("CauseKind", error.kind or "refused")
         return cls(kind, error.component, error.call, time_s, error.detail or error.text())
+
+    @classmethod
+    def from_json(cls, data: Any) -> Self | None:
+        """Return the cause of a JSON object, as `to_json` makes it; None for anything else."""
+        if not isinstance(data, dict) or data.get("kind") not in _KINDS:
+            return None
+        texts = (data.get(key) for key in ("component", "call", "detail"))
+        component, call, detail = (None if text is None else str(text) for text in texts)
+        at = data.get("time_s")
+        time_s = float(at) if isinstance(at, int | float) and not isinstance(at, bool) else None
+        return cls(cast("CauseKind", data["kind"]), component, call, time_s, detail)
+
+    @property
+    def words(self) -> str:
+        """Say kind, component, FMI call and time in one line."""
+        facts = [self.kind.replace("-", " ")]
+        facts += [f"component {self.component}"] if self.component else []
+        facts += [self.call] if self.call else []
+        facts += [f"t = {self.time_s:g} s"] if self.time_s is not None else []
+        return ", ".join(facts)
 
     @property
     def failure(self) -> bool:

@@ -1,4 +1,4 @@
-"""Judge a run by its `cosim.result`: status, gain against gamma, assumptions, assertions."""
+"""Judge a run by its outcome: status, gain against gamma, assumptions, assertions."""
 
 from __future__ import annotations
 
@@ -7,21 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.core import at_most
-from cosim.trace.assertions import assertions_in, failed_in
 from cosim.trace.feedback_age import age_lines
+from cosim.trace.outcome import BAD, GOOD, OPEN, RunOutcome
 
-GOOD, BAD, OPEN = "good", "bad", "open"
-
-_STATUS = {
-    "finished": (GOOD, "finished"),
-    "limit_cycle": (BAD, "limit cycle"),
-    "diverged": (BAD, "diverged"),
-    "failed": (BAD, "failed"),
-}
-_MEANING = {
-    "limit_cycle": "At the end commands go from limit to limit more than half of the time: the "
-    "limits, not the feedback, bound the motion.",
-}
 _SITES = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw rate", "psi": "heading"}
 
 
@@ -41,31 +29,23 @@ class Check:
     kind: str = ""
 
 
-def metrics_of(result: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the metrics of a run; {} if it has none."""
-    metrics = (result or {}).get("metrics")
-    return metrics if isinstance(metrics, dict) else {}
-
-
-def status_of(info: Mapping[str, Any]) -> Check:
-    """Return how the run ended."""
-    result = info["result"]
+def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Check:
+    """Return how the run ended; `info` : what `describe` says of the file."""
     if not info["complete"]:
         return Check(BAD, "cut short", f"The file ends early or is damaged: {info['damage']}.")
-    if result is None:
+    if outcome is None:
         if not info["run"]:
             return Check(OPEN, "recording", "Not a run of this project: signals without a verdict.")
         return Check(BAD, "did not finish", "There is no result: the run stopped before its end.")
-    text = str(result.get("status", "finished"))
-    tone, word = _STATUS.get(text, (OPEN, text.replace("_", " ")))
-    if failed := failed_in(assertions_in(result)):
-        tone, word = BAD, f"{word}, {failed}"
-    return Check(tone, word, str(result.get("reason", _MEANING.get(text, ""))))
+    return Check(outcome.tone, outcome.headline, outcome.explanation)
 
 
-def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
-    """Judge whether the certified bound may be claimed; None where nothing was certified."""
-    metrics = metrics_of(info["result"])
+def guarantee_of(outcome: RunOutcome, checks: list[Check]) -> Check | None:
+    """Judge whether the certified bound may be claimed; None where nothing was certified.
+
+    checks : the assumptions, as from `assumptions_of`.
+    """
+    metrics = outcome.metrics
     if not checks:
         return None
     gain, gamma = _number(metrics, "gain"), _number(metrics, "gamma")
@@ -82,19 +62,16 @@ def guarantee_of(info: Mapping[str, Any], checks: list[Check]) -> Check | None:
     return Check(GOOD, "The guarantee holds for this run", f"every assumption met; {measured}")
 
 
-def assumptions_of(info: Mapping[str, Any]) -> list[Check]:
+def assumptions_of(outcome: RunOutcome) -> list[Check]:
     """Return the certificate's assumptions, each with the numbers behind it."""
-    metrics = metrics_of(info["result"])
-    assumed = metrics.get("assumptions")
-    if not isinstance(assumed, dict):
-        return []
+    metrics = outcome.metrics
     return [
         Check(GOOD if met is True else BAD if met is False else OPEN, *_words(name, met, metrics))
-        for name, met in assumed.items()
+        for name, met in outcome.assumptions.items()
     ]
 
 
-def assertions_of(info: Mapping[str, Any]) -> list[Check]:
+def assertions_of(outcome: RunOutcome) -> list[Check]:
     """Return the scenario's assertions, failed ones first."""
     return [
         Check(
@@ -104,7 +81,7 @@ def assertions_of(info: Mapping[str, Any]) -> list[Check]:
             each.at_s,
             each.words if each.name else "",
         )
-        for each in assertions_in(info["result"])
+        for each in sorted(outcome.assertions, key=lambda each: each.as_expected)
     ]
 
 

@@ -1,0 +1,108 @@
+"""The sub-commands of `cosim`, each loaded when it is used: loading all takes seconds."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+
+class Verb(NamedTuple):
+    """Where a sub-command stands: the module, its function or group, and its line in the help."""
+
+    module: str
+    member: str
+    help: str
+    hidden: bool = False
+
+
+VERBS = {
+    "demo": Verb(
+        "run", "demo", "Run two gains over the same acoustic link and compare them in one picture."
+    ),
+    "design": Verb(
+        "design",
+        "design",
+        "Design an H-infinity state feedback for a system with delays, and prove it exactly.",
+    ),
+    "analyse": Verb(
+        "design",
+        "analyse",
+        "Analyse the loop with a given gain, or the system without control, and prove the result.",
+    ),
+    "age": Verb(
+        "age", "age", "Compute how old the messages of a loop may be, and what each age costs."
+    ),
+    "paper": Verb(
+        "paper",
+        "paper",
+        "Compute each equation chain, table and figure of the paper; compare with the printed one.",
+    ),
+    "run": Verb("run", "run", "Run a scenario and write its trace."),
+    # older name of `scenario list`
+    "scenarios": Verb("scenario", "list_scenarios", "List the built-in scenarios.", hidden=True),
+    "scenario": Verb(
+        "scenario", "scenario_app", "List, create, check and show scenarios (TOML files)."
+    ),
+    "trace": Verb(
+        "trace",
+        "trace_app",
+        "Read, verify, recover, compare, show, export and rerun recorded traces.",
+    ),
+    "certificate": Verb(
+        "certificate", "certificate_app", "Check the certificate of a design or an analysis."
+    ),
+    "fmu": Verb(
+        "fmu",
+        "fmu_app",
+        "Export a plant or a controller as an FMU; inspect or check any FMU.",
+    ),
+    "ssp": Verb(
+        "ssp",
+        "ssp_app",
+        "Export a scenario as an SSP archive for other tools, or import an archive.",
+    ),
+    "study": Verb(
+        "study",
+        "study_app",
+        "Run one scenario many times: over grids, random samples or seeds; on cores or a cluster.",
+    ),
+}
+
+STYLE: dict[str, Any] = {
+    "add_completion": False,
+    "pretty_exceptions_enable": False,
+    "rich_markup_mode": "rich",
+}
+"""Of every typer application here."""
+
+
+class VerbsOnUse(TyperGroup):
+    """A group that lists `VERBS`, and loads the one that is called."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, verb in VERBS.items():
+            self.add_command(TyperCommand(name, help=verb.help, hidden=verb.hidden))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Load the command that is named, then find it as usual."""
+        if args[0] in VERBS:
+            self.add_command(loaded(args[0]))
+        return super().resolve_command(ctx, args)
+
+
+def loaded(name: str) -> Any:
+    """Return the command of this name, its module loaded."""
+    verb = VERBS[name]
+    member = getattr(importlib.import_module(f"cosim.cli.{verb.module}"), verb.member)
+    around = typer.Typer(**STYLE)
+    if isinstance(member, typer.Typer):
+        around.add_typer(member, name=name)
+    else:
+        around.command(name, hidden=verb.hidden)(member)
+    around.callback()(lambda: None)  # a group, though of one command
+    group: Any = typer.main.get_command(around)
+    return group.commands[name]

@@ -1,0 +1,45 @@
+"""Events of what the guarantee of a design assumes: young measurements, a state in the envelope."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.scenario.envelope import ENVELOPE
+from cosim.scenario.preparation import PreparedScenario
+from cosim.scenario.run_events import Episodes, EventCollector, close_all
+from cosim.trace import RunEvent
+
+
+class DesignEvents:
+    """Makes events of what a design assumes of a run: the age of measurements, the envelope."""
+
+    def __init__(self, prepared: PreparedScenario, collector: EventCollector) -> None:
+        self.collector = collector
+        part, problem = prepared.loaded.scenario.design, prepared.problem
+        designed = None if problem is None else problem.system.feedback_delay
+        self._oldest_ns = np.inf if designed is None else designed * 1e9 * (1 + 1e-12)
+        controller, plant = ("", "") if part is None else (part.controller, part.plant)
+        words = f"the measurement in use is older than the {designed or 0:g} s designed for"
+        begins = RunEvent(0, "warning", "age", controller, words)
+        self._age = Episodes(collector, begins, "the measurement in use is young enough again")
+        self._axes: list[tuple[float, Episodes]] = []
+        if problem is not None and problem.vehicle is not None:
+            for axis, name in ENVELOPE.items():
+                bound = float(getattr(problem.vehicle.envelope, axis))
+                words = f"outside the envelope of the proof: beyond {bound:g}"
+                begins = RunEvent(0, "warning", "envelope", f"{plant}.{name}", words)
+                self._axes.append((bound, Episodes(collector, begins, "inside the envelope again")))
+
+    def age(self, points_ns: NDArray[np.int64], ages_ns: NDArray[np.int64]) -> None:
+        """Take the ages of the measurements in use."""
+        self._age.add(points_ns, ages_ns > self._oldest_ns)
+
+    def envelope(self, points_ns: NDArray[np.int64], magnitudes: NDArray[np.float64]) -> None:
+        """Take the magnitudes of what the envelope bounds."""
+        for j, (bound, episodes) in enumerate(self._axes):
+            episodes.add(points_ns, ~(magnitudes[:, j] / bound <= 1.0))
+
+    def close(self, end_ns: int) -> None:
+        """Count what still lasts at the end of the run."""
+        close_all([self._age, *(episodes for _, episodes in self._axes)], end_ns)

@@ -1,0 +1,188 @@
+"""Several traces side by side: one data frame, with what differs between the runs as levels."""
+
+from __future__ import annotations
+
+import glob
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, overload
+
+from cosim.core import InputError
+from cosim.trace import layout
+from cosim.trace.frames import Align, Between
+from cosim.trace.reader import Trace
+from cosim.trace.table import Index, pandas
+from cosim.trace.table_files import pyarrow
+
+_ABOVE = ("scenario", "seed")
+_ELSEWHERE = ("title", "description", "run.seed")
+_NAME = "trace"
+"""The level that tells traces apart where nothing else does: the file's name."""
+
+
+class Traces(Sequence[Trace]):
+    """Traces of several runs, in the order of their levels.
+
+    Parameters
+    ----------
+    where : files, folders (every `.mcap` in them), and patterns (`runs/*.mcap`, `runs/**/*.mcap`).
+    incomplete : as in `Trace`.
+
+    Attributes
+    ----------
+    levels : what differs between the runs, by name: `scenario`, `seed`, and keys in which runs of
+        one scenario differ (`links.uplink.delay`), with one value per trace, None where a run has
+        none; the file's name as well, as `trace`, where these are the same for two of them.
+
+    Raises
+    ------
+    InputError : nothing is found there, or a file is no trace.
+    LossError : as in `Trace`.
+    """
+
+    def __init__(self, *where: str | PathLike[str], incomplete: bool | None = None) -> None:
+        paths = sorted({path for one in where for path in _paths(fspath(one))})
+        traces = [Trace(path, incomplete=incomplete) for path in paths]
+        levels = _levels(traces)
+        rows = list(zip(*levels.values(), strict=True))
+        order = sorted(range(len(traces)), key=lambda i: [_sortable(value) for value in rows[i]])
+        self._traces = [traces[i] for i in order]
+        self.levels = {name: [values[i] for i in order] for name, values in levels.items()}
+
+    def __len__(self) -> int:
+        return len(self._traces)
+
+    @overload
+    def __getitem__(self, which: int) -> Trace: ...
+    @overload
+    def __getitem__(self, which: slice) -> list[Trace]: ...
+    def __getitem__(self, which: int | slice) -> Trace | list[Trace]:
+        """Return one trace, or a list of them."""
+        return self._traces[which]
+
+    def __iter__(self) -> Iterator[Trace]:
+        return iter(self._traces)
+
+    def __repr__(self) -> str:
+        return f"<Traces: {len(self)}, which differ in {', '.join(self.levels)}>"
+
+    def outcomes(self) -> Any:
+        """Return a DataFrame with one row per trace: its levels as index, how it ended, metrics.
+
+        A metric that is not a number, text or truth value is left out.
+        """
+        pd = pandas()
+        rows = []
+        for trace in self:
+            ended = trace.outcome
+            words = {"status": "not finished", "headline": "not finished"}
+            if ended is not None:
+                words = {"status": ended.status, "headline": ended.headline}
+            metrics = {k: v for k, v in _leaves(trace.metrics) if not isinstance(v, list)}
+            rows.append(words | metrics)
+        values, names = self._index()
+        return pd.DataFrame(rows, index=pd.MultiIndex.from_arrays(values, names=names))
+
+    def to_pandas(
+        self,
+        what: str | Sequence[str] | None = None,
+        *,
+        align: Align = "union",
+        between: Between = "hold",
+        index: Index = "seconds",
+        start: float | None = None,
+        end: float | None = None,
+    ) -> Any:
+        """Return one DataFrame of all traces: the levels, then the time, as its index.
+
+        Arguments as in `Trace.to_pandas`; a signal that a trace does not have is an error there.
+        """
+        pd = pandas()
+        given: dict[str, Any] = {"align": align, "between": between, "index": index}
+        frames = [trace.to_pandas(what, **given, start=start, end=end) for trace in self]
+        values, names = self._index()
+        keys = list(zip(*values, strict=True))
+        joined = pd.concat(frames, keys=keys, names=[*names, frames[0].index.name])
+        joined.attrs["units"] = {k: v for one in frames for k, v in one.attrs["units"].items()}
+        return joined
+
+    def to_arrow(self, what: str | Sequence[str] | None = None, **given: Any) -> Any:
+        """Return `to_pandas` as an Arrow table; the levels and the time are columns.
+
+        Units are in the metadata of the fields.
+        """
+        pa = pyarrow()
+        frame = self.to_pandas(what, **given)
+        units = frame.attrs.pop("units")
+        table = pa.Table.from_pandas(frame.reset_index(), preserve_index=False)
+        fields = [
+            f.with_metadata({"unit": units[f.name]}) if f.name in units else f for f in table.schema
+        ]
+        return table.cast(pa.schema(fields))
+
+    def _index(self) -> tuple[list[list[Any]], list[str]]:
+        return list(self.levels.values()), list(self.levels)
+
+
+def _paths(where: str) -> list[Path]:
+    """Return the files that one argument names."""
+    path = Path(where)
+    if path.is_dir():
+        found = sorted(path.glob("*.mcap"))
+    elif path.exists():
+        found = [path]
+    else:
+        found = [Path(one) for one in glob.glob(where, recursive=True)]  # noqa: PTH207 - any root
+    if not found:
+        raise InputError(
+            "there is no trace", where=where, expected="a file, a folder, or a pattern: runs/*.mcap"
+        )
+    return found
+
+
+def _levels(traces: list[Trace]) -> dict[str, list[Any]]:
+    """Return what differs between the runs; see `Traces`."""
+    known = [_known(trace) for trace in traces]
+    names = list(dict.fromkeys(name for one in known for name in one))
+
+    def differs(name: str) -> bool:
+        alike = "" if name in _ABOVE else "scenario"  # compared with runs of the same scenario
+        values = {(one.get(alike), one.get(name)) for one in known}
+        return len(values) > len({scenario for scenario, _ in values})
+
+    levels = {name: [one.get(name) for one in known] for name in names if differs(name)}
+    if len({repr(row) for row in zip(*levels.values(), strict=True)}) < len(traces) or not levels:
+        levels[_NAME] = [str(trace.path) for trace in traces]
+    return levels
+
+
+def _sortable(value: Any) -> tuple[bool, bool, Any]:
+    """Return what sorts before what: nothing, numbers, text."""
+    return value is not None, isinstance(value, str), 0 if value is None else value
+
+
+def _known(trace: Trace) -> dict[str, Any]:
+    """Return what a trace says of its run: scenario, seed, and each key of the scenario.
+
+    A list is its text, so that it can stand in an index.
+    """
+    found: dict[str, Any] = {"scenario": trace.run.get("scenario")}
+    if "seed" in trace.run:
+        found["seed"] = int(trace.run["seed"])
+    text = trace.attachments.get(layout.SCENARIO_ATTACHMENT, b"").decode("utf-8", "replace")
+    with suppress(tomllib.TOMLDecodeError):
+        found |= {k: v for k, v in _leaves(tomllib.loads(text)) if k not in _ELSEWHERE}
+    return {k: json.dumps(v, default=str) if isinstance(v, list) else v for k, v in found.items()}
+
+
+def _leaves(values: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and value of every entry that is no table."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{within}{name}.")
+        else:
+            yield f"{within}{name}", value
