@@ -52,26 +52,26 @@ def write_run(
             )
             for name, link, signals in (("plant", "up", states), ("control", "down", forces))
         }
-        held = {name: np.zeros((0, n)) for name, n in (("plant", 12), ("control", 4))}
+        latest = {name: np.zeros((0, n)) for name, n in (("plant", 12), ("control", 4))}
         for first in range(0, steps, _BLOCK):
             k = np.arange(first, min(first + _BLOCK, steps))
             parts = []
             for name, (topic, link) in ours.items():
-                values = random.normal(size=(k.size, held[name].shape[1]))
+                values = random.normal(size=(k.size, latest[name].shape[1]))
                 if changed_at is not None and k[0] <= changed_at <= k[-1]:
                     values[changed_at - first] += 1e-3
                 parts.append(Rows(topic, k * step_ns, values, rank=np.zeros((k.size, 1), int)))
-                everything = np.concatenate([held[name], values])
+                everything = np.concatenate([latest[name], values])
                 sent = k[k >= late] - late
                 if sent.size:
-                    rows = everything[sent - (first - len(held[name]))]
+                    rows = everything[sent - (first - len(latest[name]))]
                     at = (sent + late) * step_ns
                     rank = np.ones((sent.size, 1), int)
                     number = sent - (np.arange(sent.size) == 90) * (wrong == "number")
                     if wrong == "value":
                         rows[100, 1] += 1e-9
                     parts.append(Rows(over[link], at, rows, sent * step_ns, number, rank))
-                held[name] = everything[-late:]
+                latest[name] = everything[-late:]
             writer.write_rows(parts)
         figures = {"sent": steps, "delivered": steps - late, "dropped": 0, "in_flight": late}
         result = {f"link.{n}.{k}": str(v) for n in ("up", "down") for k, v in figures.items()}

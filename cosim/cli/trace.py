@@ -280,7 +280,7 @@ def _print_address(player: Player, file: Path, *, as_json: bool) -> None:
             "url": player.url,
             "port": player.port,
             "topics": player.topics,
-            "not_carried": ["publish time", "sequence number"],
+            "not_sent": ["publish time", "sequence number"],
         }
         print(json.dumps(data), flush=True)
         return

@@ -169,7 +169,7 @@ class TopicDiff:
         self._topic, self._tolerances = topic, tolerances
         self._begin_ns, self._until_ns = begin_ns, until_ns
         self._alike = True
-        self._held: Pair | None = None
+        self._in_force_before: Pair | None = None
         self._rows = [0, 0]
         self._compared = 0
         self._signals: dict[str, _Signal] = {}
@@ -190,11 +190,11 @@ class TopicDiff:
             return
         instants = np.union1d(a.log_time_ns, b.log_time_ns)
         instants = instants[(instants >= self._begin_ns) & (instants <= self._until_ns)]
-        if self._held is not None:
-            a, b = self._held[0].followed_by(a), self._held[1].followed_by(b)
+        if self._in_force_before is not None:
+            a, b = self._in_force_before[0].followed_by(a), self._in_force_before[1].followed_by(b)
         rows_a = rows_in_force(a.log_time_ns, instants)
         self._compare(a, b, instants, rows_a, rows_in_force(b.log_time_ns, instants))
-        self._held = a.part(_last(a)), b.part(_last(b))
+        self._in_force_before = a.part(_last(a)), b.part(_last(b))
 
     def found(self) -> Iterator[SignalDiff]:
         """Yield the comparison of every signal that both traces have, after the last rows."""

@@ -258,14 +258,14 @@ class Trace:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
         gathered = {topic: self._gathered(topic) for topic in topics}
         counts = dict.fromkeys(topics, 0)
-        held, touched = 0, dict[str, None]()
+        filled, touched = 0, dict[str, None]()
         for topic, size in self._collect(gathered, *window_ns(start, end)):
             if topic is not None:
-                held += size
+                filled += size
                 touched[topic] = None
-            elif held >= part_bytes:
+            elif filled >= part_bytes:
                 yield _taken(gathered, touched, counts)
-                held, touched = 0, {}
+                filled, touched = 0, {}
         if touched:
             yield _taken(gathered, touched, counts)
         if start is None and end is None:
@@ -299,12 +299,12 @@ class Trace:
         They are those of chunks, the last is beyond all messages.
         """
         found: list[int] = []
-        held = 0
+        filled = 0
         for segment in sorted(self._contents.segments, key=lambda s: s.start_ns):
-            if held >= part_bytes and segment.start_ns > (found[-1] + 1 if found else 0):
+            if filled >= part_bytes and segment.start_ns > (found[-1] + 1 if found else 0):
                 found.append(segment.start_ns - 1)
-                held = 0
-            held += segment.data_size
+                filled = 0
+            filled += segment.data_size
         return [*found, _ALWAYS]
 
     def empty(self, topic: str) -> Table:

@@ -229,22 +229,22 @@ def _wide(
     """Yield the wide table window by window: time_s, then every signal by its full name."""
     whole = any(trace.topics[topic].encoding != "protobuf" for topic in chosen)
     borders = [] if whole else [b for b in trace.borders(_PART_BYTES) if b < window[1]]
-    held: dict[str, Table] = {}
+    in_force: dict[str, Table] = {}
     for tables in trace.windows(list(chosen), [*borders, window[1]], first_ns=window[0]):
         base = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
         everywhere = np.ones(base.size, np.bool_)
         columns = [Column("time_s", "s", "time", base / 1e9, everywhere)]
         for topic, names in chosen.items():
             table = tables[topic]
-            if topic in held:
-                table = held[topic].followed_by(table)
+            if topic in in_force:
+                table = in_force[topic].followed_by(table)
             for name in table.columns if names is None else names:
                 there, signal = table.present[name], table.signals[name]
                 rows = rows_in_force(table.log_time_ns[there], base)
                 column = sample_and_hold(table[name][there], rows)
                 own = signal_name(topic, name)
                 columns.append(Column(own, signal.unit, signal.description, *column))
-            held[topic] = table.part(_in_force(table))
+            in_force[topic] = table.part(_in_force(table))
         yield Sheet(None, columns)
 
 

@@ -155,13 +155,13 @@ class FileChecks:
         head = chunk_head(record.content)
         self._unchecked += head.checksum == 0
         times = messages.heads["log"]
-        held = (int(times.min()), int(times.max())) if times.size else (0, 0)
-        if (head.first, head.last) != held:
+        span = (int(times.min()), int(times.max())) if times.size else (0, 0)
+        if (head.first, head.last) != span:
             self._wrong(
                 f"the chunk at byte {record.position} says {head.first} to {head.last} ns, "
-                f"and holds {held[0]} to {held[1]} ns"
+                f"and holds {span[0]} to {span[1]} ns"
             )
-        held_by = dict(messages.by_channel())
+        by_channel = dict(messages.by_channel())
         none = np.zeros(0, np.int64)
         offsets = {}
         for position, content in record.indexes:
@@ -171,7 +171,7 @@ class FileChecks:
             if entries is None:
                 self._wrong(f"the index at byte {position} is no list of messages")
                 continue
-            mine = held_by.get(number, none)
+            mine = by_channel.get(number, none)
             true = np.column_stack([times[mine], messages.places[mine].astype(np.uint64)])
             pairs = entries[1][np.argsort(entries[1][:, 1], kind="stable")]
             if not np.array_equal(pairs, true):
@@ -183,7 +183,7 @@ class FileChecks:
         self._unindexed = []
         if record.indexes:
             self._indexed += 1
-            at, missing = record.position, sorted(set(held_by) - set(offsets))
+            at, missing = record.position, sorted(set(by_channel) - set(offsets))
             self._unindexed = [
                 f"the chunk at byte {at} has no index of channel {n}" for n in missing
             ]
@@ -232,7 +232,7 @@ class FileChecks:
 
     def _statistics(self, stated: Statistics) -> Iterator[str]:
         first, last = self._times or (0, 0)
-        for what, said, number in (
+        for what, number_stated, number in (
             ("messages", stated.message_count, self.counts.total()),
             ("schemas", stated.schema_count, len(self.declared.schemas)),
             ("channels", stated.channel_count, len(self.declared.channels)),
@@ -242,8 +242,8 @@ class FileChecks:
             ("ns, first log time", stated.message_start_time, first),
             ("ns, last log time", stated.message_end_time, last),
         ):
-            if said != number:
-                yield f"the statistics say {said} {what}, found {number}"
+            if number_stated != number:
+                yield f"the statistics say {number_stated} {what}, found {number}"
         if {k: v for k, v in stated.channel_message_counts.items() if v} != dict(self.counts):
             yield "the statistics' counts by channel are not those found"
 

@@ -251,8 +251,8 @@ class _Links:
             declared["order"] = trace.topics[topic].metadata.get("order")
             entries = (result or {}).items()
             figures = {k.removeprefix(prefix): v for k, v in entries if k.startswith(prefix)}
-            carried = [signal.name for signal in trace.topics[topic].signals]
-            senders = {n: sender_of(n, trace.topics, self._senders) for n in carried}
+            signals = [signal.name for signal in trace.topics[topic].signals]
+            senders = {n: sender_of(n, trace.topics, self._senders) for n in signals}
             link = Link(name, declared, figures, senders)
             self._links.append((topic, layout.dropped_topic(name), link))
 

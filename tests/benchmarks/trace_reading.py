@@ -50,13 +50,13 @@ def measured(arguments: list[str], *, ends: bool = True) -> dict[str, float]:
     return {"peak_mb": peak, "seconds": seconds, "exit": process.returncode, **found}
 
 
-def _listen(told: dict[str, Any], began: float) -> float:
+def _listen(address: dict[str, Any], began: float) -> float:
     """Subscribe to everything for ten seconds; return when the first message came [s]."""
     from websockets.sync.client import connect  # noqa: PLC0415 - only `play` needs it
 
     first = 0.0
     with connect(
-        told["url"], subprotocols=["foxglove.sdk.v1"], max_size=None, max_queue=None
+        address["url"], subprotocols=["foxglove.sdk.v1"], max_size=None, max_queue=None
     ) as socket:
         threading.Timer(10.0, socket.close).start()
         try:

@@ -91,7 +91,7 @@ class Player:
         self._listened_to = threading.Event()
         self._jumps = 0
         self._begun = False
-        self._told = True
+        self._jump_sent = True
 
     def __enter__(self) -> Self:
         self._server.start()
@@ -140,8 +140,8 @@ class Player:
             else:
                 self.playback.pause()
             self._begun = True
-            self._told = request.seek_ns is not None
-            self._tell(jumped=self._told, name=request.name)
+            self._jump_sent = request.seek_ns is not None
+            self._tell(jumped=self._jump_sent, name=request.name)
 
     def wait(self) -> None:
         """Wait for an interruption, or for the end of `with` in another thread."""
@@ -165,9 +165,9 @@ class Player:
             before, jumps = self.playback.status, self._jumps
             due = self.playback.due()
             at = self.playback.position_ns
-            if due.jumped and not self._told and before is Status.playing:
+            if due.jumped and not self._jump_sent and before is Status.playing:
                 self._tell(jumped=True)  # a loop begins again
-            self._told = False
+            self._jump_sent = False
         latest = [] if due.latest_ns is None else self._messages.latest(due.latest_ns)
         for message in chain(latest, self._messages.between(due.first_ns, due.last_ns)):
             with self._lock:

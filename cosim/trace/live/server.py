@@ -110,7 +110,7 @@ class Server:
                     "name": name,
                     "capabilities": ["time", "playbackControl"],
                     "supportedEncodings": [],
-                    "metadata": {"not carried": "publish time, sequence number"},
+                    "metadata": {"not sent": "publish time, sequence number"},
                     "sessionId": str(time.time_ns()),
                     "dataStartTime": start,
                     "dataEndTime": end,
@@ -229,17 +229,17 @@ class Server:
                 request = Control(command == 0, rate, at if seeks else None, name)
                 self._listener.control(request)
             return
-        told = json.loads(received)
-        if told["op"] == "subscribe":
-            for one in told["subscriptions"]:
+        wanted = json.loads(received)
+        if wanted["op"] == "subscribe":
+            for one in wanted["subscriptions"]:
                 number, channel = int(one["id"]), int(one["channelId"])
                 if channel in self._known and 0 <= number < 2**32:
                     client.subscriptions[channel] = number
                     self._listener.subscribed()
                 else:
                     client.complain(f"there is no channel {channel}")
-        elif told["op"] == "unsubscribe":
-            gone = set(told["subscriptionIds"])
+        elif wanted["op"] == "unsubscribe":
+            gone = set(wanted["subscriptionIds"])
             kept = {c: n for c, n in client.subscriptions.items() if n not in gone}
             client.subscriptions = kept
 

@@ -228,7 +228,7 @@ def test_play_runs_until_a_signal_ends_it(tmp_path: Path) -> None:
             assert process.stdout is not None
             received = json.loads(process.stdout.readline())
             assert received["url"].startswith(f"ws://127.0.0.1:{received['port']}/?token=")
-            assert received["not_carried"] == ["publish time", "sequence number"]
+            assert received["not_sent"] == ["publish time", "sequence number"]
             try:
                 with client(received["url"]) as seen:
                     assert set(received["topics"]) == set(seen.channels)
@@ -348,7 +348,7 @@ def test_nonsense_of_a_client_is_answered_and_harmless() -> None:
         assert seen.until("message")[1][0] == "/plant/output"
 
 
-def test_a_damaged_chunk_is_passed_over_and_told(tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_passed_over(tmp_path: Path) -> None:
     """What comes behind it is played; the exit code says that something was not."""
     path = write_run(tmp_path / "a.mcap", 300, chunk_bytes=4000)
     with path.open("rb") as stream:
