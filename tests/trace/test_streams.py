@@ -136,6 +136,24 @@ def test_messages_come_in_order_of_time(tmp_path: Path, *, ordered: bool) -> Non
     assert messages.damage == []
 
 
+def test_the_first_message_is_there_before_the_last_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One chunk is opened for it, and one for the state at an instant."""
+    trace = Trace(write_run(tmp_path / "a.mcap", 300, chunk_bytes=2000))
+    messages = TimedMessages(trace)
+    opened = []
+    real = Trace.read_segment
+    monkeypatch.setattr(
+        Trace, "read_segment", lambda self, s: opened.append(s.position) or real(self, s)
+    )
+    assert next(messages.between(messages.first_ns, messages.last_ns)).log_ns == 0
+    assert len(opened) <= 2 < len(trace.segments) / 5
+    opened.clear()
+    assert len(messages.latest(messages.last_ns)) == 4
+    assert len(opened) <= 3
+
+
 def test_many_topics_cost_no_more_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each message is looked at once, whatever the number of topics."""
     looked = []

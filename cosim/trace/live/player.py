@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Collection
 from itertools import chain
@@ -46,7 +47,7 @@ class Player:
     Raises
     ------
     InputError : websockets is not installed, there is no trace or no message in it, or a rate,
-        port or start is out of range.
+        port, start or token is none.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class Player:
         origins: Collection[str] = (),
         token: str | None = None,
     ) -> None:
-        _check(rate, port, start_s)
+        _check(rate, port, start_s, token)
         trace = opened(path)
         if not any(trace.counts.values()):
             raise InputError(
@@ -190,7 +191,14 @@ class Player:
         )
 
 
-def _check(rate: float, port: int, start_s: float) -> None:
+def _check(rate: float, port: int, start_s: float, token: str | None) -> None:
+    if token is not None and not re.fullmatch(r"[A-Za-z0-9_-]{8,}", token):
+        raise InputError(
+            "not a token",
+            where="--token",
+            expected="at least eight letters, digits, - or _: it is a part of the address",
+            got=repr(token),
+        )
     if not 0 < rate <= LARGEST_RATE:
         raise InputError(
             "not a rate to play at",

@@ -98,7 +98,7 @@ class Server:
         )
         self.port = port
         self.token = secrets.token_urlsafe(16) if token is None else token
-        self._origins = {*ORIGINS, *origins}
+        self._origins = {*ORIGINS, *(origin.rstrip("/") for origin in origins)}
         self._listener = listener
         self._clients: dict[int, _Client] = {}
         self._known = set(channels)

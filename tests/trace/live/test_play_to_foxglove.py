@@ -298,7 +298,7 @@ def test_only_who_has_the_token_and_an_allowed_origin_is_served(
     change: dict[str, str], *, refused: bool
 ) -> None:
     """A web page of any other origin, or of a name that leads to this machine, gets nothing."""
-    origins = ["http://localhost:8080"]
+    origins = ["http://localhost:8080/"]
     with Player(trace_of("paper-example"), port=0, origins=origins) as player:
         address, _, token = player.url.partition("?")
         query = change.get("token", f"?{token}")
@@ -327,7 +327,11 @@ def test_the_token_is_new_each_time_or_as_given() -> None:
     path = trace_of("paper-example")
     tokens = {Player(path, port=0).url for _ in range(3)}
     assert len(tokens) == 3
-    assert Player(path, port=0, token="mine").url.endswith("?token=mine")  # noqa: S106
+    given = Player(path, port=0, token="mine-own")  # noqa: S106
+    assert given.url.endswith("?token=mine-own")
+    for wrong in ("", "short", "with&other=fields", "with a space"):
+        with pytest.raises(InputError, match="token"):
+            Player(path, port=0, token=wrong)
 
 
 def test_nonsense_of_a_client_is_answered_and_harmless() -> None:
