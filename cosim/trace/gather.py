@@ -20,6 +20,8 @@ from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
 _MAX_NS = 2**63 - 1
+_FEW, _MANY = 32, 4096
+"""Fewer messages than the first wait until there are as many as the second, to be decoded."""
 _ROOM = 2**28  # bytes that need no check of the memory
 
 
@@ -121,6 +123,7 @@ class _Source:
         self._decoder: RowDecoder | None = None
         self._parts: list[Any] = []
         self._places: list[NDArray[np.int64]] = []
+        self._waiting: list[bytes] = []
         if channel.encoding == "json":
             return
         if not channel.encoding == channel.schema.encoding == "protobuf":
@@ -144,19 +147,37 @@ class _Source:
         return 1 if self._decoder is None else len(self._decoder.signals)
 
     def add(self, messages: Messages, places: NDArray[np.int64]) -> None:
+        self._places.append(places)
+        if self._decoder is None:
+            self._parts.append(messages)
+        elif len(messages) < _FEW:  # of many topics, a chunk has few messages each
+            self._waiting += messages.records()
+            if len(self._waiting) >= _MANY:
+                self._decode_waiting()
+        else:
+            self._decode_waiting()
+            self._decode(messages)
+
+    def _decode_waiting(self) -> None:
+        if self._waiting:
+            ends = np.cumsum([len(record) for record in self._waiting])
+            data, self._waiting = b"".join(self._waiting), []
+            self._decode(Messages.at(data, np.append(0, ends[:-1])))
+
+    def _decode(self, messages: Messages) -> None:
         try:
             self._parts.append(messages if self._decoder is None else self._decoder(messages))
         except ValueError as error:
             raise _unreadable(self._where, str(error)) from error
-        self._places.append(places)
 
     def forget(self) -> None:
-        self._parts, self._places = [], []
+        self._parts, self._places, self._waiting = [], [], []
 
     def columns(
         self,
     ) -> tuple[list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]], NDArray[np.int64]]:
         """Return signal, values and presence of each column; and their rows in the topic."""
+        self._decode_waiting()
         places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
         everywhere = np.ones(places.size, np.bool_)
         if self._decoder is None:

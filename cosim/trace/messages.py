@@ -85,6 +85,12 @@ class Messages:
         """Bytes of each payload, int64 (m,)."""
         return self.heads["length"].astype(np.int64) - (HEAD.itemsize - _BEFORE)
 
+    def records(self) -> Iterator[bytes]:
+        """Yield the whole records one by one."""
+        ends = self.places + _BEFORE + self.heads["length"].astype(np.int64)
+        for start, end in zip(self.places.tolist(), ends.tolist(), strict=True):
+            yield self.data[start:end]
+
     def payloads(self) -> Iterator[memoryview]:
         """Yield the payloads one by one."""
         view = memoryview(self.data)

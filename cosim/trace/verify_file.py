@@ -23,7 +23,7 @@ from mcap.records import (
 from cosim.trace import layout
 from cosim.trace.check_results import Check, Verdict, check_result
 from cosim.trace.declared import DamagedDeclarations
-from cosim.trace.messages import entries_of
+from cosim.trace.messages import Messages, entries_of
 from cosim.trace.records import DamageError, chunk_head, parsed
 from cosim.trace.walk import Record, Walk
 
@@ -85,7 +85,8 @@ class FileChecks:
         self.declared.add(record.declarations, proved=proved)
         if record.messages is not None:
             times = record.messages.heads["log"]
-            for number, _, _, count in record.messages.spans():
+            numbers, counts = np.unique(record.messages.heads["channel"], return_counts=True)
+            for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
                 self.counts[number] += count
             if times.size:
                 low, high = int(times.min()), int(times.max())
@@ -161,29 +162,16 @@ class FileChecks:
                 f"the chunk at byte {record.position} says {head.first} to {head.last} ns, "
                 f"and holds {span[0]} to {span[1]} ns"
             )
-        by_channel = dict(messages.by_channel())
-        none = np.zeros(0, np.int64)
-        offsets = {}
-        for position, content in record.indexes:
-            number = int.from_bytes(content[:2], "little")
-            offsets[number] = position
-            entries = entries_of(content)
-            if entries is None:
-                self._wrong(f"the index at byte {position} is no list of messages")
-                continue
-            mine = by_channel.get(number, none)
-            true = np.column_stack([times[mine], messages.places[mine].astype(np.uint64)])
-            pairs = entries[1][np.argsort(entries[1][:, 1], kind="stable")]
-            if not np.array_equal(pairs, true):
-                self._wrong(
-                    f"the index at byte {position}, channel {number}, does not lead to its messages"
-                )
+        offsets = {
+            int.from_bytes(content[:2], "little"): position for position, content in record.indexes
+        }
+        missing = [] if _is_indexed(record) else self._compare(record, messages)
         self._indexes += self._unindexed  # of the chunk before: the last one's may be cut off
         del self._indexes[_MOST_PROBLEMS:]
         self._unindexed = []
         if record.indexes:
             self._indexed += 1
-            at, missing = record.position, sorted(set(by_channel) - set(offsets))
+            at = record.position
             self._unindexed = [
                 f"the chunk at byte {at} has no index of channel {n}" for n in missing
             ]
@@ -198,6 +186,27 @@ class FileChecks:
                 (head.packed, head.size),
             )
         )
+
+    def _compare(self, record: Record, messages: Messages) -> list[int]:
+        """Find what is wrong with the indexes behind a chunk; return the channels without one."""
+        by_channel = dict(messages.by_channel())
+        none = np.zeros(0, np.int64)
+        times = messages.heads["log"]
+        for position, content in record.indexes:
+            number = int.from_bytes(content[:2], "little")
+            entries = entries_of(content)
+            if entries is None:
+                self._wrong(f"the index at byte {position} is no list of messages")
+                continue
+            mine = by_channel.get(number, none)
+            true = np.column_stack([times[mine], messages.places[mine].astype(np.uint64)])
+            pairs = entries[1][np.argsort(entries[1][:, 1], kind="stable")]
+            if not np.array_equal(pairs, true):
+                self._wrong(
+                    f"the index at byte {position}, channel {number}, does not lead to its messages"
+                )
+        named = {int.from_bytes(content[:2], "little") for _, content in record.indexes}
+        return sorted(set(by_channel) - named)
 
     def _wrong(self, problem: str) -> None:
         if len(self._indexes) < _MOST_PROBLEMS:
@@ -340,6 +349,22 @@ class FileChecks:
         chunks = self._kinds[Opcode.CHUNK]
         fine = f"{self.counts.total()} messages, {chunks} chunks, as found"
         return check_result("summary", problems, fine)
+
+
+def _is_indexed(record: Record) -> bool:
+    """Whether the indexes behind a chunk are right, all at once: a chunk may have thousands."""
+    messages, entries = record.messages, [entries_of(content) for _, content in record.indexes]
+    known = [entry for entry in entries if entry is not None]
+    if messages is None or len({number for number, _ in known}) < len(entries) or not entries:
+        return False
+    pairs = np.concatenate([entry for _, entry in known])
+    numbers = np.repeat([number for number, _ in known], [len(entry) for _, entry in known])
+    order = np.argsort(pairs[:, 1], kind="stable")
+    return (
+        np.array_equal(pairs[order, 1], messages.places.astype(np.uint64))
+        and np.array_equal(pairs[order, 0], messages.heads["log"])
+        and np.array_equal(numbers[order], messages.heads["channel"])
+    )
 
 
 def _end_of_file(walk: Walk) -> Check:
