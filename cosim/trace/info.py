@@ -12,7 +12,6 @@ from cosim.trace.content import CONTENT_HASH_VERSION, content_hash_of
 from cosim.trace.layout import LOG_TOPIC, certificate_of, parsed_json
 from cosim.trace.outcome import outcome_of
 from cosim.trace.reader import TopicInfo, Trace
-from cosim.trace.summary import from_summary
 
 _LINK = "link."
 _STRUCTURED = ("metrics", "final", "assertions", "events", "cause")
@@ -47,12 +46,7 @@ def describe(
         hashed = not _is_large(Path(path))
     if hashed or not incomplete:
         return description_of(Trace(path, incomplete=incomplete), hashed=hashed)
-    return description_of(opened(path), hashed=False)
-
-
-def opened(path: str | PathLike[str]) -> Trace:
-    """Open a trace by its summary, or, of a file that has none, as far as it can be read."""
-    return Trace(path, incomplete=from_summary(Path(path)) is None)
+    return description_of(Trace(path, incomplete=True, by_summary=True), hashed=False)
 
 
 def _is_large(path: Path) -> bool:

@@ -50,6 +50,8 @@ class Trace:
     incomplete : True: read a file that is cut short or damaged as far as possible, by a scan of
         the whole file. False: refuse it; damaged data are noticed when they are read. None:
         True for a name that ends in `.partial`, else False.
+    by_summary : of an `incomplete` file too, use the summary if it is there and consistent;
+        damaged data are then noticed when they are read.
 
     Attributes
     ----------
@@ -68,11 +70,17 @@ class Trace:
     LossError : it is cut short or damaged, and `incomplete` does not allow that.
     """
 
-    def __init__(self, path: str | PathLike[str], *, incomplete: bool | None = None) -> None:
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        incomplete: bool | None = None,
+        by_summary: bool = False,
+    ) -> None:
         self.path = Path(path)
         if incomplete is None:
             incomplete = self.path.name.endswith(".partial")
-        found = None if incomplete else from_summary(self.path)
+        found = None if incomplete and not by_summary else from_summary(self.path)
         self._contents = known = by_scan(self.path) if found is None else found
         self.damage = known.damage
         self.complete = known.damage is None

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Self
 
 from cosim.core import InputError
-from cosim.trace.info import opened
 from cosim.trace.live.playback import LARGEST_RATE, Playback, Status
 from cosim.trace.live.server import Control, Server
 from cosim.trace.live.timed import TimedMessages
+from cosim.trace.reader import Trace
 
 _TICK_S = 0.02
 _AFTER_SUBSCRIPTION_S = 0.25
@@ -62,7 +62,7 @@ class Player:
         token: str | None = None,
     ) -> None:
         _check(rate, port, start_s, token)
-        trace = opened(path)
+        trace = Trace(path, incomplete=True, by_summary=True)
         if not any(trace.counts.values()):
             raise InputError(
                 "nothing to play", where=str(path), expected="a trace with messages", got="none"
