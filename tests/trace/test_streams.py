@@ -86,6 +86,26 @@ def test_tables_are_written_in_parts(
         assert found[0][0][0] > 100
 
 
+def test_a_value_stays_in_force_from_part_to_part(tmp_path: Path, monkeypatch: Any) -> None:
+    """A topic with a row in a hundred, of which one value is missing."""
+    with TraceWriter(tmp_path / "a.mcap", run={}, chunk_bytes=500) as writer:
+        fast = writer.add_topic("/f/output", [Signal("x")], schema_name="t.F")
+        slow = writer.add_topic("/s/output", [Signal("y"), Signal("z")], schema_name="t.S")
+        for k in range(400):
+            writer.write(fast, k, [k])
+            if k % 100 == 30:
+                writer.write(slow, k, [k, None if k == 130 else -k])
+        path = writer.finish({})
+    with parts_of(monkeypatch, 600):
+        (one,) = export(path, tmp_path / "w.csv", "csv", wide=True)
+    rows = [line.split(",") for line in one.path.read_text().splitlines()[1:]]
+    assert [row[2] for row in rows[:30]] == [""] * 30
+    assert [float(row[2]) for row in rows[30:]] == [
+        30 + (k - 30) // 100 * 100 for k in range(30, 400)
+    ]
+    assert float(rows[200][3]) == -30
+
+
 def test_a_full_disk_leaves_no_file_under_a_final_name(
     runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
