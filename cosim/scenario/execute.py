@@ -329,7 +329,7 @@ class _Runs:
             engine=run.engine,
             pace=self._pace,
             assertions=self._figures.assertions,
-            events=self._figures.events(),
+            events=self._figures.events,
             design=prepared.source,
             cause=run.cause,
             supervised=None if self._supervisor is None else self._supervisor.method,

@@ -65,7 +65,7 @@ class Measures(Observer):
 
     def __init__(self, measures: Sequence[Measure[Any]], *, at_once: bool = False) -> None:
         self._measures = measures
-        self._fewest = 1 if at_once else ROWS_AT_ONCE
+        self._at_once = at_once
         self._begun = False
         self._complete = 0
         self.unread = 0
@@ -81,7 +81,8 @@ class Measures(Observer):
         """Take the rows first to last - 1."""
         del first
         self._complete = last
-        while last - self.unread >= self._fewest:
+        fewest = 1 if self._at_once else ROWS_AT_ONCE
+        while last - self.unread >= fewest:
             self._add(min(last, self.unread + ROWS_AT_ONCE))
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:

@@ -67,7 +67,7 @@ class RunFigures:
     last_outputs : by component and output.
     coupling_delays_s, cut_delays_s : by connection.
     assertions : the verdicts.
-    events : returns what happened during the run.
+    events : what happened during the run, and how often.
     """
 
     saturation: Saturation | None
@@ -77,7 +77,7 @@ class RunFigures:
     coupling_delays_s: Mapping[str, float]
     cut_delays_s: Mapping[Connection, float]
     assertions: tuple[AssertionResult, ...]
-    events: Callable[[], tuple[EventCount, ...]]
+    events: tuple[EventCount, ...]
 
 
 class ZeroStateMeasures(Measures):
@@ -158,7 +158,7 @@ class RunMeasures(Measures):
             coupling_delays_s=self._coupling.result(run),
             cut_delays_s=self._cut.result(run),
             assertions=self._assertions.result(run),
-            events=self._collector.counts,
+            events=self._collector.counts(),
         )
 
 

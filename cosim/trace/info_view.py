@@ -56,9 +56,9 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
         *_verdict(outcome or RunOutcome()),
     ):
         facts.add_row(_text(name), _text(value))
-    told = outcome is not None and bool(outcome.events)
+    has_events = outcome is not None and bool(outcome.events)
     for line in description["log"]:
-        if not told or line["level"] in ("error", "fatal"):
+        if not has_events or line["level"] in ("error", "fatal"):
             facts.add_row(
                 _text(f"{line['level']} at {line['time_s']:g} s"),
                 _text(f"{line['name']}: {line['message']}"),
@@ -76,7 +76,7 @@ def _identity(
     """Yield the facts that identify the run, how it ended, and what happened in it."""
     run = description["run"]
     yield "trace", f"{description['path']} ({description['bytes']} bytes)"
-    yield from _story(status_of(description, outcome), outcome or RunOutcome())
+    yield from _ended(status_of(description, outcome), outcome or RunOutcome())
     if description["start_ns"] is not None:
         yield "time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s"
     yield from ((key, run[key]) for key in _HEADLINES if key in run)
@@ -92,7 +92,7 @@ def _identity(
     )
 
 
-def _story(state: Check, outcome: RunOutcome) -> Iterator[tuple[str, object]]:
+def _ended(state: Check, outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     """Yield how the run ended and why, its assertions, and its events."""
     yield "state", state.what
     if state.why:

@@ -49,6 +49,7 @@ class RunOutcome:
     simulated_s : time reached [s]; None if unknown.
     assertions : results, in the order of the scenario.
     events : what happened during the run and how often, by the time at which it first did.
+    version : of the record; 1, of older traces, has no events, which says nothing of the run.
     metrics, links, final : JSON-safe figures; `metrics` and `links` as in the documentation,
         `final` the last value of every output by `component.variable`.
     """
@@ -63,6 +64,7 @@ class RunOutcome:
     metrics: Mapping[str, Any] = field(default_factory=dict)
     links: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     final: Mapping[str, float | None] = field(default_factory=dict)
+    version: int = OUTCOME_VERSION
 
     @property
     def assumptions(self) -> Mapping[str, Any]:
@@ -116,6 +118,7 @@ class RunOutcome:
     def to_json(self) -> dict[str, Any]:
         """Return everything as JSON values."""
         return {
+            "version": self.version,
             "status": self.status,
             "headline": self.headline,
             "reason": self.reason,
@@ -154,12 +157,13 @@ class RunOutcome:
             metrics=_object(data.get("metrics")),
             links={name: _object(figures) for name, figures in links.items()},
             final=_object(data.get("final")),
+            version=version if isinstance(version := data.get("version"), int) else 1,
         )
 
     def entries(self, **host: str) -> dict[str, str]:
         """Return the entries of `cosim.result`; `host` : those of this machine, by name."""
         found = {
-            "version": str(OUTCOME_VERSION),
+            "version": str(self.version),
             "status": self.status,
             "metrics": _json(self.metrics),
             "final": _json(self.final),
@@ -189,14 +193,14 @@ def outcome_of(result: Mapping[str, str] | None) -> RunOutcome | None:
         if key.startswith(_LINK) and dot:
             links.setdefault(link, {})[figure] = _number(value)
     data: dict[str, Any] = {key: result[key] for key in ("status", "reason") if key in result}
-    data |= {key: _number(result.get(key, "")) for key in ("steps", "simulated_s")}
+    data |= {key: _number(result.get(key, "")) for key in ("version", "steps", "simulated_s")}
     data |= {key: parsed_json(result.get(key)) for key in _STRUCTURES}
     return RunOutcome.from_json({**data, "links": links})
 
 
 def other_entries(result: Mapping[str, str]) -> dict[str, str]:
     """Return the entries of `cosim.result` that are no part of an outcome, nor of the host."""
-    known = {"version", *RunOutcome.__dataclass_fields__}
+    known = RunOutcome.__dataclass_fields__
     return {
         key: value
         for key, value in result.items()

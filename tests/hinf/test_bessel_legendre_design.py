@@ -14,10 +14,12 @@ from cosim.core.errors import InputError, NotAchievableError
 from cosim.hinf import (
     auv_system,
     check_certificate,
+    close,
     design,
     design_from_json,
     design_to_json,
     greatest_delay,
+    spectral_abscissa,
 )
 from cosim.hinf.lmi.analysis_lmi import AnalysisLmi
 from cosim.hinf.lmi.bessel_legendre_lmi import BesselLegendreLmi, multipliers_of, scalar_multipliers
@@ -52,6 +54,8 @@ def test_multipliers_of_a_gain_do_not_raise_its_gamma(
         system = random_system(rng, scale=0.3, **settings)
         delays = [x.d for x in system.delays]
         K = 0.1 * rng.standard_normal((1, 2))
+        if not spectral_abscissa(close(system, K)) < 0:
+            continue  # the solver may take what is no solution for one
         analysis = AnalysisLmi(system, K, order, performance=True)
         gamma = analysis.least_gamma(delays, 1.0)
         if gamma is None:

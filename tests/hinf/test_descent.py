@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,3 +72,35 @@ def test_with_uncertainty_the_scaled_gain_bounds_that_of_every_constant_F() -> N
         for F in np.linspace(-1, 1, 21)
     ]
     assert np.max(gains) <= found.gamma < 1.2 * np.max(gains)
+
+
+def test_blocks_of_uncertainty_have_a_scaling_each() -> None:
+    """No gain stands every full F, and one that stands both parameters needs unequal scalings.
+
+    The control cannot reach x_2: from p_2 to q_1 the gain is 1.5 whatever K is, but round the loop
+    of both parameters it is 0.45.
+    """
+    system = DelaySystem(
+        -np.eye(2),
+        [[1], [0]],
+        [[1], [1]],
+        [[1, 0], [0, 1], [0, 0]],
+        D2=[[0], [0], [0.5]],
+        E=np.eye(2),
+        H=[[0, 1.5], [0.3, 0]],
+        delays=[Delay(0.2, np.zeros((2, 2)), feedback=(True, False))],
+        uncertainty_blocks=[[1, 1], [1, 1]],
+    )
+    full = replace(system, uncertainty_blocks=None)
+    assert not list(proposals(full, drawn=1, evaluations=20))
+    found = descent_design(system, None, 1)
+    k, s = found.K[0, 0], 1j * np.geomspace(1e-3, 1e2, 500)
+    late = k * np.exp(-0.2 * s)
+    gains = []
+    for first, second in ((1.0, 1.0), (1.0, -1.0)):
+        a, b = 1.5 * first, 0.3 * second
+        det = (s + 1 - late) * (s + 1) - a * b
+        x = np.array([s + 1 + a, b + s + 1 - late]) / det
+        gains.append(np.sqrt((np.abs([*x, 0.5 * late * x[0]]) ** 2).sum(axis=0)).max())
+    assert found.gamma is not None
+    assert max(gains) <= found.gamma < 1.5 * max(gains)

@@ -48,6 +48,9 @@ def _arguments(**changes: Any) -> dict[str, Any]:
         ({"D2": np.ones((4, 2))}, "inputs .* B has 1, D2 has 2"),
         ({"H": np.ones((4, 2))}, "rows of H: .* H of delay 1 has 5, H has 4"),
         ({"E": None}, "H without E"),
+        ({"uncertainty_blocks": [[1.5, 4], [0.5, 1]]}, "expected a pair of numbers"),
+        ({"uncertainty_blocks": [[1, 1], [1, 1]]}, "2 columns of E and 5 rows of H in all, got 2"),
+        ({"uncertainty_blocks": [[2, 5], [0, 0]]}, "at least one column and one row each"),
         ({"H": None, "delays": ()}, "E without H"),
         ({"delays": (Delay(1.0, np.eye(3)),)}, r"A of delay 1: expected \(2, 2\), got \(3, 3\)"),
         (

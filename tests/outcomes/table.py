@@ -60,10 +60,10 @@ def table(rows: dict[str, Found], wrong: dict[str, list[str]]) -> Table:
         row = found.to_json()
         lines = [line.partition("\n")[0] for line in row["log"]]
         more = f"... {len(lines) - MOST_LINES} more"
-        shown = [*lines[: MOST_LINES - 2], more, *lines[-2:]]
-        told = lines if len(lines) <= MOST_LINES else shown
+        shortened = [*lines[: MOST_LINES - 2], more, *lines[-2:]]
+        printed = lines if len(lines) <= MOST_LINES else shortened
         cells = [name, str(found.code), row["summary"] or "–", row["report"], row["info"]]
-        cells += ["\n".join(told), *(["\n".join(wrong[name])] if any(wrong.values()) else [])]
+        cells += ["\n".join(printed), *(["\n".join(wrong[name])] if any(wrong.values()) else [])]
         view.add_row(*map(Text, cells))
     return view
 

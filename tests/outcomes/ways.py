@@ -228,10 +228,13 @@ class Found:
 
     @property
     def headline(self) -> str:
-        """The line of the summary that says how the run ended; "" without a summary."""
-        lines = self.summary.splitlines()
-        at = [i for i, line in enumerate(lines) if " simulated in " in line]
-        return lines[at[0]].partition(" after ")[0] if at else ""
+        """How the run ended, by its summary, or by the message of an interrupted one; else ""."""
+        for line in self.summary.splitlines():
+            if " simulated in " in line:
+                return line.partition(" after ")[0]
+            if line.strip().startswith("got: stopped"):
+                return line.strip().removeprefix("got: ").partition(": ")[0]
+        return ""
 
     def to_json(self) -> dict[str, Any]:
         """The row of the table."""
@@ -302,12 +305,12 @@ def departures(name: str, found: Found) -> list[str]:
     """What is not the same story as `WAYS` has it."""
     way, wrong = WAYS[name], []
     whole = found.trace.suffix == ".mcap"
-    said = {"report": found.badge, "info": found.state}
-    if found.summary:
-        said["summary"] = found.headline
+    headlines = {"report": found.badge, "info": found.state}
+    if found.summary.strip():
+        headlines["summary"] = found.headline
     if whole:
-        said["/log"] = _concluding(found.log)
-    for view, text in said.items():
+        headlines["/log"] = _concluding(found.log)
+    for view, text in headlines.items():
         if text != way.headline:
             wrong.append(f"{view}: {text!r}, not {way.headline!r}")
     if found.code != way.code:
@@ -334,8 +337,8 @@ def _is_there(event: Event, log: tuple[Line, ...]) -> bool:
 
 def _concluding(log: tuple[Line, ...]) -> str:
     """How the run ended, by its log."""
-    said = [line.message.partition(": ")[0] for line in log if line.name == "run"]
-    return said[0] if said else ""
+    headlines = [line.message.partition(": ")[0] for line in log if line.name == "run"]
+    return headlines[0] if headlines else ""
 
 
 def _signalled(words: tuple[str, ...], number: signal.Signals, folder: Path) -> tuple[int, str]:
@@ -347,8 +350,8 @@ def _signalled(words: tuple[str, ...], number: signal.Signals, folder: Path) -> 
         while process.poll() is None and not _has_rows(folder / f"{words[3]}.partial"):
             time.sleep(0.2)
         process.send_signal(number)
-        out, _ = process.communicate()
-    return process.returncode, out
+        out, err = process.communicate()
+    return process.returncode, out + err
 
 
 def _has_rows(path: Path) -> bool:

@@ -48,7 +48,7 @@ def test_gallery_assertions_are_as_expected(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", GALLERY)
-def test_views_of_the_gallery_tell_the_same_story(name: str) -> None:
+def test_views_of_the_gallery_have_one_headline(name: str) -> None:
     """Summary, report, info and the end of /log have one headline; the trace verifies."""
     data, trace = executed(name)
     headline = data["headline"]
@@ -56,8 +56,8 @@ def test_views_of_the_gallery_tell_the_same_story(name: str) -> None:
     assert status_of(known, outcome_of(trace.result)).what == known["outcome"]["headline"]
     assert known["outcome"]["headline"] == headline
     assert known["outcome"]["events"] == data["events"]
-    said = [line for line in log_of(trace.path) if line.name == CONCLUSION]
-    assert said[0].message.partition(": ")[0] == headline
+    concluding = [line for line in log_of(trace.path) if line.name == CONCLUSION]
+    assert concluding[0].message.partition(": ")[0] == headline
     metrics, kinds = known["outcome"]["metrics"], {e["kind"] for e in data["events"]}
     assert ("saturation" in kinds) == bool(metrics["saturated_fraction"])
     unmet = {name for name, met in metrics["assumptions"].items() if not met}

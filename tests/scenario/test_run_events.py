@@ -25,7 +25,7 @@ def in_blocks(size: int, cuts: Sequence[int]) -> list[slice]:
 
 
 @given(TRUTHS, CUTS)
-def test_episodes_are_the_stretches_of_true(there: list[bool], cuts: list[int]) -> None:
+def test_episodes_are_where_it_is_true(there: list[bool], cuts: list[int]) -> None:
     """Begin, end and duration of each, found by hand; one that lasts ends with the run."""
     times = np.arange(len(there), dtype=np.int64) * 10
     collector = EventCollector()

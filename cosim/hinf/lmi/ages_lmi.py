@@ -233,11 +233,13 @@ class AgesLmi(LoopLmi[AgesVariables]):
         """Return where the rows of a part stand in the whole, and their units."""
         places, factors, start = [], [], 0
         for name, size in rows.items():
-            own = {"w": part.w, "p": part.p}.get(name, part.states)
-            places.append(start + own)
             unit = self._T if name.startswith("r") else 1.0
-            of_signals = {"w": np.ones(own.size), "p": 1.0 / self._channel[part.p]}
-            factors.append(of_signals.get(name, unit * self._back[own]))
+            own, factor = {
+                "w": (part.w, np.ones(part.w.size)),
+                "p": (part.p, 1.0 / self._channel[part.p]),
+            }.get(name, (part.states, unit * self._back[part.states]))
+            places.append(start + own)
+            factors.append(factor)
             start += size
         return np.concatenate(places).astype(np.intp), np.concatenate(factors)
 

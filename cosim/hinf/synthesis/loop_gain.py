@@ -46,6 +46,7 @@ _SWEEP = 40  # frequencies of the coarse sweep
 _PEAKS = 3
 _ROUNDS, _POINTS = 9, 9  # of the refinement: each round shrinks an interval to a quarter
 _ROUNDS_OF_ALL = 2  # after which the highest peak alone is refined
+_WIDEST = 100.0  # |log e| that a line search may try: further away e overflows
 _POLISH = 3  # Newton steps for the rightmost root
 
 
@@ -176,6 +177,8 @@ class LoopGain:
 
     def _gain_at(self, K: Matrix, log_e: Reals, ages: Reals) -> Value:
         nothing = Value(np.inf, np.zeros(K.shape), np.zeros(self.scalings))
+        if np.abs(log_e).max() > _WIDEST:
+            return nothing
         roots = self._roots(K, ages)
         if not roots[0].real < 0:
             return nothing

@@ -97,7 +97,7 @@ def content_of(path: Path) -> Content:
     settings = Settings(trace)
     recording = Recording(trace)
     found = outcome_of(trace.result)
-    outcome = found or RunOutcome()
+    outcome = found or RunOutcome(version=0)
     metrics = outcome.metrics
     links = traffic.figures(recording, outcome.links)
     log = log_of(recording)
