@@ -43,9 +43,21 @@ FileArgument = Annotated[
 
 
 @trace_app.command()
-def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
+def info(
+    file: FileArgument,
+    *,
+    hashed: Annotated[
+        bool | None,
+        typer.Option(
+            "--hash/--no-hash",
+            help="Compute the content hash, which reads the whole file "
+            "(default: of files up to 64 MiB).",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
     """Show what a trace contains: run, topics, links, result, content hash."""
-    description = describe(file)
+    description = describe(file, hashed=hashed)
     answer(as_json, lambda: description, lambda: render(description))
 
 
@@ -107,22 +119,32 @@ def recover(
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an output file that exists.")
     ] = False,
+    keep_suspect: Annotated[
+        bool,
+        typer.Option(
+            "--keep-suspect",
+            help="Keep what can be read of damaged chunks too, though values may be wrong; "
+            "cosim.recovered in the output names it.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a complete trace of what a crash left, and report what was lost.
 
     Every intact message, metadata record and attachment is kept. A chunk whose checksum does not
-    match is left out. The original file is not changed.
+    match is left out, unless --keep-suspect is given. The original file is not changed.
 
-    Exit code 0: nothing was lost; 3: something was lost or may have been, since a file without
-    its end does not show what was still to come.
+    Exit code 0: nothing was lost; 3: something was lost, is suspect, or may have been lost, since
+    a file without its end does not show what was still to come.
 
     \b
     cosim trace recover traces/auv-acoustic.mcap.partial
-    cosim trace recover damaged.mcap -o mended.mcap --json
+    cosim trace recover damaged.mcap -o mended.mcap --keep-suspect --json
     """
     with progress() as report_progress:
-        result = recover_trace(file, out, force=force, progress=report_progress)
+        result = recover_trace(
+            file, out, force=force, keep_suspect=keep_suspect, progress=report_progress
+        )
     answer(as_json, result.to_json, lambda: recovery_view(result))
     if result.lost:
         raise typer.Exit(LossError.exit_code)
@@ -173,12 +195,25 @@ def play(
     start: Annotated[
         float, typer.Option(help="Start this many seconds after the first message.")
     ] = 0.0,
+    origins: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            help="Web page that may play the trace, beside Foxglove: http://localhost:8080. "
+            "Repeatable.",
+        ),
+    ] = None,
+    token: Annotated[
+        str | None, typer.Option(help="Token in the address (default: a new one each time).")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Play a trace in Foxglove, or in any viewer that uses its protocol.
 
     All channels are announced at once, and playback starts when a viewer subscribes. The viewer
     controls play, pause, seek and speed. The server listens on this machine only, until Ctrl-C.
+    It serves whoever gives the token in its address, and of web pages only those allowed. The
+    protocol has one time per message: publish times and sequence numbers are not sent.
 
     \b
     cosim trace play traces/auv-acoustic.mcap --rate 4
@@ -189,10 +224,25 @@ def play(
     try:
         with (
             suppress(KeyboardInterrupt),
-            Player(file, rate=rate, port=port, start_s=start, loop=loop) as player,
+            Player(
+                file,
+                rate=rate,
+                port=port,
+                start_s=start,
+                loop=loop,
+                origins=origins or (),
+                token=token,
+            ) as player,
         ):
             _print_address(player, file, as_json=as_json)
             player.wait()
+        if player.damage:
+            raise LossError(
+                "parts of the trace were not played",
+                where=str(file),
+                got="; ".join(player.damage[:3]),
+                hint="cosim trace recover makes a whole trace of the rest",
+            )
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -225,14 +275,21 @@ for elsewhere in (export, diff, inject):
 
 def _print_address(player: Player, file: Path, *, as_json: bool) -> None:
     if as_json:
-        data = {"trace": str(file), "url": player.url, "port": player.port, "topics": player.topics}
+        data = {
+            "trace": str(file),
+            "url": player.url,
+            "port": player.port,
+            "topics": player.topics,
+            "not_sent": ["publish time", "sequence number"],
+        }
         print(json.dumps(data), flush=True)
         return
     console().print(
         Text.assemble(
             ("playing", "bold"),
             f" {file} at {player.url}, {len(player.topics)} topics\n"
-            "in Foxglove: Open connection, Foxglove WebSocket, this address; Ctrl-C here ends it",
+            "in Foxglove: Open connection, Foxglove WebSocket, this whole address; Ctrl-C here "
+            "ends it\nnot sent: publish times and sequence numbers, which the protocol lacks",
         )
     )
 

@@ -159,19 +159,23 @@ def recovery_view(found: Recovery) -> Table:
     view.add_column(overflow="fold")
     if found.complete:
         view.add_row("complete", plain("nothing to recover"))
+    if found.failed:
+        view.add_row("verify", plain(f"of the file given, it fails: {', '.join(found.failed)}"))
     view.add_row("output", plain(found.output))
     view.add_row(
         "kept",
         f"{found.messages} messages, {found.metadata} metadata records, "
         f"{found.attachments} attachments",
     )
+    if found.suspect_messages:
+        view.add_row("suspect", f"{found.suspect_messages} of these messages are of damaged chunks")
     unknown = "an unknown number of messages" if found.lost else "nothing"
     lost = unknown if found.lost_messages is None else f"{found.lost_messages} messages"
     view.add_row("lost", f"{lost if found.lost else 'nothing'}; {found.lost_bytes} bytes unused")
     view.add_row("run", "has its result" if found.finished else "has no result")
     for damage in found.damage[:_MOST_DAMAGE]:
         place = f"byte {damage.position}, {damage.length} bytes"
-        view.add_row("damage", plain(f"{place}: {damage.reason}"))
+        view.add_row("damage", plain(f"{place}, {damage.outcome}: {damage.reason}"))
     if len(found.damage) > _MOST_DAMAGE:
         view.add_row("", f"and {len(found.damage) - _MOST_DAMAGE} more")
     return view

@@ -9,7 +9,11 @@ from .errors import (
     TerminatedError as TerminatedError,
 )
 from .extras import optional as optional
-from .files import write_whole as write_whole
+from .files import (
+    copy_whole as copy_whole,
+    write_whole as write_whole,
+    written_beside as written_beside,
+)
 from .processes import (
     DEATH_HINTS as DEATH_HINTS,
     death_of as death_of,

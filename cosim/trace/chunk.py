@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
 from cosim.trace.block import HEAD, LENGTH_BEFORE, Block, Integers
 
@@ -68,14 +69,14 @@ class OpenChunk:
         for data, channels, log_ns, ends in self._pieces:
             if ends is not None:
                 if single:
-                    columns.append(tuple(np.array(single, np.int64).T))
+                    columns.append(_columns(single))
                     single = []
-                columns.append((channels, log_ns, np.append(0, ends[:-1]) + at))
+                columns.append((channels, log_ns.view(np.uint64), np.append(0, ends[:-1]) + at))
             elif channels is not None:
                 single.append((channels, log_ns, at))
             at += len(data)
         if single:
-            columns.append(tuple(np.array(single, np.int64).T))
+            columns.append(_columns(single))
         channels, times, starts = (
             parts[0] if len(parts) == 1 else np.concatenate(parts)
             for parts in zip(*columns, strict=True)
@@ -87,11 +88,20 @@ class OpenChunk:
         return ClosedChunk(data, int(times.min()), int(times.max()), index)
 
 
-def _index(channels: Integers, times: Integers, starts: Integers) -> list[tuple[int, int, bytes]]:
+def _columns(single: list[tuple[int, int, int]]) -> tuple[Integers, NDArray[np.uint64], Integers]:
+    """Return channels, times and places of single messages; recovered times may be of any size."""
+    channels, times, places = zip(*single, strict=True)
+    return np.array(channels, np.int64), np.array(times, np.uint64), np.array(places, np.int64)
+
+
+def _index(
+    channels: Integers, times: NDArray[np.uint64], starts: Integers
+) -> list[tuple[int, int, bytes]]:
     pairs = np.empty((times.size, 2), "<u8")
     pairs[:, 0], pairs[:, 1] = times, starts
     if (channels == channels[0]).all():
         return [(int(channels[0]), times.size, pairs.tobytes())]
-    members = [np.flatnonzero(channels == c) for c in np.flatnonzero(np.bincount(channels))]
+    order = np.argsort(channels, kind="stable")
+    members = np.split(order, np.flatnonzero(np.diff(channels[order])) + 1)
     members.sort(key=lambda mine: int(mine[0]))
     return [(int(channels[mine[0]]), mine.size, pairs[mine].tobytes()) for mine in members]

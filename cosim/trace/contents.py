@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,9 +9,6 @@ import numpy as np
 from cosim.trace.declared import Declarations
 from cosim.trace.messages import Messages, on_channels
 from cosim.trace.records import DamageError
-
-RECORD = struct.Struct("<BQ")
-"""Opcode and length of a record."""
 
 
 @dataclass(slots=True)
@@ -26,6 +22,7 @@ class Segment:
     index_size : size of the message indexes behind it [bytes].
     channels : ids of its messages' channels; None if not known yet.
     start_ns, end_ns : least and greatest log time of its messages.
+    data_size : size of its records, uncompressed [bytes].
     damaged : whether only a part of it can be read.
     """
 
@@ -36,6 +33,7 @@ class Segment:
     channels: frozenset[int] | None = None
     start_ns: int = 0
     end_ns: int = 2**64 - 1
+    data_size: int = 0
     damaged: bool = False
 
 
@@ -52,6 +50,7 @@ class Contents:
     attachments : position and size of the record of each, by name.
     damage : where and why reading stopped; None if the file is whole.
     scanned : whether all records were read and every checksum was checked.
+    sets : the sets of channels of the segments, each once: a file of many topics has many equal.
     """
 
     library: str = ""
@@ -64,6 +63,7 @@ class Contents:
     media_types: dict[str, str] = field(default_factory=dict)
     damage: str | None = None
     scanned: bool = False
+    sets: dict[frozenset[int], frozenset[int]] = field(default_factory=dict)
 
 
 def declared_only(

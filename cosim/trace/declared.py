@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from cosim.trace.records import Cursor, DamageError
+from mcap import records as mcap
+from mcap.opcode import Opcode
+
+from cosim.trace.messages import Others
+from cosim.trace.records import DamageError, parsed
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,27 +38,84 @@ class Declarations:
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {0: Schema()}
         self.channels: dict[int, Channel] = {}
+        self._topics: dict[str, dict[int, Channel]] = {}
 
-    def add_schema(self, content: bytes | memoryview) -> None:
-        """Add a schema record; `DamageError` for id 0, or if it differs from an earlier one."""
-        fields = Cursor(content)
-        schema_id = fields.number(2)
-        name, encoding = fields.text(), fields.text()
-        schema = Schema(name, encoding, bytes(fields.take(fields.number(4))))
-        if schema_id == 0 or self.schemas.setdefault(schema_id, schema) != schema:
-            raise DamageError(f"schema {schema_id} is declared twice, not alike")
+    def add(self, others: Others) -> None:
+        """Add schema and channel records.
 
-    def add_channel(self, content: bytes | memoryview) -> None:
-        """Add a channel record; `DamageError` without schema, or if it differs from an earlier."""
-        fields = Cursor(content)
-        channel_id, schema_id = fields.number(2), fields.number(2)
-        topic, encoding = fields.text(), fields.text()
-        if schema_id not in self.schemas:
-            raise DamageError(f"channel {channel_id} has schema {schema_id}, which is not declared")
-        channel = Channel(topic, encoding, self.schemas[schema_id], fields.mapping())
-        if self.channels.setdefault(channel_id, channel) != channel:
-            raise DamageError(f"channel {channel_id} is declared twice, not alike")
+        Raises
+        ------
+        DamageError : a record differs from an earlier one of its id, a schema has the id 0, or a
+            channel has a schema that is not declared.
+        """
+        for opcode, content in others:
+            if opcode == Opcode.SCHEMA:
+                self._schema(parsed(mcap.Schema, content))
+            elif opcode == Opcode.CHANNEL:
+                self._channel(parsed(mcap.Channel, content))
+
+    def _schema(self, found: mcap.Schema) -> None:
+        schema = Schema(found.name, found.encoding, found.data)
+        if found.id == 0 or self.schemas.setdefault(found.id, schema) != schema:
+            raise DamageError(f"schema {found.id} is declared twice, not alike")
+
+    def _channel(self, found: mcap.Channel) -> None:
+        if found.schema_id not in self.schemas:
+            raise DamageError(
+                f"channel {found.id} has schema {found.schema_id}, which is not declared"
+            )
+        schema = self.schemas[found.schema_id]
+        channel = Channel(found.topic, found.message_encoding, schema, found.metadata)
+        if self.channels.setdefault(found.id, channel) != channel:
+            raise DamageError(f"channel {found.id} is declared twice, not alike")
+        self._topics.setdefault(channel.topic, {})[found.id] = channel
 
     def of_topic(self, topic: str) -> dict[int, Channel]:
         """Return the channels of a topic by id; files of other tools may have several."""
-        return {i: channel for i, channel in self.channels.items() if channel.topic == topic}
+        return self._topics.get(topic, {})
+
+
+class DamagedDeclarations:
+    """The schemas and channels of a file that may be damaged, as far as they can be read.
+
+    Of two declarations of one id, one whose record a checksum proves counts, else the first.
+
+    Attributes
+    ----------
+    schemas, channels : by id.
+    conflicts : ids declared twice with different content.
+    """
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, mcap.Schema] = {}
+        self.channels: dict[int, mcap.Channel] = {}
+        self.conflicts: list[str] = []
+        self._proved: set[tuple[int, int]] = set()
+
+    def add(self, others: Others, *, proved: bool) -> None:
+        """Add schema and channel records; proved : a checksum covers them, and matches."""
+        for opcode, content in others:
+            if opcode == Opcode.SCHEMA:
+                self._add(opcode, parsed(mcap.Schema, content), self.schemas, proved=proved)
+            elif opcode == Opcode.CHANNEL:
+                self._add(opcode, parsed(mcap.Channel, content), self.channels, proved=proved)
+
+    def _add(
+        self,
+        opcode: int,
+        record: mcap.Schema | mcap.Channel,
+        known: dict[int, Any],
+        *,
+        proved: bool,
+    ) -> None:
+        key = opcode, record.id
+        if record.id not in known or (proved and key not in self._proved):
+            differs = record.id in known and known[record.id] != record
+            known[record.id] = record
+        else:
+            differs = known[record.id] != record
+        if proved:
+            self._proved.add(key)
+        if differs:
+            what = type(record).__name__.lower()
+            self.conflicts.append(f"{what} {record.id} is declared twice, not alike")

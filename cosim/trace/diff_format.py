@@ -7,7 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from cosim.trace.diff_links import LinkDiff
-from cosim.trace.diff_signals import Diff, SignalDiff
+from cosim.trace.diff_rows import SignalDiff
+from cosim.trace.diff_signals import Diff
 
 
 def diff_json(found: Diff) -> dict[str, Any]:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.trace.layout import dropped_topic
-from cosim.trace.reader import Trace
-from cosim.trace.traffic import deliveries, dropped, link_names
+from cosim.trace.layout import dropped_topic, link_topic
+from cosim.trace.reader import Table, Trace
+from cosim.trace.traffic import link_names
 
 Integers = NDArray[np.int64]
 
@@ -42,47 +41,62 @@ class LinkDiff:
         return self.first_s is not None or self.dropped[0] != self.dropped[1]
 
 
-def compare_links(a: Trace, b: Trace, *, prefix: bool = False) -> Iterator[LinkDiff]:
-    """Compare every link that both traces have; with `prefix`, only as many messages as a has."""
+class LinkMatch:
+    """The comparison of one link, fed with the messages that both traces delivered.
+
+    A message waits until the other trace has delivered it too.
+    """
+
+    def __init__(self, link: str) -> None:
+        self._link = link
+        self._waiting = [np.zeros((3, 0), np.int64) for _ in range(2)]
+        self._delivered = [0, 0]
+        self._moved = 0
+        self._shift = 0
+        self._first: int | None = None
+
+    def add(self, a: Table, b: Table) -> None:
+        """Take the next messages of both."""
+        for k, table in enumerate((a, b)):
+            self._delivered[k] += len(table)
+            heads = np.array([table.sequence, table.log_time_ns, table.publish_time_ns])
+            self._waiting[k] = np.concatenate([self._waiting[k], heads], axis=1)
+        one, two = self._waiting
+        keys = _numbered(one[0]), _numbered(two[0])
+        _, i, j = np.intersect1d(*keys, assume_unique=True, return_indices=True)
+        shift = two[1, j] - one[1, i]
+        moved = (shift != 0) | (two[2, j] != one[2, i])
+        self._moved += int(moved.sum())
+        self._shift = max(self._shift, int(np.abs(shift).max(initial=0)))
+        self._differs(np.minimum(one[1, i], two[1, j])[moved])
+        self._waiting = [np.delete(one, i, axis=1), np.delete(two, j, axis=1)]
+
+    def found(self, a: Trace, b: Trace, *, prefix: bool) -> LinkDiff:
+        """Return the comparison, after the last messages."""
+        for alone in self._waiting:
+            self._differs(alone[1])
+        topic = dropped_topic(self._link)
+        drops = [trace.topics[topic].count if topic in trace.topics else 0 for trace in (a, b)]
+        return LinkDiff(
+            link=self._link,
+            delivered=(self._delivered[0], self._delivered[1]),
+            dropped=(drops[0], min(drops) if prefix else drops[1]),
+            only=(self._waiting[0].shape[1], self._waiting[1].shape[1]),
+            other_times=self._moved,
+            largest_shift_s=self._shift / 1e9,
+            first_s=None if self._first is None else self._first / 1e9,
+        )
+
+    def _differs(self, at_ns: Integers) -> None:
+        if at_ns.size:
+            first = int(at_ns.min())
+            self._first = first if self._first is None else min(self._first, first)
+
+
+def links_of(a: Trace, b: Trace) -> dict[str, LinkMatch]:
+    """Return a comparison of every link that both traces have, by its topic."""
     theirs = link_names(b)
-    for link in link_names(a):
-        if link in theirs:
-            yield _compare(a, b, link, prefix=prefix)
-
-
-def _compare(a: Trace, b: Trace, link: str, *, prefix: bool) -> LinkDiff:
-    one, two = deliveries(a, link), deliveries(b, link)
-    drops = [
-        dropped(trace, link).log_time_ns
-        if dropped_topic(link) in trace.topics
-        else np.zeros(0, np.int64)
-        for trace in (a, b)
-    ]
-    if prefix:
-        two = two.part(np.arange(min(len(one), len(two))))
-        drops[1] = drops[1][: drops[0].size]
-    keys = _numbered(one.sequence), _numbered(two.sequence)
-    _, i, j = np.intersect1d(*keys, assume_unique=True, return_indices=True)
-    alone = np.ones(len(one), np.bool_), np.ones(len(two), np.bool_)
-    alone[0][i], alone[1][j] = False, False
-    shift = two.log_time_ns[j] - one.log_time_ns[i]
-    moved = (shift != 0) | (two.publish_time_ns[j] != one.publish_time_ns[i])
-    differing = np.concatenate(
-        [
-            one.log_time_ns[alone[0]],
-            two.log_time_ns[alone[1]],
-            np.minimum(one.log_time_ns[i], two.log_time_ns[j])[moved],
-        ]
-    )
-    return LinkDiff(
-        link=link,
-        delivered=(len(one), len(two)),
-        dropped=(drops[0].size, drops[1].size),
-        only=(int(alone[0].sum()), int(alone[1].sum())),
-        other_times=int(moved.sum()),
-        largest_shift_s=int(np.abs(shift).max(initial=0)) / 1e9,
-        first_s=int(differing.min()) / 1e9 if differing.size else None,
-    )
+    return {link_topic(link): LinkMatch(link) for link in link_names(a) if link in theirs}
 
 
 def _numbered(sequence: Integers) -> Integers:

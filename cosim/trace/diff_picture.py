@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.trace.diff_signals import Diff, SignalDiff
+from cosim.trace.diff_rows import SignalDiff
+from cosim.trace.diff_signals import Diff
 from cosim.trace.hold import rows_in_force, sample_and_hold
 from cosim.trace.picture import pyplot, save_picture
 from cosim.trace.reader import Trace

@@ -13,43 +13,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 
-import numpy as np
-
 from cosim.trace.content import content_hash_of
 from cosim.trace.diff_context import Context, context_of
-from cosim.trace.diff_links import LinkDiff, compare_links
-from cosim.trace.hold import rows_in_force, sample_and_hold
+from cosim.trace.diff_links import LinkDiff, links_of
+from cosim.trace.diff_rows import SignalDiff, TopicDiff, in_step
 from cosim.trace.layout import LOG_TOPIC, signal_name
 from cosim.trace.reader import Trace
-from cosim.trace.table import Table
-from cosim.trace.tolerance import Tolerances, distances, exceeds
+from cosim.trace.tolerance import Tolerances
 
-
-@dataclass(frozen=True, slots=True)
-class SignalDiff:
-    """One signal in both traces.
-
-    Attributes
-    ----------
-    name : as `Trace.signal` takes it.
-    rows : number of rows in each.
-    compared, differing : number of instants compared, and of those beyond the tolerance.
-    max_abs, max_rel : largest differences, None where values are no finite numbers.
-    max_at_s, first_s : time of the largest difference, and of the first beyond the tolerance [s].
-    sample_and_hold : whether the rows are at other instants, and values in force were compared.
-    """
-
-    name: str
-    topic: str
-    unit: str | None
-    rows: tuple[int, int]
-    compared: int
-    differing: int
-    max_abs: float | None
-    max_rel: float | None
-    max_at_s: float | None
-    first_s: float | None
-    sample_and_hold: bool
+_ALWAYS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,30 +103,33 @@ def diff(
     chosen = set(one.topics) | set(two.topics) if topics is None else set(topics)
     both = [t for t in one.topics if t in two.topics and t in chosen]
     readable = [t for t in both if _readable(one, t) and _readable(two, t) and t != LOG_TOPIC]
-    tables = one.read_all(readable), two.read_all(readable)
     ends = _end_ns(one, chosen), _end_ns(two, chosen)
-    signals: list[SignalDiff] = []
+    until = _ALWAYS if prefix else min(ends)
+    compared = {
+        topic: TopicDiff(topic, allowed, _begin_ns(one, two, topic), until) for topic in readable
+    }
+    links = {} if topics is not None else links_of(one, two)
+    for tables in in_step(one, two, readable, prefix=prefix):
+        for topic, (left, right) in tables.rows.items():
+            compared[topic].add(left, right, alike=tables.alike[topic])
+            if topic in links:
+                links[topic].add(left, right)
     only = _topics_only(one, two, chosen), _topics_only(two, one, chosen)
     for topic in readable:
-        left, right = tables[0][topic], tables[1][topic]
-        if prefix:
-            right = right.part(np.arange(min(len(left), len(right))))
-        for mine, theirs, there in ((left, right, only[0]), (right, left, only[1])):
-            there += [signal_name(topic, n) for n in mine.columns if n not in theirs.columns]
-        until = None if prefix else min(ends)
-        signals += _compare(left, right, allowed, until)
+        for mine, there in zip(compared[topic].only, only, strict=True):
+            there += [signal_name(topic, name) for name in mine]
     return Diff(
         paths,
         hashes,
         identical=False,
-        signals=tuple(signals),
+        signals=tuple(signal for each in compared.values() for signal in each.found()),
         only=(tuple(only[0]), tuple(only[1])),
         other_bytes=tuple(
             t
             for t in both
             if t not in readable and t != LOG_TOPIC and _bytes(one, t) != _bytes(two, t)
         ),
-        links=() if topics is not None else tuple(compare_links(one, two, prefix=prefix)),
+        links=tuple(link.found(one, two, prefix=prefix) for link in links.values()),
         context=context_of(one, two),
         ends_s=(ends[0] / 1e9, ends[1] / 1e9),
         log_lines=_log_lines(one, two) if topics is None else (0, 0),
@@ -173,57 +148,10 @@ def _readable(trace: Trace, topic: str) -> bool:
     return info.encoding == "json" or (info.encoding == "protobuf" and bool(info.signals))
 
 
-def _compare(a: Table, b: Table, tolerances: Tolerances, until_ns: int | None) -> list[SignalDiff]:
-    """Compare every column that both tables have."""
-    same = np.array_equal(a.log_time_ns, b.log_time_ns)
-    if same:
-        instants = a.log_time_ns
-        rows_a = rows_b = np.arange(len(a))
-    else:
-        instants = np.union1d(a.log_time_ns, b.log_time_ns)
-        if len(a) and len(b):
-            begin = max(a.log_time_ns.min(), b.log_time_ns.min())
-            instants = instants[instants >= begin]
-        if until_ns is not None:
-            instants = instants[instants <= until_ns]
-        rows_a = rows_in_force(a.log_time_ns, instants)
-        rows_b = rows_in_force(b.log_time_ns, instants)
-    found = []
-    for name in a.columns:
-        if name not in b.columns:
-            continue
-        x, in_a = sample_and_hold(a[name], rows_a)
-        y, in_b = sample_and_hold(b[name], rows_b)
-        in_a &= sample_and_hold(a.present[name], rows_a)[0]
-        in_b &= sample_and_hold(b.present[name], rows_b)[0]
-        distance, relative = distances(x, y)
-        distance[in_a != in_b] = relative[in_a != in_b] = np.inf
-        distance[~in_a & ~in_b] = relative[~in_a & ~in_b] = 0.0
-        full = signal_name(a.topic, name)
-        differs = exceeds(tolerances.of(full), distance, relative)
-        first = int(np.argmax(differs)) if differs.any() else None
-        most = int(np.argmax(distance)) if distance.size else None
-        found.append(
-            SignalDiff(
-                name=full,
-                topic=a.topic,
-                unit=a.signals[name].unit,
-                rows=(len(a), len(b)),
-                compared=int(instants.size),
-                differing=int(differs.sum()),
-                max_abs=_finite(distance),
-                max_rel=_finite(relative),
-                max_at_s=None if most is None else int(instants[most]) / 1e9,
-                first_s=None if first is None else int(instants[first]) / 1e9,
-                sample_and_hold=not same,
-            )
-        )
-    return found
-
-
-def _finite(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float | None:
-    most = float(values.max(initial=0.0))
-    return most if np.isfinite(most) else None
+def _begin_ns(a: Trace, b: Trace, topic: str) -> int:
+    """Return the instant from which both have rows of a topic [ns]; 0 if one never has."""
+    begun = [trace.spans[topic][0] for trace in (a, b) if topic in trace.spans]
+    return max(begun) if len(begun) == 2 else 0
 
 
 def _end_ns(trace: Trace, chosen: set[str]) -> int:
@@ -233,9 +161,7 @@ def _end_ns(trace: Trace, chosen: set[str]) -> int:
 def _messages(trace: Trace, topic: str) -> Iterator[tuple[int, int, int, memoryview]]:
     """Yield sequence, log time, publish time and payload of a topic's messages."""
     if topic in trace.topics:
-        for channel, sequence, log, publish, payload in trace.messages():
-            if channel.topic == topic:
-                yield sequence, log, publish, payload
+        yield from (message[1:] for message in trace.messages([topic]))
 
 
 def _bytes(trace: Trace, topic: str) -> bytes:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
 from mcap.opcode import Opcode
+from mcap.records import Attachment
 
-from cosim.trace.contents import RECORD, Contents, Segment, declared_only
+from cosim.trace.contents import Contents, Segment, declared_only
 from cosim.trace.declared import Declarations
 from cosim.trace.messages import Messages, entries_of, find_messages
-from cosim.trace.records import Cursor, DamageError, chunk_data, open_trace, outer_records
+from cosim.trace.records import HEAD, DamageError, chunk_data, open_trace, parsed
+from cosim.trace.walk import Walk
 
 
 def read_segment(stream: BinaryIO, segment: Segment, declared: Declarations) -> Messages:
@@ -27,7 +27,7 @@ def read_segment(stream: BinaryIO, segment: Segment, declared: Declarations) -> 
         raise DamageError(f"the file ends in the record at byte {segment.position}")
     try:
         if segment.chunk:
-            data = chunk_data(memoryview(raw)[RECORD.size : segment.size])
+            data = chunk_data(memoryview(raw)[HEAD.size : segment.size])
             found, _, damage = find_messages(data, _indexes(memoryview(raw)[segment.size :]))
         else:
             found, _, damage = find_messages(raw, [])
@@ -43,9 +43,9 @@ def read_segment(stream: BinaryIO, segment: Segment, declared: Declarations) -> 
 def _indexes(raw: memoryview) -> list[memoryview]:
     """Contents of the message index records; none where something else is among them."""
     found, at = [], 0
-    while at + RECORD.size <= len(raw):
-        opcode, length = RECORD.unpack_from(raw, at)
-        at += RECORD.size
+    while at + HEAD.size <= len(raw):
+        opcode, length = HEAD.unpack_from(raw, at)
+        at += HEAD.size
         if opcode != Opcode.MESSAGE_INDEX or length > len(raw) - at:
             return []
         found.append(raw[at : at + length])
@@ -56,31 +56,48 @@ def _indexes(raw: memoryview) -> list[memoryview]:
 def times_of(path: Path, contents: Contents) -> dict[int, tuple[int, int]]:
     """Return least and greatest log time by channel, from indexes, or the data without them.
 
+    A segment is read only if it may hold an earlier or later message of a channel than found yet.
+
     Raises
     ------
     DamageError : neither can be read.
     """
-    found: dict[int, tuple[int, int]] = {}
-
-    def note(channel: int, low: int, high: int) -> None:
-        before = found.get(channel, (low, high))
-        found[channel] = min(low, before[0]), max(high, before[1])
-
     with open_trace(path) as stream:
-        for segment in contents.segments:
-            stream.seek(segment.position + segment.size)
-            entries = [entries_of(i) for i in _indexes(memoryview(stream.read(segment.index_size)))]
-            known = [entry for entry in entries if entry is not None]
-            if frozenset(channel for channel, _ in known) == segment.channels:
-                for channel, pairs in known:
-                    if len(pairs):
-                        note(channel, int(pairs[:, 0].min()), int(pairs[:, 0].max()))
-                continue
-            heads = read_segment(stream, segment, contents.declared).heads
-            for channel in np.unique(heads["channel"]).tolist():
-                times = heads["log"][heads["channel"] == channel]
-                note(channel, int(times.min()), int(times.max()))
-    return {channel: span for channel, span in found.items() if contents.counts.get(channel)}
+        least = _extremes(stream, contents, sign=1)
+        greatest = _extremes(stream, contents, sign=-1)
+    return {number: (low, -greatest[number]) for number, low in least.items()}
+
+
+def _extremes(stream: BinaryIO, contents: Contents, sign: int) -> dict[int, int]:
+    """Return the least sign * log time by channel, from the segments in order of that."""
+    found: dict[int, int] = {}
+    waiting = {number for number, count in contents.counts.items() if count}
+    bounds = [(s.start_ns if sign > 0 else -s.end_ns, s) for s in contents.segments]
+    for bound, segment in sorted(bounds, key=lambda each: each[0]):
+        waiting -= {number for number in waiting if found.get(number, bound + 1) <= bound}
+        if not waiting:
+            break
+        if segment.channels is None or not segment.channels.isdisjoint(waiting):
+            for number, low, high in _times(stream, segment, contents):
+                time = low if sign > 0 else -high
+                found[number] = min(time, found.get(number, time))
+    return {number: time for number, time in found.items() if contents.counts.get(number)}
+
+
+def _times(
+    stream: BinaryIO, segment: Segment, contents: Contents
+) -> Iterator[tuple[int, int, int]]:
+    """Yield channel, least and greatest log time of the messages of a segment."""
+    stream.seek(segment.position + segment.size)
+    entries = [entries_of(i) for i in _indexes(memoryview(stream.read(segment.index_size)))]
+    known = [entry for entry in entries if entry is not None]
+    if frozenset(channel for channel, _ in known) == segment.channels:
+        for channel, pairs in known:
+            if len(pairs):
+                yield channel, int(pairs[:, 0].min()), int(pairs[:, 0].max())
+        return
+    for channel, low, high, _ in read_segment(stream, segment, contents.declared).spans():
+        yield channel, low, high
 
 
 def attachment_data(path: Path, places: Mapping[str, tuple[int, int]]) -> dict[str, bytes]:
@@ -95,23 +112,16 @@ def attachment_data(path: Path, places: Mapping[str, tuple[int, int]]) -> dict[s
         for name, (position, size) in places.items():
             stream.seek(position)
             raw = stream.read(size)
-            if len(raw) < size or RECORD.unpack_from(raw) != (
+            if len(raw) < size or HEAD.unpack_from(raw) != (
                 Opcode.ATTACHMENT,
-                size - RECORD.size,
+                size - HEAD.size,
             ):
                 raise DamageError(f"no attachment at byte {position}")
-            checksum = int.from_bytes(raw[-4:], "little")
-            if checksum not in (0, zlib.crc32(raw[RECORD.size : -4])):
-                raise DamageError("the checksum of an attachment does not match")
-            fields = Cursor(memoryview(raw)[RECORD.size :])
-            fields.take(16)
-            fields.text()
-            fields.text()
-            found[name] = bytes(fields.take(fields.number(8)))
+            found[name] = parsed(Attachment, memoryview(raw)[HEAD.size :]).data
     return found
 
 
 def check_outer_records(path: Path) -> None:
     """Read every record of a file, chunks unopened; `DamageError` where one is damaged."""
-    for _ in outer_records(path):
+    for _ in Walk(path, chunks=False):
         pass

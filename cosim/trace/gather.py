@@ -15,11 +15,13 @@ from cosim.trace.decode import RowDecoder
 from cosim.trace.hold import blanks
 from cosim.trace.json_rows import json_columns
 from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages, on_channels
+from cosim.trace.messages import Messages
 from cosim.trace.table import Table
 
 _OTHER = {"ros1": "ROS 1", "cdr": "ROS 2 (CDR)"}
 _MAX_NS = 2**63 - 1
+_FEW, _MANY = 32, 4096
+"""Fewer messages than the first wait until there are as many as the second, to be decoded."""
 _ROOM = 2**28  # bytes that need no check of the memory
 
 
@@ -48,30 +50,31 @@ class TopicRows:
         self._heads: list[NDArray[Any]] = []
         self._rows = 0
 
-    def add(self, messages: Messages, inside: NDArray[np.bool_] | None) -> None:
-        """Add the topic's messages of a block, only those `inside` unless that is None.
+    def __len__(self) -> int:
+        return self._rows
+
+    def add(self, messages: Messages) -> None:
+        """Add messages, all of the topic.
 
         Raises
         ------
         LossError : a row does not fit its schema.
         InputError : the rows would not fit into the memory of this machine.
         """
-        mine = on_channels(messages, self.channels)
-        if inside is not None:
-            mine &= inside
-        if not mine.any():
-            return
-        if not mine.all():
-            messages = messages.part(mine)
         self._heads.append(messages.heads)
         _check_room(self._rows + len(messages), self._sources, self._where)
-        for number, source in self._sources.items():
-            own = np.flatnonzero(messages.heads["channel"] == number)
-            if own.size == len(messages):
-                source.add(messages, self._rows + own)
-            elif own.size:
-                source.add(messages.part(own), self._rows + own)
+        for number, own in messages.by_channel():
+            part = messages if own.size == len(messages) else messages.part(own)
+            self._sources[number].add(part, self._rows + own)
         self._rows += len(messages)
+
+    def taken(self) -> Table:
+        """Return the table of all rows added, and forget them."""
+        table = self.table()
+        self._heads, self._rows = [], 0
+        for source in self._sources.values():
+            source.forget()
+        return table
 
     def table(self) -> Table:
         """Return the table of all rows added."""
@@ -120,6 +123,7 @@ class _Source:
         self._decoder: RowDecoder | None = None
         self._parts: list[Any] = []
         self._places: list[NDArray[np.int64]] = []
+        self._waiting: list[bytes] = []
         if channel.encoding == "json":
             return
         if not channel.encoding == channel.schema.encoding == "protobuf":
@@ -143,16 +147,37 @@ class _Source:
         return 1 if self._decoder is None else len(self._decoder.signals)
 
     def add(self, messages: Messages, places: NDArray[np.int64]) -> None:
+        self._places.append(places)
+        if self._decoder is None:
+            self._parts.append(messages)
+        elif len(messages) < _FEW:  # of many topics, a chunk has few messages each
+            self._waiting += messages.records()
+            if len(self._waiting) >= _MANY:
+                self._decode_waiting()
+        else:
+            self._decode_waiting()
+            self._decode(messages)
+
+    def _decode_waiting(self) -> None:
+        if self._waiting:
+            ends = np.cumsum([len(record) for record in self._waiting])
+            data, self._waiting = b"".join(self._waiting), []
+            self._decode(Messages.at(data, np.append(0, ends[:-1])))
+
+    def _decode(self, messages: Messages) -> None:
         try:
             self._parts.append(messages if self._decoder is None else self._decoder(messages))
         except ValueError as error:
             raise _unreadable(self._where, str(error)) from error
-        self._places.append(places)
+
+    def forget(self) -> None:
+        self._parts, self._places, self._waiting = [], [], []
 
     def columns(
         self,
     ) -> tuple[list[tuple[Signal, NDArray[Any], NDArray[np.bool_]]], NDArray[np.int64]]:
         """Return signal, values and presence of each column; and their rows in the topic."""
+        self._decode_waiting()
         places = np.concatenate(self._places) if self._places else np.zeros(0, np.int64)
         everywhere = np.ones(places.size, np.bool_)
         if self._decoder is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from cosim.trace import foxglove
@@ -16,8 +17,13 @@ _LINK = "link."
 _STRUCTURED = ("metrics", "final", "assertions", "events", "cause")
 _LOG_LINES = 20
 
+MOST_HASHED_BYTES = 2**26
+"""Larger files are read whole for their content hash only if that is asked for [bytes]."""
 
-def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> dict[str, Any]:
+
+def describe(
+    path: str | PathLike[str], *, incomplete: bool | None = True, hashed: bool | None = None
+) -> dict[str, Any]:
     """Summarise a trace as JSON values (no NaN; None for what is absent).
 
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `run`, `result` (entries
@@ -29,9 +35,29 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
     `attachments` (list of `name`, `media_type`, `bytes`), `content_hash`,
     `content_hash_version`.
 
-    `incomplete` as in `Trace`, but True by default, to summarise damaged files too.
+    Parameters
+    ----------
+    incomplete : as in `Trace`, but True by default, to summarise damaged files too.
+    hashed : whether to read the whole file, for its content hash and for damage in its data.
+        Without, all comes from the summary if the file has one, and `content_hash` is None. None:
+        if it has at most `MOST_HASHED_BYTES`.
     """
-    trace = Trace(path, incomplete=incomplete)
+    if hashed is None:
+        hashed = not _is_large(Path(path))
+    if hashed or not incomplete:
+        return description_of(Trace(path, incomplete=incomplete), hashed=hashed)
+    return description_of(Trace(path, incomplete=True, by_summary=True), hashed=False)
+
+
+def _is_large(path: Path) -> bool:
+    try:
+        return path.stat().st_size > MOST_HASHED_BYTES
+    except (OSError, ValueError):  # `Trace` says what is wrong with it
+        return False
+
+
+def description_of(trace: Trace, *, hashed: bool) -> dict[str, Any]:
+    """Summarise an open trace; see `describe`."""
     topics = [_topic(info) for info in trace.topics.values()]
     starts = [t["start_ns"] for t in topics if t["start_ns"] is not None]
     ends = [t["end_ns"] for t in topics if t["end_ns"] is not None]
@@ -58,7 +84,7 @@ def describe(path: str | PathLike[str], *, incomplete: bool | None = True) -> di
             {"name": name, "media_type": trace.media_types[name], "bytes": len(data)}
             for name, data in trace.attachments.items()
         ],
-        "content_hash": content_hash_of(trace),
+        "content_hash": content_hash_of(trace) if hashed else None,
         "content_hash_version": CONTENT_HASH_VERSION,
     }
 

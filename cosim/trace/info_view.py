@@ -86,7 +86,10 @@ def _identity(
     host = [f"{key.removeprefix(HOST_PREFIX)} {run[key]}" for key in sorted(run) if key in _HOST]
     if host:
         yield "recorded", ", ".join(host)
-    yield "content hash", description["content_hash"]
+    yield (
+        "content hash",
+        description["content_hash"] or "not computed: --hash reads the file for it",
+    )
 
 
 def _ended(state: Check, outcome: RunOutcome) -> Iterator[tuple[str, object]]:

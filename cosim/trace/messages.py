@@ -7,15 +7,18 @@ declarations between them cover the chunk without a gap; else the chunk is read 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from bisect import bisect_right
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from cosim.trace.records import DamageError, inner_records
+from cosim.trace.records import DamageError, inner_records, parsed
 
 Integers = NDArray[np.int64]
 
@@ -49,6 +52,11 @@ class Messages:
     places: Integers
     heads: NDArray[Any]
 
+    @classmethod
+    def at(cls, data: bytes, places: Integers) -> Messages:
+        """Return the messages that begin at these places of a buffer, all inside it."""
+        return cls(data, places, structs_at(data, places, HEAD))
+
     def __len__(self) -> int:
         return int(self.places.size)
 
@@ -56,10 +64,32 @@ class Messages:
         """Return the messages that a mask or indices select."""
         return Messages(self.data, self.places[which], self.heads[which])
 
+    def by_channel(self) -> Iterator[tuple[int, Integers]]:
+        """Yield the id of each channel, and the numbers of its messages in order, (k,)."""
+        channels = self.heads["channel"]
+        if channels.size and (channels == channels[0]).all():
+            yield int(channels[0]), np.arange(channels.size)
+            return
+        order = np.argsort(channels, kind="stable")
+        found, starts = np.unique(channels[order], return_index=True)
+        yield from zip(found.tolist(), np.split(order, starts[1:]), strict=False)
+
+    def spans(self) -> Iterator[tuple[int, int, int, int]]:
+        """Yield id, least and greatest log time, and number of messages of each channel."""
+        for channel, mine in self.by_channel():
+            times = self.heads["log"][mine]
+            yield channel, int(times.min()), int(times.max()), times.size
+
     @property
     def sizes(self) -> Integers:
         """Bytes of each payload, int64 (m,)."""
         return self.heads["length"].astype(np.int64) - (HEAD.itemsize - _BEFORE)
+
+    def records(self) -> Iterator[bytes]:
+        """Yield the whole records one by one."""
+        ends = self.places + _BEFORE + self.heads["length"].astype(np.int64)
+        for start, end in zip(self.places.tolist(), ends.tolist(), strict=True):
+            yield self.data[start:end]
 
     def payloads(self) -> Iterator[memoryview]:
         """Yield the payloads one by one."""
@@ -180,5 +210,47 @@ def _from_scan(data: bytes) -> tuple[Messages, Others, DamageError | None]:
                 others.append((opcode, content))
     except DamageError as error:
         damage = error
-    found = np.array(places, np.int64)
-    return Messages(data, found, structs_at(data, found, HEAD)), others, damage
+    return Messages.at(data, np.array(places, np.int64)), others, damage
+
+
+def salvaged_messages(
+    data: bytes, index: Sequence[bytes | memoryview], channels: Collection[int], *, cut: bool
+) -> tuple[Messages, Others]:
+    """Return what is left of a damaged chunk: record by record, and where that fails, by the index.
+
+    Of a message that the index names, opcode, length, and a channel that is not among `channels`
+    are as the index has them. cut : whether the end of the chunk is missing.
+    """
+    entries = [entries_of(content) for content in index]
+    known = [entry for entry in entries if entry is not None]
+    named = {int(at): channel for channel, pairs in known for at in pairs[:, 1]}
+    everything = bool(known) and len(known) == len(entries)
+    starts = sorted(named)
+    places: dict[int, int] = {}
+    others: Others = []
+    view, at, size = memoryview(data), 0, len(data)
+    while at <= size - _BEFORE:
+        place = bisect_right(starts, at)
+        after = starts[place] if place < len(starts) else size
+        opcode, end = data[at], at + _BEFORE + int.from_bytes(data[at + 1 : at + _BEFORE], "little")
+        declares = opcode in (Opcode.SCHEMA, Opcode.CHANNEL)
+        follows = end == after or (end < after and data[end] in (Opcode.SCHEMA, Opcode.CHANNEL))
+        if at in named and not follows and after < size + (not cut):
+            opcode, end = Opcode.MESSAGE, after
+        fits = end <= min(after, size)
+        if at in named or (opcode == Opcode.MESSAGE and not everything):
+            if fits and end - at >= HEAD.itemsize:
+                places[at] = end - at - _BEFORE
+        elif fits and declares:
+            with suppress(DamageError):
+                parsed(Schema if opcode == Opcode.SCHEMA else Channel, view[at + _BEFORE : end])
+                others.append((opcode, view[at + _BEFORE : end]))
+        elif not named:
+            break
+        at = end if fits else after
+    messages = Messages.at(data, np.array([*places], np.int64))
+    messages.heads["length"] = [*places.values()]
+    for k, at in enumerate(places):
+        if messages.heads["channel"][k] not in channels:
+            messages.heads["channel"][k] = named.get(at, messages.heads["channel"][k])
+    return messages, others

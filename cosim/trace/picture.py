@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, optional
+from cosim.core import InputError, optional, written_beside
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
 from cosim.trace.traffic import deliveries, link_names, loop_age
@@ -76,7 +76,8 @@ def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
     """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(target, dpi=dpi)
+        with written_beside(target) as partial:
+            figure.savefig(partial, dpi=dpi, format=target.suffix[1:] or None)
     except (OSError, ValueError) as error:  # ValueError: no such format
         raise InputError(
             "the picture cannot be written",

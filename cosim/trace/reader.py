@@ -7,7 +7,7 @@ topics and the time window wanted.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from html import escape
 from os import PathLike
@@ -19,18 +19,24 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace import frames, layout, traffic
+from cosim.trace.contents import Segment
 from cosim.trace.contents_scan import by_scan
 from cosim.trace.declared import Channel
 from cosim.trace.file_parts import attachment_data, check_outer_records, read_segment, times_of
 from cosim.trace.frames import Align, Between
 from cosim.trace.gather import TopicRows
 from cosim.trace.layout import Signal
-from cosim.trace.messages import Messages
+from cosim.trace.messages import Messages, on_channels
 from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.records import DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Index, Series, Table, series_of
 from cosim.trace.topic_info import TopicInfo, window_ns
+
+PART_BYTES = 2**23
+"""Payload of the rows that a stream holds at once [bytes]."""
+
+_ALWAYS = 2**64 - 1
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
@@ -44,6 +50,8 @@ class Trace:
     incomplete : True: read a file that is cut short or damaged as far as possible, by a scan of
         the whole file. False: refuse it; damaged data are noticed when they are read. None:
         True for a name that ends in `.partial`, else False.
+    by_summary : of an `incomplete` file too, use the summary if it is there and consistent;
+        damaged data are then noticed when they are read.
 
     Attributes
     ----------
@@ -62,11 +70,17 @@ class Trace:
     LossError : it is cut short or damaged, and `incomplete` does not allow that.
     """
 
-    def __init__(self, path: str | PathLike[str], *, incomplete: bool | None = None) -> None:
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        *,
+        incomplete: bool | None = None,
+        by_summary: bool = False,
+    ) -> None:
         self.path = Path(path)
         if incomplete is None:
             incomplete = self.path.name.endswith(".partial")
-        found = None if incomplete else from_summary(self.path)
+        found = None if incomplete and not by_summary else from_summary(self.path)
         self._contents = known = by_scan(self.path) if found is None else found
         self.damage = known.damage
         self.complete = known.damage is None
@@ -220,19 +234,115 @@ class Trace:
         """Read several topics (all protobuf topics if None) in one pass over the file."""
         if topics is None:
             topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
-        first, last = window_ns(start, end)
         gathered = {topic: self._gathered(topic) for topic in topics}
-        wanted = {number for each in gathered.values() for number in each.channels}
-        for messages in self._segments(wanted, first, last):
-            log = messages.heads["log"]
-            inside = None if start is None and end is None else (log >= first) & (log <= last)
-            for each in gathered.values():
-                each.add(messages, inside)
+        for _ in self._collect(gathered, *window_ns(start, end)):
+            pass
         tables = {topic: each.table() for topic, each in gathered.items()}
         if start is None and end is None:
             for topic, table in tables.items():
                 self._check_count(topic, len(table))
         return tables
+
+    def parts(
+        self,
+        topics: Sequence[str] | None = None,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        part_bytes: int = PART_BYTES,
+    ) -> Iterator[dict[str, Table]]:
+        """Yield the rows of topics (all protobuf topics if None) in file order, part by part.
+
+        A part has the tables of the topics with rows in it. The columns of a JSON topic are those
+        found in the part.
+
+        part_bytes : payload after which a part ends [bytes].
+
+        Raises
+        ------
+        InputError, LossError : as `read`.
+        """
+        if topics is None:
+            topics = [name for name, info in self.topics.items() if info.encoding == "protobuf"]
+        gathered = {topic: self._gathered(topic) for topic in topics}
+        counts = dict.fromkeys(topics, 0)
+        filled, touched = 0, dict[str, None]()
+        for topic, size in self._collect(gathered, *window_ns(start, end)):
+            if topic is not None:
+                filled += size
+                touched[topic] = None
+            elif filled >= part_bytes:
+                yield _taken(gathered, touched, counts)
+                filled, touched = 0, {}
+        if touched:
+            yield _taken(gathered, touched, counts)
+        if start is None and end is None:
+            for topic, count in counts.items():
+                self._check_count(topic, count)
+
+    def windows(
+        self, topics: Sequence[str], borders_ns: Sequence[int], *, first_ns: int = 0
+    ) -> Iterator[dict[str, Table]]:
+        """Yield the rows of topics up to each border [ns], included, and beyond the last before.
+
+        borders_ns : increasing; `borders` proposes some. Those before `first_ns` are passed over.
+
+        Raises
+        ------
+        InputError, LossError : as `read`.
+        """
+        gathered = {topic: self._gathered(topic) for topic in topics}
+        first = first_ns
+        for last in borders_ns:
+            if last < first:
+                continue
+            for _ in self._collect(gathered, first, last):
+                pass
+            yield {topic: each.taken() for topic, each in gathered.items()}
+            first = last + 1
+
+    def borders(self, part_bytes: int = PART_BYTES) -> list[int]:
+        """Return instants [ns] between which there are about so many bytes of messages.
+
+        They are those of chunks, the last is beyond all messages.
+        """
+        found: list[int] = []
+        filled = 0
+        for segment in sorted(self._contents.segments, key=lambda s: s.start_ns):
+            if filled >= part_bytes and segment.start_ns > (found[-1] + 1 if found else 0):
+                found.append(segment.start_ns - 1)
+                filled = 0
+            filled += segment.data_size
+        return [*found, _ALWAYS]
+
+    def empty(self, topic: str) -> Table:
+        """Return a table with the columns of a protobuf topic, and no rows."""
+        return self._gathered(topic).table()
+
+    def _collect(
+        self, gathered: Mapping[str, TopicRows], first: int, last: int
+    ) -> Iterator[tuple[str | None, int]]:
+        """Add messages to the rows of their topics; yield topic and bytes, None after a block."""
+        places = np.full(2**16, -1, np.int32)
+        for place, each in enumerate(gathered.values()):
+            places[list(each.channels)] = place
+        names = list(gathered)
+        wanted = {number for each in gathered.values() for number in each.channels}
+        for block in self._segments(wanted, first, last):
+            messages, place = block, places[block.heads["channel"]]
+            inside = place >= 0
+            if first > 0 or last < 2**64 - 1:
+                log = block.heads["log"]
+                inside &= (log >= first) & (log <= last)
+            if not inside.all():
+                messages, place = block.part(inside), place[inside]
+            order = np.argsort(place, kind="stable")
+            found, begins = np.unique(place[order], return_index=True)
+            for number, mine in zip(found.tolist(), np.split(order, begins[1:]), strict=False):
+                part = messages if mine.size == len(messages) else messages.part(mine)
+                gathered[names[number]].add(part)
+                yield names[number], int(part.sizes.sum()) + 64 * mine.size
+            yield None, 0
 
     def to_pandas(
         self,
@@ -267,10 +377,19 @@ class Trace:
         """Read the messages that a link dropped, with the reason; see `cosim.trace.traffic`."""
         return traffic.dropped(self, link)
 
-    def messages(self) -> Iterator[tuple[Channel, int, int, int, memoryview]]:
-        """Yield channel, sequence, log time, publish time and payload of each message in order."""
+    def messages(
+        self, topics: Sequence[str] | None = None
+    ) -> Iterator[tuple[Channel, int, int, int, memoryview]]:
+        """Yield channel, sequence, log time, publish time and payload of each message in order.
+
+        topics : only of these; all by default.
+        """
         channels = self.channels
-        for block in self.blocks():
+        wanted = None
+        if topics is not None:
+            wanted = {number for number, channel in channels.items() if channel.topic in topics}
+        for each in self._segments(wanted, 0, _ALWAYS):
+            block = each if wanted is None else each.part(on_channels(each, wanted))
             heads = block.heads
             columns = [heads[key].tolist() for key in ("channel", "sequence", "log", "publish")]
             for number, *rest in zip(*columns, block.payloads(), strict=True):
@@ -279,6 +398,21 @@ class Trace:
     def blocks(self) -> Iterator[Messages]:
         """Yield the messages in file order, a chunk at a time; `LossError` where one is damaged."""
         return self._segments(None, 0, 2**64 - 1)
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """The chunks, and messages outside chunks that follow each other, in file order."""
+        return self._contents.segments
+
+    @property
+    def counts(self) -> Mapping[int, int]:
+        """Number of messages by id of the channel."""
+        return self._contents.counts
+
+    def read_segment(self, segment: Segment) -> Messages:
+        """Read the messages of a segment; `LossError` if it is damaged."""
+        with open_trace(self.path) as stream, self._damage_as_loss():
+            return read_segment(stream, segment, self._contents.declared)
 
     @property
     def channels(self) -> Mapping[int, Channel]:
@@ -335,3 +469,12 @@ class Trace:
             got=damage,
             hint="`cosim trace info` reads it as far as it goes",
         )
+
+
+def _taken(
+    gathered: Mapping[str, TopicRows], topics: Iterable[str], counts: dict[str, int]
+) -> dict[str, Table]:
+    tables = {topic: gathered[topic].taken() for topic in topics}
+    for topic, table in tables.items():
+        counts[topic] += len(table)
+    return tables

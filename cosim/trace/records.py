@@ -1,8 +1,7 @@
-"""Read the records of an MCAP file in file order, as far as they are whole.
+"""Take single records of an MCAP file apart, and chunks; every claim of a length is checked.
 
-The official reader needs the summary, which a file cut short does not have, and trusts lengths.
-This one reads from the front, checks every length and every checksum, and reports where it
-stopped. Format: the MCAP specification, https://mcap.dev/spec.
+The classes of the mcap package name the fields of a record; its readers trust lengths. Format: the
+MCAP specification, https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -11,22 +10,29 @@ import stat
 import struct
 import zlib
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import lz4.frame
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.records import Attachment, McapRecord, Metadata
 
 from cosim.core import InputError
+
+Parsed = TypeVar("Parsed", bound=McapRecord)
 
 MAGIC = b"\x89MCAP0\r\n"
 
 MAX_CHUNK_BYTES = 2**28
 """Largest chunk that is opened; one that claims more is damaged."""
 
-_HEAD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQI")
+HEAD = struct.Struct("<BQ")
+"""Opcode and length of a record."""
+
+_CHUNK = struct.Struct("<QQQII")
 _MESSAGE_BYTES = 22
 _INSIDE_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
@@ -35,59 +41,49 @@ class DamageError(Exception):
     """The file cannot be read any further; the message says where and why."""
 
 
-class Cursor:
-    """A reading position in one record; `DamageError` at a field beyond the record's end."""
+class Fields(ReadDataStream):
+    """The fields of one record, for the classes of the mcap package.
 
-    def __init__(self, data: bytes | memoryview) -> None:
-        self._data = memoryview(data)
-        self._at = 0
+    `DamageError` at a field beyond the record's end.
+    """
 
-    def take(self, size: int) -> memoryview:
-        """Return the next `size` bytes."""
-        if size > len(self._data) - self._at:
+    def __init__(self, content: bytes | memoryview) -> None:
+        super().__init__(BytesIO(content))
+        self._size = len(content)
+
+    def read(self, length: int) -> bytes:
+        """Return the next `length` bytes."""
+        if length > self.left:
             raise DamageError("a field is longer than its record")
-        self._at += size
-        return self._data[self._at - size : self._at]
-
-    def number(self, size: int) -> int:
-        """Return the next unsigned integer of `size` bytes."""
-        return int.from_bytes(self.take(size), "little")
-
-    def text(self) -> str:
-        """Return the next string (length in four bytes, UTF-8)."""
-        try:
-            return bytes(self.take(self.number(4))).decode()
-        except UnicodeDecodeError:
-            raise DamageError("a text is not UTF-8") from None
-
-    def mapping(self) -> dict[str, str]:
-        """Return the next string-to-string map."""
-        inner = Cursor(self.take(self.number(4)))
-        entries = {}
-        while inner.left:
-            key = inner.text()
-            entries[key] = inner.text()
-        return entries
+        return super().read(length)
 
     @property
     def left(self) -> int:
         """Bytes not yet read."""
-        return len(self._data) - self._at
+        return self._size - self.count
 
 
-def outer_records(path: Path) -> Iterator[tuple[int, int, bytes]]:
-    """Yield opcode, position in the file and content of each record, with chunks unopened.
+def parsed(kind: type[Parsed], content: bytes | memoryview) -> Parsed:
+    """Read the content of a record as a class of the mcap package.
 
     Raises
     ------
-    InputError : no such file, a directory, an empty file, not an MCAP file.
-    DamageError : the file is cut short or damaged; records yielded before are whole.
+    DamageError : a field is longer than the record, a text is not UTF-8, the checksum of an
+        attachment does not match, or metadata are shorter than their record.
     """
-    with open_trace(path) as stream:
-        try:
-            yield from _walk(stream, path)
-        except OSError as error:
-            raise DamageError(f"reading failed: {error.strerror}") from error
+    if kind is Attachment and int.from_bytes(content[-4:], "little") not in (
+        0,
+        zlib.crc32(memoryview(content)[:-4]),
+    ):
+        raise DamageError("the checksum of an attachment does not match")
+    fields = Fields(content)
+    try:
+        found: Parsed = kind.read(fields)  # type: ignore[attr-defined]
+    except UnicodeDecodeError:
+        raise DamageError("a text is not UTF-8") from None
+    if kind is Metadata and fields.left:
+        raise DamageError("a metadata record is longer than what is in it")
+    return found
 
 
 def open_trace(path: Path) -> BinaryIO:
@@ -125,87 +121,104 @@ def check_start(start: bytes, size: int, path: Path) -> None:
         )
 
 
-def _walk(stream: BinaryIO, path: Path) -> Iterator[tuple[int, int, bytes]]:
-    size = stream.seek(0, 2)
-    stream.seek(0)
-    start = stream.read(len(MAGIC))
-    check_start(start, size, path)
-    checksum = zlib.crc32(start)
-    position = len(MAGIC)
-    while True:
-        if size - position < _HEAD.size:
-            raise DamageError(f"the file ends after {size} bytes, without its closing records")
-        head = stream.read(_HEAD.size)
-        opcode, length = _HEAD.unpack(head)
-        if opcode == 0:
-            raise DamageError(f"no record at byte {position}")
-        if length > size - position - _HEAD.size:
-            raise DamageError(f"the record at byte {position} is cut short")
-        content = stream.read(length)
-        if len(content) < length:
-            raise DamageError(f"the record at byte {position} is cut short")
-        try:
-            _check(opcode, content, checksum)
-        except DamageError as error:
-            raise DamageError(f"record at byte {position}: {error}") from None
-        yield opcode, position, content
-        checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-        position += _HEAD.size + length
-        if opcode == Opcode.FOOTER:
-            break
-    end = stream.read()
-    if end != MAGIC:
-        raise DamageError(f"the closing magic is not where it should be, at byte {position}")
-
-
-def _check(opcode: int, content: bytes, checksum: int) -> None:
-    if opcode == Opcode.DATA_END:
-        given = Cursor(content).number(4)
-        if given not in (0, checksum):
-            raise DamageError("the checksum of the data section does not match")
-    if opcode == Opcode.ATTACHMENT:
-        given = int.from_bytes(content[-4:], "little")
-        if given not in (0, zlib.crc32(content[:-4])):
-            raise DamageError("the checksum of an attachment does not match")
-    if opcode == Opcode.MESSAGE and len(content) < _MESSAGE_BYTES:
-        raise DamageError("a message is cut short")
-
-
 def inner_records(data: bytes | memoryview) -> Iterator[tuple[int, int, memoryview]]:
     """Yield opcode, place and content of each record of an opened chunk; `DamageError` if cut."""
     view = memoryview(data)
     at, size = 0, len(data)
     while at < size:
-        if size - at < _HEAD.size:
+        if size - at < HEAD.size:
             raise DamageError("a record inside the chunk is cut short")
-        opcode, length = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
+        opcode, length = HEAD.unpack_from(data, at)
+        at += HEAD.size
         if length > size - at or (opcode == Opcode.MESSAGE and length < _MESSAGE_BYTES):
             raise DamageError("a record inside the chunk is cut short")
         if opcode in _INSIDE_CHUNKS:
-            yield opcode, at - _HEAD.size, view[at : at + length]
+            yield opcode, at - HEAD.size, view[at : at + length]
         elif opcode < 0x80:  # beyond, the specification leaves opcodes to applications
             raise DamageError(f"a record of type {opcode} inside a chunk")
         at += length
 
 
+class ChunkHead(NamedTuple):
+    """The fields of a chunk record before its data; `at` and `packed`: place and size of these."""
+
+    first: int
+    last: int
+    size: int
+    checksum: int
+    compression: str
+    at: int
+    packed: int
+
+
+def chunk_head(content: bytes | memoryview) -> ChunkHead:
+    """Read the fields of a chunk; `DamageError` if they or the data exceed the record."""
+    if len(content) < _CHUNK.size:
+        raise DamageError("a field is longer than its record")
+    first, last, size, checksum, length = _CHUNK.unpack_from(content)
+    at = _CHUNK.size + length + 8
+    if at > len(content):
+        raise DamageError("a field is longer than its record")
+    try:
+        compression = bytes(content[_CHUNK.size : at - 8]).decode()
+    except UnicodeDecodeError:
+        raise DamageError("a text is not UTF-8") from None
+    packed = int.from_bytes(content[at - 8 : at], "little")
+    if packed > len(content) - at:
+        raise DamageError("a field is longer than its record")
+    return ChunkHead(first, last, size, checksum, compression, at, packed)
+
+
 def chunk_data(content: bytes | memoryview) -> bytes:
     """Decompress a chunk record; `DamageError` if size or checksum are not as it claims."""
-    fields = Cursor(content)
-    _, _, size, checksum = _CHUNK.unpack(fields.take(_CHUNK.size))
-    compression = fields.text()
-    packed = fields.take(fields.number(8))
-    if size > MAX_CHUNK_BYTES:
-        raise DamageError(f"a chunk claims {size} bytes, more than {MAX_CHUNK_BYTES}")
+    head = chunk_head(content)
+    packed = memoryview(content)[head.at : head.at + head.packed]
+    if head.size > MAX_CHUNK_BYTES:
+        raise DamageError(f"a chunk claims {head.size} bytes, more than {MAX_CHUNK_BYTES}")
     try:
-        data = _decompress(compression, packed, size)
+        data = _decompress(head.compression, packed, head.size)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
         raise DamageError(f"a chunk does not decompress ({error})") from None
-    if len(data) != size:
-        raise DamageError(f"a chunk has {len(data)} bytes where it claims {size}")
-    if checksum not in (0, zlib.crc32(data)):
+    if len(data) != head.size:
+        raise DamageError(f"a chunk has {len(data)} bytes where it claims {head.size}")
+    if head.checksum not in (0, zlib.crc32(data)):
         raise DamageError("the checksum of a chunk does not match")
     return data
+
+
+def salvaged(content: bytes | memoryview, packed: int | None) -> bytes:
+    """Decompress what can be of a damaged chunk record, whatever it claims.
+
+    packed : size of its data as its index has it, which then end the record; None if unknown.
+    """
+    at = len(content) - packed if packed is not None else _CHUNK.size + 8
+    if packed is None and len(content) >= _CHUNK.size:
+        at += int.from_bytes(content[_CHUNK.size - 4 : _CHUNK.size], "little")
+    data = memoryview(content)[max(at, 0) :]
+    # by the first bytes of a frame: the name of the compression may be what is damaged
+    start = bytes(data[:4])
+    if start == _LZ4 or bytes(content[_CHUNK.size :][:3]) == b"lz4":
+        return _as_far_as(lz4.frame.LZ4FrameDecompressor(), data)
+    if start == _ZSTD or bytes(content[_CHUNK.size :][:4]) == b"zstd":
+        return _as_far_as(zstandard.ZstdDecompressor().decompressobj(), data)
+    return bytes(data)
+
+
+_ZSTD, _LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"
+
+
+def _as_far_as(decompressor: Any, packed: memoryview) -> bytes:
+    """Return what a frame gives before its damage."""
+    found, size = [], 0
+    for at in range(0, len(packed), 256):
+        try:
+            found.append(decompressor.decompress(bytes(packed[at : at + 256])))
+        except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+            break
+        size += len(found[-1])
+        if size > MAX_CHUNK_BYTES:
+            break
+    return b"".join(found)
 
 
 def _decompress(compression: str, packed: memoryview, size: int) -> bytes:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
-import shutil
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+import json
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from mcap.opcode import Opcode
+from mcap.records import Attachment, Header, Metadata
 
-from cosim.core import InputError, LossError, Progress, silent
+from cosim.core import InputError, LossError, Progress, copy_whole, silent
 from cosim.trace import layout
 from cosim.trace.disk import PartialFile
-from cosim.trace.pieces import McapFile, Piece, attachment_of, message_of, metadata_of
-from cosim.trace.records import Cursor, chunk_data, inner_records
-from cosim.trace.scan import Damage, Scan, scan
+from cosim.trace.records import chunk_head, parsed
 from cosim.trace.stream import McapStream
+from cosim.trace.verification import verification_of
+from cosim.trace.verify_file import FileChecks
+from cosim.trace.walk import Damage, Policy, Record, Walk
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,12 @@ class Recovery:
     Attributes
     ----------
     source, output : the file read, and the one written; the same if nothing had to be written.
-    complete : whether the file was whole, with nothing to recover.
+    complete : whether the file was whole, with nothing to recover, and `verify` finds no fault.
     finished : whether the run has a result.
+    failed : checks of `verify` that the source fails, by name. Those of indexes and summary are
+        mended in the output, which has new ones; what a run lacks is not.
     messages, metadata, attachments : number of them in the output.
+    suspect_messages : number of those that were kept though their chunk is damaged.
     lost_messages : number of messages lost, None if unknown.
     lost_bytes : bytes of the file that could not be used.
     damage : places and reasons.
@@ -40,7 +43,9 @@ class Recovery:
     output: Path
     complete: bool
     finished: bool
+    failed: tuple[str, ...]
     messages: int
+    suspect_messages: int
     metadata: int
     attachments: int
     lost_messages: int | None
@@ -54,6 +59,7 @@ class Recovery:
             **{name: getattr(self, name) for name in _PLAIN},
             "source": str(self.source),
             "output": str(self.output),
+            "failed": list(self.failed),
             "damage": [asdict(damage) for damage in self.damage],
         }
 
@@ -62,6 +68,7 @@ _PLAIN = (
     "complete",
     "finished",
     "messages",
+    "suspect_messages",
     "metadata",
     "attachments",
     "lost_messages",
@@ -75,6 +82,7 @@ def recover(
     output: Path | None = None,
     *,
     force: bool = False,
+    keep_suspect: bool = False,
     progress: Progress | None = None,
 ) -> Recovery:
     """Write a finished file with every message, metadata record and attachment that is whole.
@@ -86,6 +94,8 @@ def recover(
     ----------
     output : by default NAME.recovered.mcap beside NAME.mcap or NAME.mcap.partial.
     force : replace an output that exists.
+    keep_suspect : keep what can be read of damaged chunks and attachments too. Their values may
+        be wrong; the record `cosim.recovered` names them.
 
     Raises
     ------
@@ -94,38 +104,78 @@ def recover(
     LossError : the output cannot be written.
     """
     report_progress = progress or silent
-    with McapFile(source) as file:
-        report_progress("reading", 0.0)
-        found = scan(file)
-        if found.whole and not found.damage:
-            return _as_it_is(file, found, source, output, force=force)
-        if not found.pieces or all(p.opcode == Opcode.HEADER for p in found.pieces):
-            raise InputError(
-                "nothing in this file can be recovered",
-                where=str(source),
-                expected="at least one whole record behind the header",
-                got=found.damage[0].reason if found.damage else f"{file.size} bytes",
-            )
-        target = _target(source) if output is None else output
-        _check_target(source, target, force=force)
-        return _written(file, found, source, target, report_progress)
+    report_progress("reading", 0.0)
+    found = _look(source, "keep" if keep_suspect else "skip", report_progress)
+    whole = found.walk.whole and not found.walk.damage
+    if whole and not found.mendable:
+        return _as_it_is(found, source, output, force=force)
+    if not found.checks.first:
+        damage = found.walk.damage
+        raise InputError(
+            "nothing in this file can be recovered",
+            where=str(source),
+            expected="at least one whole record behind the header",
+            got=damage[0].reason if damage else f"{found.walk.size} bytes",
+        )
+    target = _target(source) if output is None else output
+    _check_target(source, target, force=force)
+    return _written(found, source, target, report_progress)
 
 
-def _as_it_is(
-    file: McapFile, found: Scan, source: Path, output: Path | None, *, force: bool
-) -> Recovery:
-    counts = _Counts()
-    for _ in _events(file, found, counts):
-        pass
+@dataclass
+class _Found:
+    """A file as the first walk over it has found it.
+
+    Attributes
+    ----------
+    mendable : checks of the structure that fail, though no byte is damaged.
+    promised : number of messages as a proved summary has it; None without.
+    """
+
+    walk: Walk
+    policy: Policy
+    checks: FileChecks
+    mendable: tuple[str, ...] = ()
+    promised: int | None = None
+    profile: str = ""
+    library: str = ""
+    compression: str | None = None
+
+
+def _look(source: Path, policy: Policy, report_progress: Progress) -> _Found:
+    walk = Walk(source, policy)
+    found = _Found(walk, policy, FileChecks(walk))
+    for record in walk:
+        found.checks.add(record)
+        if record.opcode == Opcode.HEADER:
+            header = parsed(Header, record.content)
+            found.profile, found.library = header.profile, header.library
+        elif record.opcode == Opcode.CHUNK and found.compression is None and not record.suspect:
+            found.compression = chunk_head(record.content).compression or "none"
+        report_progress("reading", walk.position / walk.size)
+    found.mendable = tuple(c.name for c in found.checks.results if c.verdict == "failed")
+    found.promised = found.checks.stated if walk.proved else None
+    return found
+
+
+def _as_it_is(found: _Found, source: Path, output: Path | None, *, force: bool) -> Recovery:
+    counts = _Counts(
+        messages=sum(n for c, n in found.checks.counts.items() if c in found.checks.channels),
+        metadata=len(found.checks.metadata),
+        attachments=found.checks.attachments,
+        result=any(name == layout.RESULT for name, _ in found.checks.metadata),
+    )
     if output is not None:
         _check_target(source, output, force=force)
         try:
-            shutil.copyfile(source, output)
+            copy_whole(source, output)
         except OSError as error:
             raise LossError(
                 "the file could not be copied", where=str(output), got=str(error)
             ) from error
-    return _recovery(file, found, counts, source, output or source)
+    checks = verification_of(source, found.walk, found.checks).checks
+    failed = tuple(check.name for check in checks if check.verdict == "failed")
+    return replace(_recovery(found, counts, source, output or source, failed), lost=bool(failed))
 
 
 def _target(source: Path) -> Path:
@@ -148,23 +198,30 @@ def _check_target(source: Path, target: Path, *, force: bool) -> None:
 
 @dataclass
 class _Counts:
+    """What the output has.
+
+    Attributes
+    ----------
+    orphans : messages on channels that are declared nowhere.
+    suspect : what was kept of each damaged chunk or attachment.
+    """
+
     messages: int = 0
     metadata: int = 0
     attachments: int = 0
     orphans: int = 0
-    """Messages on channels that are declared nowhere."""
     result: bool = False
+    suspect_messages: int = 0
+    suspect: list[dict[str, Any]] = field(default_factory=list)
 
 
-def _written(
-    file: McapFile, found: Scan, source: Path, target: Path, report_progress: Progress
-) -> Recovery:
+def _written(found: _Found, source: Path, target: Path, report_progress: Progress) -> Recovery:
     sink = PartialFile(target, fsync=False, suffix=".recovering")
     counts = _Counts()
     try:
-        stream = McapStream(sink, 256 * 1024, _compression(file, found), early=True)
-        _copy(file, found, stream, counts, report_progress)
-        recovery = _recovery(file, found, counts, source, target)
+        stream = McapStream(sink, 256 * 1024, found.compression or "zstd", early=True)
+        _copy(found, source, stream, counts, report_progress)
+        recovery = _recovery(found, counts, source, target, found.mendable)
         sink.finish()
     except OSError as error:
         sink.discard()
@@ -181,33 +238,39 @@ def _written(
 
 
 def _copy(
-    file: McapFile, found: Scan, stream: McapStream, counts: _Counts, report_progress: Progress
+    found: _Found, source: Path, stream: McapStream, counts: _Counts, report_progress: Progress
 ) -> None:
-    profile, library = _header(file, found)
-    stream.start(library, profile)
+    stream.start(found.library, found.profile)
     numbers: dict[int, int] = {}
     schemas: dict[int, int] = {0: 0}
     waiting: list[tuple[str, dict[str, str]]] = []
-    for position, opcode, content in _events(file, found, counts):
+    walk = Walk(source, found.policy)
+    for record in walk:
+        if walk.ended is not None and record.position > walk.ended:
+            break
+        if record.messages is None and record.opcode not in (Opcode.METADATA, Opcode.ATTACHMENT):
+            continue
         for name, entries in waiting:
             stream.flush()
             stream.metadata(name, entries)
         waiting = []
-        if opcode == Opcode.MESSAGE:
-            old, sequence, log_ns, publish_ns, data = message_of(content)
-            new = numbers.get(old)
-            if new is None:
-                new = numbers[old] = _declared(stream, found, old, schemas)
-            stream.message(new, log_ns, publish_ns, sequence, data)
-        elif opcode == Opcode.METADATA:
-            waiting.append(metadata_of(content))
+        if record.messages is not None:
+            _copy_messages(found, record, stream, counts, numbers, schemas)
+        elif record.opcode == Opcode.METADATA:
+            metadata = parsed(Metadata, record.content)
+            counts.metadata += 1
+            counts.result |= metadata.name == layout.RESULT
+            waiting.append((metadata.name, metadata.metadata))
         else:
-            one = attachment_of(content)
+            one = parsed(Attachment, record.trusted)
+            counts.attachments += 1
             stream.flush()
             stream.attachment(
-                one.name, one.media_type, one.data, log_ns=one.log_ns, create_ns=one.create_ns
+                one.name, one.media_type, one.data, log_ns=one.log_time, create_ns=one.create_time
             )
-        report_progress("writing", position / file.size)
+            if record.suspect is not None:
+                counts.suspect.append({"attachment": one.name, "why": record.suspect})
+        report_progress("writing", record.position / walk.size)
     last = [record for record in waiting if record[0] == layout.RESULT]
     for name, entries in (
         [r for r in waiting if r not in last] + [_recovery_record(found, counts)] + last
@@ -217,112 +280,103 @@ def _copy(
     stream.finish()
 
 
-def _recovery_record(found: Scan, counts: _Counts) -> tuple[str, dict[str, str]]:
+def _copy_messages(
+    found: _Found,
+    record: Record,
+    stream: McapStream,
+    counts: _Counts,
+    numbers: dict[int, int],
+    schemas: dict[int, int],
+) -> None:
+    """Copy the messages of a chunk, or outside chunks, in file order; note those suspect."""
+    messages = record.messages
+    assert messages is not None  # noqa: S101 - the caller has looked
+    before, topics = counts.messages, dict[str, int]()
+    heads = messages.heads
+    columns = [heads[key].tolist() for key in ("channel", "sequence", "log", "publish")]
+    for old, sequence, log_ns, publish_ns, data in zip(*columns, messages.payloads(), strict=True):
+        channel = found.checks.channels.get(old)
+        if channel is None:
+            counts.orphans += 1
+            continue
+        new = numbers.get(old)
+        if new is None:
+            new = numbers[old] = _declared(stream, found, old, schemas)
+        stream.message(new, log_ns, publish_ns, sequence, bytes(data))
+        counts.messages += 1
+        topics[channel.topic] = topics.get(channel.topic, 0) + 1
+    if record.suspect is not None and counts.messages > before:
+        counts.suspect_messages += counts.messages - before
+        counts.suspect.append(
+            {
+                "messages": [before, counts.messages],
+                "topics": topics,
+                "log_ns": [int(heads["log"].min()), int(heads["log"].max())],
+                "byte": record.position,
+                "why": record.suspect,
+            }
+        )
+
+
+def _recovery_record(found: _Found, counts: _Counts) -> tuple[str, dict[str, str]]:
     """The record that says that, and of what, a file was recovered."""
-    lost = _lost_messages(found, counts)
-    return layout.RECOVERED, {
-        "host.lost_bytes": str(sum(damage.length for damage in found.damage)),
+    lost, damage = _lost_messages(found, counts), found.walk.damage
+    entries = {
+        "host.lost_bytes": str(sum(d.length for d in damage if d.outcome == "lost")),
         "host.lost_messages": "unknown" if lost is None else str(lost),
-        "host.damage": "; ".join(f"byte {d.position}: {d.reason}" for d in found.damage[:20]),
+        "host.damage": "; ".join(f"byte {d.position}: {d.reason}" for d in damage[:20]),
     }
+    if found.policy == "keep":
+        entries["host.suspect_messages"] = str(counts.suspect_messages)
+        entries["host.suspect"] = json.dumps(counts.suspect)
+    return layout.RECOVERED, entries
 
 
-def _events(
-    file: McapFile, found: Scan, counts: _Counts
-) -> Iterator[tuple[int, int, bytes | memoryview]]:
-    """Messages, metadata and attachments in file order, counted; channels must be known."""
-    for piece in found.pieces:
-        for opcode, content in _inside(file, piece):
-            if opcode == Opcode.MESSAGE:
-                if int.from_bytes(content[:2], "little") not in found.channels:
-                    counts.orphans += 1
-                    continue
-                counts.messages += 1
-            elif opcode == Opcode.METADATA:
-                counts.metadata += 1
-                counts.result |= metadata_of(content)[0] == layout.RESULT
-            elif opcode == Opcode.ATTACHMENT:
-                counts.attachments += 1
-            else:
-                continue
-            yield piece.position, opcode, content
-
-
-def _inside(file: McapFile, piece: Piece) -> Iterator[tuple[int, bytes | memoryview]]:
-    content = file.content(piece)
-    if piece.opcode != Opcode.CHUNK:
-        yield piece.opcode, content
-        return
-    for opcode, _, inside in inner_records(chunk_data(content)):
-        yield opcode, inside
-
-
-def _declared(stream: McapStream, found: Scan, number: int, schemas: dict[int, int]) -> int:
+def _declared(stream: McapStream, found: _Found, number: int, schemas: dict[int, int]) -> int:
     """Declare a channel, and its schema, when its first message comes."""
-    channel = found.channels[number]
-    if channel.schema not in schemas:
-        schema = found.schemas.get(channel.schema)
-        schemas[channel.schema] = (
+    channel = found.checks.channels[number]
+    if channel.schema_id not in schemas:
+        schema = found.checks.schemas.get(channel.schema_id)
+        schemas[channel.schema_id] = (
             0 if schema is None else stream.schema(schema.name, schema.encoding, schema.data)
         )
     return stream.channel(
-        channel.topic, channel.encoding, schemas[channel.schema], dict(channel.metadata)
+        channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata
     )
 
 
-def _header(file: McapFile, found: Scan) -> tuple[str, str]:
-    for piece in found.pieces:
-        if piece.opcode == Opcode.HEADER:
-            fields = Cursor(file.content(piece))
-            with contextlib.suppress(Exception):
-                return fields.text(), fields.text()
-    return "", ""
-
-
-def _compression(file: McapFile, found: Scan) -> str:
-    """That of the first chunk."""
-    for piece in found.pieces:
-        if piece.opcode == Opcode.CHUNK:
-            fields = Cursor(file.content(piece))
-            fields.take(28)
-            return fields.text() or "none"
-    return "zstd"
-
-
-def _lost_messages(found: Scan, counts: _Counts) -> int | None:
+def _lost_messages(found: _Found, counts: _Counts) -> int | None:
     """How many are missing: none if the end is there, by the indexes of what is damaged."""
-    has_end = found.ended is not None or counts.result
-    return found.lost + counts.orphans if has_end and found.lost is not None else None
+    if found.promised is not None:
+        return max(found.promised - counts.messages, 0)
+    has_end = found.walk.ended is not None or counts.result
+    lost = found.walk.lost
+    return lost + counts.orphans if has_end and lost is not None else None
 
 
-def _recovery(file: McapFile, found: Scan, counts: _Counts, source: Path, target: Path) -> Recovery:
+def _recovery(
+    found: _Found, counts: _Counts, source: Path, target: Path, failed: tuple[str, ...]
+) -> Recovery:
+    walk = found.walk
     lost = _lost_messages(found, counts)
-    total = _promised(file, found)
-    if total is not None:
-        lost = max(total - counts.messages, 0)
-    end = file.size
-    if found.ended is not None:
-        end = found.ended.position + 1
+    end = walk.size
+    if walk.ended is not None:
+        end = walk.ended + 1
     elif counts.result:  # the last that a run writes
-        end = found.pieces[-1].end
+        end = found.checks.end
+    damage = walk.damage
     return Recovery(
         source=source,
         output=target,
-        complete=found.whole and not found.damage,
+        complete=walk.whole and not damage and not failed,
         finished=counts.result,
+        failed=failed,
         messages=counts.messages,
+        suspect_messages=counts.suspect_messages,
         metadata=counts.metadata,
         attachments=counts.attachments,
         lost_messages=lost,
-        lost_bytes=sum(damage.length for damage in found.damage),
-        damage=tuple(found.damage),
-        lost=lost != 0 or any(damage.position < end for damage in found.damage),
+        lost_bytes=sum(d.length for d in damage if d.outcome == "lost"),
+        damage=tuple(damage),
+        lost=lost != 0 or any(d.position < end and d.outcome != "mended" for d in damage),
     )
-
-
-def _promised(file: McapFile, found: Scan) -> int | None:
-    """Number of messages as the summary has it, where that is proved."""
-    for piece in found.summary if found.proved else ():
-        if piece.opcode == Opcode.STATISTICS:
-            return int.from_bytes(file.content(piece)[:8], "little")
-    return None

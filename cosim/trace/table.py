@@ -77,6 +77,22 @@ class Table:
             self.signals,
         )
 
+    def followed_by(self, other: Table) -> Table:
+        """Return these rows and then those of another table with the same columns."""
+
+        def joined(mine: NDArray[Any], theirs: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([mine, theirs])
+
+        return Table(
+            self.topic,
+            joined(self.log_time_ns, other.log_time_ns),
+            joined(self.publish_time_ns, other.publish_time_ns),
+            joined(self.sequence, other.sequence),
+            {name: joined(column, other.columns[name]) for name, column in self.columns.items()},
+            {name: joined(there, other.present[name]) for name, there in self.present.items()},
+            self.signals,
+        )
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Series:

@@ -8,23 +8,28 @@ at the union of their instants, each with the value in force there (sample and h
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.core import InputError, Progress, silent
+from cosim.core import InputError, Progress, silent, written_beside
 from cosim.trace.content import content_hash_of
 from cosim.trace.hold import rows_in_force, sample_and_hold
 from cosim.trace.layout import signal_name
 from cosim.trace.reader import Trace
 from cosim.trace.table import Table
-from cosim.trace.table_files import Column, Sheet, pyarrow, write_csv, write_parquet
+from cosim.trace.table_files import Column, CsvFile, ParquetFile, Sheet, pyarrow
+from cosim.trace.topic_info import window_ns
 
 Format = Literal["csv", "parquet"]
 _EXACT = 2**53
+_OPEN = 200
+_PART_BYTES = 2**24
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,32 +78,64 @@ def export(
     if target is None:
         stem = trace.path.name.partition(".")[0]
         target = trace.path.with_name(f"{stem}.{to}" if single else f"{stem}-{to}")
-    tables = trace.read_all(list(chosen), start=start, end=end) if wide else {}
     jobs: list[tuple[str | None, Path]] = [(None, target)]
     if not wide:
         names = _file_names(list(chosen))
         folder = target.is_dir() or not single
         jobs = [(t, target / f"{names[t]}.{to}" if folder else target) for t in chosen]
-    content_hash = content_hash_of(trace)
-    written = []
-    for number, (topic, file) in enumerate(jobs):
-        notify(f"writing {file.name}", number / len(jobs))
-        if topic is None:
-            sheet = _wide(tables, chosen)
+    content_hash = "" if arrow is None else content_hash_of(trace)
+
+    def file_of(path: Path, sheet: Sheet) -> CsvFile | ParquetFile:
+        if arrow is None:
+            return CsvFile(path, sheet)
+        return ParquetFile(arrow, path, sheet, trace, content_hash)
+
+    window = window_ns(start, end)
+    written: list[WrittenTable] = []
+    # files are open at the same time: so many that no system refuses
+    for first in range(0, len(jobs), _OPEN):
+        some = jobs[first : first + _OPEN]
+        notify(f"writing {some[0][1].name}", first / len(jobs))
+        if wide:
+            sheets = _wide(trace, chosen, window)
         else:
-            sheet = _long(trace.read(topic, start=start, end=end), chosen[topic])
+            sheets = _long(trace, {t: chosen[t] for t, _ in some if t}, (start, end), window)
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            if arrow is None:
-                write_csv(file, sheet)
-            else:
-                write_parquet(arrow, file, sheet, trace, content_hash)
+            written += _write(some, sheets, file_of)
         except OSError as error:
             raise InputError(
-                "the table cannot be written", where=str(file), got=str(error)
+                "the table cannot be written", where=str(some[0][1]), got=str(error)
             ) from error
-        written.append(WrittenTable(file, topic, sheet.rows, tuple(c.name for c in sheet.columns)))
     return written
+
+
+def _write(
+    jobs: list[tuple[str | None, Path]],
+    sheets: Iterator[Sheet],
+    file_of: Callable[[Path, Sheet], CsvFile | ParquetFile],
+) -> Iterator[WrittenTable]:
+    """Write sheets to the files of their topics: the first of each is its columns, without rows.
+
+    The files replace others when all of them are complete.
+    """
+    targets = dict(jobs)
+    rows = dict.fromkeys(targets, 0)
+    columns: dict[str | None, tuple[str, ...]] = {}
+    with ExitStack() as stack:
+        files: dict[str | None, CsvFile | ParquetFile] = {}
+        with ExitStack() as opened:
+            for sheet in sheets:
+                topic = sheet.topic
+                if topic not in files:
+                    target = targets[topic]
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    files[topic] = file_of(stack.enter_context(written_beside(target)), sheet)
+                    opened.callback(files[topic].close)
+                    columns[topic] = tuple(column.name for column in sheet.columns)
+                files[topic].append(sheet)
+                rows[topic] += sheet.rows
+    for topic, target in jobs:
+        yield WrittenTable(target, topic, rows[topic], columns[topic])
 
 
 def _chosen(
@@ -143,8 +180,29 @@ def _file_names(topics: list[str]) -> dict[str, str]:
     return names
 
 
-def _long(table: Table, names: list[str] | None) -> Sheet:
-    """Make the table of one topic: time_s, sent_s, sequence, then the signals.
+def _long(
+    trace: Trace,
+    chosen: Mapping[str, list[str] | None],
+    seconds: tuple[float | None, float | None],
+    window: tuple[int, int],
+) -> Iterator[Sheet]:
+    """Yield the tables of topics part by part: time_s, sent_s, sequence, then the signals."""
+    start, end = seconds
+    streamed = [t for t in chosen if trace.topics[t].encoding == "protobuf"]
+    fine = {t: min(trace.spans.get(t, (0, 0))[1], window[1]) > _EXACT for t in chosen}
+    for topic in streamed:
+        yield _rows(trace.empty(topic), chosen[topic], nanoseconds=fine[topic])
+    for tables in trace.parts(streamed, start=start, end=end, part_bytes=_PART_BYTES):
+        for topic, table in tables.items():
+            yield _rows(table, chosen[topic], nanoseconds=fine[topic])
+    for topic in chosen:  # the columns of JSON are known only when all rows are read
+        if topic not in streamed:
+            table = trace.read(topic, start=start, end=end)
+            yield _rows(table, chosen[topic], nanoseconds=fine[topic])
+
+
+def _rows(table: Table, names: list[str] | None, *, nanoseconds: bool) -> Sheet:
+    """Make the table of one topic.
 
     Instants with more digits than a double (of a wall clock) are written in nanoseconds too.
     """
@@ -154,7 +212,7 @@ def _long(table: Table, names: list[str] | None) -> Sheet:
         Column("sent_s", "s", "time of sending", table.sent, everywhere),
         Column("sequence", None, "sequence number", table.sequence, everywhere),
     ]
-    if len(table) and int(table.log_time_ns.max()) > _EXACT:
+    if nanoseconds:
         for name, times in (("time_ns", table.log_time_ns), ("sent_ns", table.publish_time_ns)):
             columns.append(Column(name, "ns", None, times, everywhere))
     taken = {column.name for column in columns}
@@ -165,17 +223,36 @@ def _long(table: Table, names: list[str] | None) -> Sheet:
     return Sheet(table.topic, columns)
 
 
-def _wide(tables: dict[str, Table], chosen: dict[str, list[str] | None]) -> Sheet:
-    """Make the wide table: time_s, then every signal by its full name."""
-    base = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
-    everywhere = np.ones(base.size, np.bool_)
-    columns = [Column("time_s", "s", "time", base / 1e9, everywhere)]
-    for topic, names in chosen.items():
-        table = tables[topic]
-        for name in table.columns if names is None else names:
-            there, signal = table.present[name], table.signals[name]
-            rows = rows_in_force(table.log_time_ns[there], base)
-            column = sample_and_hold(table[name][there], rows)
-            own = signal_name(topic, name)
-            columns.append(Column(own, signal.unit, signal.description, *column))
-    return Sheet(None, columns)
+def _wide(
+    trace: Trace, chosen: Mapping[str, list[str] | None], window: tuple[int, int]
+) -> Iterator[Sheet]:
+    """Yield the wide table window by window: time_s, then every signal by its full name."""
+    whole = any(trace.topics[topic].encoding != "protobuf" for topic in chosen)
+    borders = [] if whole else [b for b in trace.borders(_PART_BYTES) if b < window[1]]
+    in_force: dict[str, Table] = {}
+    for tables in trace.windows(list(chosen), [*borders, window[1]], first_ns=window[0]):
+        base = np.unique(np.concatenate([table.log_time_ns for table in tables.values()]))
+        everywhere = np.ones(base.size, np.bool_)
+        columns = [Column("time_s", "s", "time", base / 1e9, everywhere)]
+        for topic, names in chosen.items():
+            table = tables[topic]
+            if topic in in_force:
+                table = in_force[topic].followed_by(table)
+            for name in table.columns if names is None else names:
+                there, signal = table.present[name], table.signals[name]
+                rows = rows_in_force(table.log_time_ns[there], base)
+                column = sample_and_hold(table[name][there], rows)
+                own = signal_name(topic, name)
+                columns.append(Column(own, signal.unit, signal.description, *column))
+            in_force[topic] = table.part(_in_force(table))
+        yield Sheet(None, columns)
+
+
+def _in_force(table: Table) -> NDArray[np.int64]:
+    """Return the numbers of the last rows in which a column has a value, increasing."""
+    last = set()
+    order = np.argsort(table.log_time_ns, kind="stable")
+    for there in table.present.values():
+        found = order[there[order]]
+        last.update(found[-1:].tolist())
+    return np.array(sorted(last), np.int64)

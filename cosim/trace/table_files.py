@@ -43,14 +43,26 @@ class Sheet:
         return int(self.columns[0].values.size)
 
 
-def write_csv(path: Path, sheet: Sheet) -> None:
-    """Write CSV (RFC 4180): a header, numbers that read back to the same bits, empty if absent."""
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([column.name for column in sheet.columns])
+class CsvFile:
+    """A CSV file (RFC 4180) of which rows are written bit by bit.
+
+    A header, numbers that read back to the same bits, empty if absent.
+    """
+
+    def __init__(self, path: Path, sheet: Sheet) -> None:
+        self._stream = path.open("w", encoding="utf-8", newline="")
+        self._writer = csv.writer(self._stream)
+        self._writer.writerow([column.name for column in sheet.columns])
+
+    def append(self, sheet: Sheet) -> None:
+        """Write further rows of the same columns."""
         for begin in range(0, sheet.rows, _ROWS):
             texts = [_texts(column, begin, begin + _ROWS) for column in sheet.columns]
-            writer.writerows(zip(*texts, strict=True))
+            self._writer.writerows(zip(*texts, strict=True))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._stream.close()
 
 
 def _texts(column: Column, begin: int, end: int) -> Iterator[Any]:
@@ -75,20 +87,44 @@ def pyarrow() -> Any:
     )
 
 
-def write_parquet(pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash: str) -> None:
-    """Write Parquet, with units and descriptions in the fields and the origin in the schema."""
-    arrays, fields = [], []
+class ParquetFile:
+    """A Parquet file of which rows are written bit by bit.
+
+    Units and descriptions are in the fields, the origin is in the schema.
+
+    Parameters
+    ----------
+    sheet : its columns; rows in it are not written.
+    """
+
+    def __init__(self, pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash: str) -> None:
+        self._pa = pa
+        self._schema = _schema(pa, sheet, trace, content_hash)
+        self._writer = pa.parquet.ParquetWriter(path, self._schema, compression="zstd")
+
+    def append(self, sheet: Sheet) -> None:
+        """Write further rows of the same columns."""
+        pa, arrays = self._pa, []
+        for column, field in zip(sheet.columns, self._schema, strict=True):
+            mask = None if column.present.all() else ~column.present
+            text = field.type == pa.string()
+            values = [str(v) for v in column.values] if text else column.values
+            arrays.append(pa.array(values, type=field.type, mask=mask))
+        self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.close()
+
+
+def _schema(pa: Any, sheet: Sheet, trace: Trace, content_hash: str) -> Any:
+    kinds = {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}
+    fields = []
     for column in sheet.columns:
-        mask = None if column.present.all() else ~column.present
-        kind = {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}.get(
-            column.values.dtype.kind, pa.string()
-        )
-        values = column.values if kind != pa.string() else [str(v) for v in column.values]
-        arrays.append(pa.array(values, type=kind, mask=mask))
         notes = {"unit": column.unit, "description": column.description}
-        fields.append(
-            pa.field(column.name, kind, metadata={k: v for k, v in notes.items() if v is not None})
-        )
+        kind = kinds.get(column.values.dtype.kind, pa.string())
+        known = {k: v for k, v in notes.items() if v is not None}
+        fields.append(pa.field(column.name, kind, metadata=known))
     origin = {
         "cosim.trace": trace.path.name,
         "cosim.content_hash": content_hash,
@@ -98,5 +134,4 @@ def write_parquet(pa: Any, path: Path, sheet: Sheet, trace: Trace, content_hash:
     }
     if sheet.topic is not None:
         origin["cosim.topic"] = sheet.topic
-    schema = pa.schema(fields, metadata=origin)
-    pa.parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path, compression="zstd")
+    return pa.schema(fields, metadata=origin)

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim.trace.check_results import Check, Verdict
-from cosim.trace.pieces import McapFile
-from cosim.trace.scan import scan
-from cosim.trace.verify_file import checks_of_file
+from cosim.trace.verify_file import FileChecks
 from cosim.trace.verify_run import checks_of_run
+from cosim.trace.walk import Walk
 
 
 @dataclass(frozen=True)
@@ -58,10 +57,19 @@ def verify(path: Path, fmus: Path | None = None) -> Verification:
     ------
     InputError : the file cannot be read, or is no MCAP file; there is no such folder.
     """
-    with McapFile(path) as file:
-        found = scan(file)
-        checks = list(checks_of_file(file, found))
-        run = checks_of_run(file, found, path, fmus)
+    walk = Walk(path, "skip")
+    found = FileChecks(walk)
+    for record in walk:
+        found.add(record)
+    return verification_of(path, walk, found, fmus)
+
+
+def verification_of(
+    path: Path, walk: Walk, found: FileChecks, fmus: Path | None = None
+) -> Verification:
+    """Return the checks of a file, after the walk over it, and those of a run; see `verify`."""
+    checks = list(found.results)
+    run = checks_of_run(walk, found, path, fmus)
     nothing = "no record cosim.run: of another tool's file only the structure is checked"
     checks += [Check("run", "not checked", nothing)] if run is None else run
     return Verification(path, ours=run is not None, checks=tuple(checks))

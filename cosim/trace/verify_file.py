@@ -2,330 +2,377 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
+from mcap import records as mcap
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    ChunkIndex,
+    Metadata,
+    MetadataIndex,
+    Statistics,
+    SummaryOffset,
+)
 
+from cosim.trace import layout
 from cosim.trace.check_results import Check, Verdict, check_result
-from cosim.trace.pieces import HEAD_BYTES, McapFile, Piece
-from cosim.trace.records import Cursor, DamageError, chunk_data, inner_records
-from cosim.trace.scan import Scan
+from cosim.trace.declared import DamagedDeclarations
+from cosim.trace.messages import Messages, entries_of
+from cosim.trace.records import DamageError, chunk_head, parsed
+from cosim.trace.walk import Record, Walk
+
+_MOST_PROBLEMS = 1000
+"""More of one kind are counted, not kept."""
 
 
-@dataclass
-class _Chunk:
-    """What a chunk record is, as its index ought to have it."""
+class FileChecks:
+    """The checks of any MCAP file, made while a walk goes over its records.
 
-    piece: Piece
-    times: tuple[int, int]
-    sizes: tuple[int, int]
-    compression: str
-    indexes: dict[int, int] = field(default_factory=dict)
-    index_bytes: int = 0
+    Of each chunk a digest of what its index ought to be is kept, and nothing else.
+
+    Attributes
+    ----------
+    declared : the schemas and channels of the file.
+    metadata : name and entries of each record; no entries but of those of a run.
+    attached : SHA-256 of each attachment, by name.
+    certificate : the attachment of that name; None without.
+    first : opcode of the first record behind the header; 0 before it.
+    end : end of the last record of the data [bytes].
+    stated : number of messages as the summary has it; None without.
+    counts : number of messages by channel.
+    """
+
+    def __init__(self, walk: Walk) -> None:
+        self._walk = walk
+        self.declared = DamagedDeclarations()
+        self.metadata: list[tuple[str, dict[str, str]]] = []
+        self.counts: Counter[int] = Counter()
+        self.attached: dict[str, str] = {}
+        self.certificate: bytes | None = None
+        self.first = self.end = 0
+        self.stated: int | None = None
+        self._kinds: Counter[int] = Counter()
+        self._records = 0
+        self._times: tuple[int, int] | None = None
+        self._unchecked = self._indexed = 0
+        self._chunks: dict[int, int] = {}
+        self._names: dict[int, tuple[int, int, str]] = {}
+        self._indexes: list[str] = []
+        self._unindexed: list[str] = []
+        self._summary: list[str] = []
+        self._runs: list[list[int]] = []
+        self._in_summary: list[tuple[int, bytes]] = []
+        self._groups: list[SummaryOffset] = []
+
+    def add(self, record: Record) -> None:
+        """Take the next record of the walk."""
+        self._records += 1 if record.opcode != Opcode.MESSAGE else len(record.messages or ())
+        if self._walk.ended is not None and record.position > self._walk.ended:
+            self._behind(record)
+            return
+        self._kinds[record.opcode] += 1
+        self.end = record.end
+        if not self.first and record.opcode != Opcode.HEADER:
+            self.first = record.opcode
+        chunk = record.opcode == Opcode.CHUNK
+        proved = chunk and record.suspect is None and chunk_head(record.content).checksum != 0
+        self.declared.add(record.declarations, proved=proved)
+        if record.messages is not None:
+            times = record.messages.heads["log"]
+            numbers, counts = np.unique(record.messages.heads["channel"], return_counts=True)
+            for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+                self.counts[number] += count
+            if times.size:
+                low, high = int(times.min()), int(times.max())
+                before = self._times or (low, high)
+                self._times = min(before[0], low), max(before[1], high)
+        if chunk:
+            self._records += len(record.indexes)
+            self._chunk(record)
+        elif record.opcode == Opcode.METADATA:
+            found = parsed(Metadata, record.content)
+            ours = found.name in (layout.RUN, layout.RESULT, layout.RECOVERED)
+            self.metadata.append((found.name, found.metadata if ours else {}))
+            self._names[record.position] = record.opcode, record.size, found.name
+        elif record.opcode == Opcode.ATTACHMENT:
+            attached = parsed(Attachment, record.trusted)
+            self.attached[attached.name] = hashlib.sha256(attached.data).hexdigest()
+            if attached.name == layout.CERTIFICATE_ATTACHMENT:
+                self.certificate = attached.data
+            self._names[record.position] = record.opcode, record.size, attached.name
+
+    @property
+    def channels(self) -> dict[int, mcap.Channel]:
+        """The channels declared, by id."""
+        return self.declared.channels
+
+    @property
+    def schemas(self) -> dict[int, mcap.Schema]:
+        """The schemas declared, by id."""
+        return self.declared.schemas
+
+    @property
+    def attachments(self) -> int:
+        """Number of attachments."""
+        return self._kinds[Opcode.ATTACHMENT]
+
+    @functools.cached_property
+    def results(self) -> tuple[Check, ...]:
+        """The checks, after the walk."""
+        return tuple(self._results())
+
+    def _results(self) -> Iterator[Check]:
+        walk = self._walk
+        # what the summary says of the data, now that all of them are known
+        if walk.proved:
+            self.declared.add([(o, memoryview(c)) for o, c in self._in_summary], proved=True)
+        yield _end_of_file(walk)
+        yield self._check_records()
+        channels, schemas = self.declared.channels, self.declared.schemas
+        problems = [*self.declared.conflicts]
+        for number in self.counts:
+            channel = channels.get(number)
+            if channel is None:
+                problems.append(f"messages on channel {number}, which is not declared")
+            elif channel.schema_id and channel.schema_id not in schemas:
+                problems.append(f"schema {channel.schema_id} of {channel.topic} is missing")
+        fine = f"{len(schemas)} schemas, {len(channels)} channels"
+        yield check_result("declarations", problems, fine)
+        yield self._check_checksums()
+        yield self._check_indexes()
+        yield self._check_summary()
+
+    def _chunk(self, record: Record) -> None:
+        """Compare a chunk with the indexes behind it, and keep what its own index must be."""
+        messages = record.messages
+        if messages is None or record.suspect is not None:
+            return
+        head = chunk_head(record.content)
+        self._unchecked += head.checksum == 0
+        times = messages.heads["log"]
+        span = (int(times.min()), int(times.max())) if times.size else (0, 0)
+        if (head.first, head.last) != span:
+            self._wrong(
+                f"the chunk at byte {record.position} says {head.first} to {head.last} ns, "
+                f"and holds {span[0]} to {span[1]} ns"
+            )
+        offsets = {
+            int.from_bytes(content[:2], "little"): position for position, content in record.indexes
+        }
+        missing = [] if _is_indexed(record) else self._compare(record, messages)
+        self._indexes += self._unindexed  # of the chunk before: the last one's may be cut off
+        del self._indexes[_MOST_PROBLEMS:]
+        self._unindexed = []
+        if record.indexes:
+            self._indexed += 1
+            at = record.position
+            self._unindexed = [
+                f"the chunk at byte {at} has no index of channel {n}" for n in missing
+            ]
+        index_bytes = sum(9 + len(content) for _, content in record.indexes)
+        self._chunks[record.position] = hash(
+            (
+                (head.first, head.last),
+                record.end - record.position,
+                frozenset(offsets.items()),
+                index_bytes,
+                head.compression,
+                (head.packed, head.size),
+            )
+        )
+
+    def _compare(self, record: Record, messages: Messages) -> list[int]:
+        """Find what is wrong with the indexes behind a chunk; return the channels without one."""
+        by_channel = dict(messages.by_channel())
+        none = np.zeros(0, np.int64)
+        times = messages.heads["log"]
+        for position, content in record.indexes:
+            number = int.from_bytes(content[:2], "little")
+            entries = entries_of(content)
+            if entries is None:
+                self._wrong(f"the index at byte {position} is no list of messages")
+                continue
+            mine = by_channel.get(number, none)
+            true = np.column_stack([times[mine], messages.places[mine].astype(np.uint64)])
+            pairs = entries[1][np.argsort(entries[1][:, 1], kind="stable")]
+            if not np.array_equal(pairs, true):
+                self._wrong(
+                    f"the index at byte {position}, channel {number}, does not lead to its messages"
+                )
+        named = {int.from_bytes(content[:2], "little") for _, content in record.indexes}
+        return sorted(set(by_channel) - named)
+
+    def _wrong(self, problem: str) -> None:
+        if len(self._indexes) < _MOST_PROBLEMS:
+            self._indexes.append(problem)
+
+    def _behind(self, record: Record) -> None:
+        """Take a record of the summary."""
+        if record.opcode == Opcode.FOOTER:
+            return
+        if not self._runs or self._runs[-1][0] != record.opcode:
+            self._runs.append([record.opcode, record.position, record.end])
+        self._runs[-1][2] = record.end
+        if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self.declared.add(record.declarations, proved=False)
+            self._in_summary.append((record.opcode, record.content))
+            return
+        try:
+            if record.opcode == Opcode.STATISTICS:
+                stated = parsed(Statistics, record.content)
+                self.stated = stated.message_count
+                self._summary += self._statistics(stated)
+            elif record.opcode == Opcode.CHUNK_INDEX:
+                self._chunk_index(parsed(ChunkIndex, record.content))
+            elif record.opcode == Opcode.ATTACHMENT_INDEX:
+                self._named(Opcode.ATTACHMENT, parsed(AttachmentIndex, record.content))
+            elif record.opcode == Opcode.METADATA_INDEX:
+                self._named(Opcode.METADATA, parsed(MetadataIndex, record.content))
+            elif record.opcode == Opcode.SUMMARY_OFFSET:
+                self._groups.append(parsed(SummaryOffset, record.content))
+        except DamageError as error:
+            self._summary.append(f"a record of the summary cannot be read: {error}")
+
+    def _statistics(self, stated: Statistics) -> Iterator[str]:
+        first, last = self._times or (0, 0)
+        for what, number_stated, number in (
+            ("messages", stated.message_count, self.counts.total()),
+            ("schemas", stated.schema_count, len(self.declared.schemas)),
+            ("channels", stated.channel_count, len(self.declared.channels)),
+            ("attachments", stated.attachment_count, self._kinds[Opcode.ATTACHMENT]),
+            ("metadata records", stated.metadata_count, self._kinds[Opcode.METADATA]),
+            ("chunks", stated.chunk_count, self._kinds[Opcode.CHUNK]),
+            ("ns, first log time", stated.message_start_time, first),
+            ("ns, last log time", stated.message_end_time, last),
+        ):
+            if number_stated != number:
+                yield f"the statistics say {number_stated} {what}, found {number}"
+        if {k: v for k, v in stated.channel_message_counts.items() if v} != dict(self.counts):
+            yield "the statistics' counts by channel are not those found"
+
+    def _chunk_index(self, index: ChunkIndex) -> None:
+        at = index.chunk_start_offset
+        expected = self._chunks.pop(at, None)
+        stated = hash(
+            (
+                (index.message_start_time, index.message_end_time),
+                index.chunk_length,
+                frozenset(index.message_index_offsets.items()),
+                index.message_index_length,
+                index.compression,
+                (index.compressed_size, index.uncompressed_size),
+            )
+        )
+        if expected is None:
+            self._summary.append(f"a chunk index leads to byte {at}, where no chunk is")
+        elif stated != expected:
+            self._summary.append(f"the index of the chunk at byte {at} is not as the chunk")
+        del self._summary[_MOST_PROBLEMS:]
+
+    def _named(self, opcode: Opcode, index: AttachmentIndex | MetadataIndex) -> None:
+        kind, size, name = self._names.pop(index.offset, (0, 0, ""))
+        if (kind, size) != (opcode, index.length):
+            self._summary.append(
+                f"an index of {index.name!r} leads to byte {index.offset}, where it is not"
+            )
+        elif name != index.name:
+            self._summary.append(
+                f"an index of {index.name!r} leads to another record, at byte {index.offset}"
+            )
+
+    def _check_records(self) -> Check:
+        """Report damage; what is cut off at the end is no damage but an end that is missing."""
+        walk = self._walk
+        damage = [d for d in walk.damage if d.length]
+        if damage and not walk.whole and damage[-1].position + damage[-1].length == walk.size:
+            damage = damage[:-1]
+        problems = [f"byte {d.position}, {d.length} bytes: {d.reason}" for d in damage]
+        return check_result("records", problems, f"{self._records} whole records")
+
+    def _check_checksums(self) -> Check:
+        walk, chunks = self._walk, self._kinds[Opcode.CHUNK]
+        problems = [d.reason for d in walk.damage if "checksum" in d.reason]
+        covered = []
+        if chunks:
+            covered.append(f"{chunks - self._unchecked} of {chunks} chunks")
+        if walk.summed:
+            covered.append("the data")
+        if walk.proved:
+            covered.append("the summary")
+        if not covered and not problems:
+            return Check("checksums", "not checked", "the file has none")
+        return check_result("checksums", problems, "of " + ", ".join(covered))
+
+    def _check_indexes(self) -> Check:
+        problems = self._indexes
+        if self._walk.ended is not None:
+            problems = problems + self._unindexed
+        if not self._indexed and not problems:
+            return Check("message indexes", "not checked", "the file has none")
+        fine = f"of {self._indexed} chunks: every entry leads to its message, every message has one"
+        return check_result("message indexes", problems, fine)
+
+    def _check_summary(self) -> Check:
+        walk, problems = self._walk, self._summary
+        if walk.footer is None or not self._runs:
+            verdict: Verdict = "not checked" if walk.whole else "incomplete"
+            return Check("summary", verdict, "the file has none")
+        start, offsets, _ = walk.footer
+        if start != self._runs[0][1]:
+            problems.append(f"the footer says that the summary begins at byte {start}")
+        own = next((first for kind, first, _ in self._runs if kind == Opcode.SUMMARY_OFFSET), 0)
+        if offsets != own:
+            problems.append(f"the footer says that the summary's offsets begin at byte {offsets}")
+        kinds = {kind for kind, _, _ in self._runs}
+        if Opcode.CHUNK_INDEX in kinds:
+            problems += [f"the chunk at byte {at} has no index" for at in self._chunks]
+        for opcode, index in (
+            (Opcode.ATTACHMENT, Opcode.ATTACHMENT_INDEX),
+            (Opcode.METADATA, Opcode.METADATA_INDEX),
+        ):
+            if index in kinds:
+                left = [at for at, (kind, _, _) in self._names.items() if kind == opcode]
+                what = opcode.name.lower()
+                problems += [f"the {what} at byte {at} has no index" for at in left]
+        for group in self._groups:
+            there = [group.group_opcode, group.group_start, group.group_start + group.group_length]
+            if group.group_length and there not in self._runs:
+                problems.append(
+                    f"a summary offset leads to byte {group.group_start}, where its group is not"
+                )
+        chunks = self._kinds[Opcode.CHUNK]
+        fine = f"{self.counts.total()} messages, {chunks} chunks, as found"
+        return check_result("summary", problems, fine)
 
 
-@dataclass
-class _FileStatistics:
-    """Who is there, counted while the file is read once more."""
-
-    counts: Counter[int] = field(default_factory=Counter)
-    first: int | None = None
-    last: int = 0
-    chunks: list[_Chunk] = field(default_factory=list)
-    unchecked: int = 0
-    """Chunks without a checksum."""
-    declarations: list[str] = field(default_factory=list)
-    indexes: list[str] = field(default_factory=list)
-    indexed: int = 0
-    """Chunks with an index of their messages."""
-
-
-def checks_of_file(file: McapFile, found: Scan) -> Iterator[Check]:
-    """Yield the checks of any MCAP file."""
-    yield _end_of_file(file, found)
-    yield _records(file, found)
-    statistics = _collect_statistics(file, found)
-    yield check_result(
-        "declarations",
-        [*found.conflicts, *statistics.declarations],
-        f"{len(found.schemas)} schemas, {len(found.channels)} channels",
+def _is_indexed(record: Record) -> bool:
+    """Whether the indexes behind a chunk are right, all at once: a chunk may have thousands."""
+    messages, entries = record.messages, [entries_of(content) for _, content in record.indexes]
+    known = [entry for entry in entries if entry is not None]
+    if messages is None or len({number for number, _ in known}) < len(entries) or not entries:
+        return False
+    pairs = np.concatenate([entry for _, entry in known])
+    numbers = np.repeat([number for number, _ in known], [len(entry) for _, entry in known])
+    order = np.argsort(pairs[:, 1], kind="stable")
+    return (
+        np.array_equal(pairs[order, 1], messages.places.astype(np.uint64))
+        and np.array_equal(pairs[order, 0], messages.heads["log"])
+        and np.array_equal(numbers[order], messages.heads["channel"])
     )
-    yield _checksums(file, found, statistics)
-    yield _message_indexes(statistics)
-    yield _summary(file, found, statistics)
 
 
-def _end_of_file(file: McapFile, found: Scan) -> Check:
-    if found.whole:
+def _end_of_file(walk: Walk) -> Check:
+    if walk.whole:
         return Check("end of file", "ok", "data end, summary, footer and closing magic are there")
-    missing = "the end of the data" if found.ended is None else "the footer"
-    if found.footer is not None:
+    missing = "the end of the data" if walk.ended is None else "the footer"
+    if walk.footer is not None:
         missing = "the closing magic"
     return Check(
-        "end of file", "incomplete", f"{missing} is not there: cut after {file.size} bytes"
+        "end of file", "incomplete", f"{missing} is not there: cut after {walk.size} bytes"
     )
-
-
-def _records(file: McapFile, found: Scan) -> Check:
-    """Damage; what is cut off at the end is not damage but an end that is missing."""
-    damage = [d for d in found.damage if d.length]
-    if damage and not found.whole and damage[-1].position + damage[-1].length == file.size:
-        damage = damage[:-1]
-    problems = [f"byte {d.position}, {d.length} bytes: {d.reason}" for d in damage]
-    return check_result(
-        "records", problems, f"{len(found.pieces) + len(found.summary)} whole records"
-    )
-
-
-def _collect_statistics(file: McapFile, found: Scan) -> _FileStatistics:
-    statistics = _FileStatistics()
-    expected: dict[int, list[tuple[int, int]]] = {}
-    seen: set[int] = set()
-    for piece in found.pieces:
-        if piece.opcode == Opcode.MESSAGE_INDEX and statistics.chunks:
-            _compare_index(file, piece, expected, seen, statistics)
-            continue
-        _end_of_indexes(expected, seen, statistics)
-        expected, seen = {}, set()
-        if piece.opcode == Opcode.MESSAGE:
-            _count(file.content(piece), statistics)
-        elif piece.opcode == Opcode.CHUNK:
-            expected = _chunk(file, piece, statistics)
-    if found.ended is not None:  # else the last of them may be cut off
-        _end_of_indexes(expected, seen, statistics)
-    for number in statistics.counts:
-        channel = found.channels.get(number)
-        if channel is None:
-            statistics.declarations.append(f"messages on channel {number}, which is not declared")
-        elif channel.schema and channel.schema not in found.schemas:
-            statistics.declarations.append(f"schema {channel.schema} of {channel.topic} is missing")
-    return statistics
-
-
-def _count(content: bytes | memoryview, statistics: _FileStatistics) -> tuple[int, int]:
-    number = int.from_bytes(content[:2], "little")
-    log = int.from_bytes(content[6:14], "little")
-    statistics.counts[number] += 1
-    statistics.first = (
-        log if statistics.first is None or log < statistics.first else statistics.first
-    )
-    statistics.last = max(statistics.last, log)
-    return number, log
-
-
-def _chunk(
-    file: McapFile, piece: Piece, statistics: _FileStatistics
-) -> dict[int, list[tuple[int, int]]]:
-    """Take note of a chunk; (log time, offset) of its messages by channel."""
-    content = file.content(piece)
-    fields = Cursor(content)
-    first, last, size, crc = (fields.number(n) for n in (8, 8, 8, 4))
-    compression = fields.text()
-    packed = fields.number(8)
-    statistics.unchecked += crc == 0
-    expected: dict[int, list[tuple[int, int]]] = {}
-    low, high = None, 0
-    for opcode, place, inside in inner_records(chunk_data(content)):
-        if opcode == Opcode.MESSAGE:
-            number, log = _count(inside, statistics)
-            expected.setdefault(number, []).append((log, place))
-            low, high = log if low is None else min(low, log), max(high, log)
-    if (first, last) != (low or 0, high):
-        statistics.indexes.append(
-            f"the chunk at byte {piece.position} says {first} to {last} ns, "
-            f"and holds {low or 0} to {high} ns"
-        )
-    statistics.chunks.append(_Chunk(piece, (first, last), (packed, size), compression))
-    return expected
-
-
-def _compare_index(
-    file: McapFile,
-    piece: Piece,
-    expected: dict[int, list[tuple[int, int]]],
-    seen: set[int],
-    statistics: _FileStatistics,
-) -> None:
-    fields = Cursor(file.content(piece))
-    number = fields.number(2)
-    seen.add(number)
-    chunk = statistics.chunks[-1]
-    chunk.indexes[number] = piece.position
-    chunk.index_bytes += piece.end - piece.position
-    try:
-        entries = np.frombuffer(fields.take(fields.number(4)), "<u8").reshape(-1, 2)
-    except (DamageError, ValueError):
-        statistics.indexes.append(f"the index at byte {piece.position} is no list of messages")
-        return
-    true = np.array(expected.get(number, []), np.uint64).reshape(-1, 2)
-    if entries.shape != true.shape or not np.array_equal(_sorted(entries), _sorted(true)):
-        statistics.indexes.append(
-            f"the index at byte {piece.position}, channel {number}, does not lead to its messages"
-        )
-
-
-def _sorted(pairs: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    return pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
-
-
-def _end_of_indexes(
-    expected: dict[int, list[tuple[int, int]]], seen: set[int], statistics: _FileStatistics
-) -> None:
-    if seen:
-        statistics.indexed += 1
-        for number in sorted(set(expected) - seen):
-            at = statistics.chunks[-1].piece.position
-            statistics.indexes.append(f"the chunk at byte {at} has no index of channel {number}")
-
-
-def _checksums(file: McapFile, found: Scan, statistics: _FileStatistics) -> Check:
-    problems = [d.reason for d in found.damage if "checksum" in d.reason]
-    covered = []
-    if statistics.chunks:
-        checked = len(statistics.chunks) - statistics.unchecked
-        covered.append(f"{checked} of {len(statistics.chunks)} chunks")
-    if found.ended is not None and any(file.content(found.ended)[:4]):
-        covered.append("the data")
-    if found.proved:
-        covered.append("the summary")
-    if not covered and not problems:
-        return Check("checksums", "not checked", "the file has none")
-    return check_result("checksums", problems, "of " + ", ".join(covered))
-
-
-def _message_indexes(statistics: _FileStatistics) -> Check:
-    if not statistics.indexed and not statistics.indexes:
-        return Check("message indexes", "not checked", "the file has none")
-    fine = (
-        f"of {statistics.indexed} chunks: every entry leads to its message, every message has one"
-    )
-    return check_result("message indexes", statistics.indexes, fine)
-
-
-def _summary(file: McapFile, found: Scan, statistics: _FileStatistics) -> Check:
-    if found.footer is None or not found.summary:
-        verdict: Verdict = "not checked" if found.whole else "incomplete"
-        return Check("summary", verdict, "the file has none")
-    problems: list[str] = []
-    start, offsets, _ = found.footer
-    if start != found.summary[0].position:
-        problems.append(f"the footer says that the summary begins at byte {start}")
-    of_kind = {
-        kind: [piece for piece in found.summary if piece.opcode == kind]
-        for kind in (
-            Opcode.STATISTICS,
-            Opcode.CHUNK_INDEX,
-            Opcode.ATTACHMENT_INDEX,
-            Opcode.METADATA_INDEX,
-            Opcode.SUMMARY_OFFSET,
-        )
-    }
-    groups = of_kind[Opcode.SUMMARY_OFFSET]
-    if offsets != (groups[0].position if groups else 0) and (groups or offsets):
-        problems.append(f"the footer says that the summary's offsets begin at byte {offsets}")
-    try:
-        for piece in of_kind[Opcode.STATISTICS]:
-            problems += _statistics(Cursor(file.content(piece)), found, statistics)
-        problems += _chunk_indexes(file, of_kind[Opcode.CHUNK_INDEX], statistics)
-        problems += _other_indexes(file, found, of_kind)
-        for piece in groups:
-            problems += _group(Cursor(file.content(piece)), found)
-    except DamageError as error:
-        problems.append(f"a record of the summary cannot be read: {error}")
-    total = sum(statistics.counts.values())
-    return check_result(
-        "summary", problems, f"{total} messages, {len(statistics.chunks)} chunks, as found"
-    )
-
-
-def _statistics(fields: Cursor, found: Scan, statistics: _FileStatistics) -> Iterator[str]:
-    kinds = Counter(piece.opcode for piece in found.pieces)
-    true = {
-        "messages": (8, sum(statistics.counts.values())),
-        "schemas": (2, len(found.schemas)),
-        "channels": (4, len(found.channels)),
-        "attachments": (4, kinds[Opcode.ATTACHMENT]),
-        "metadata records": (4, kinds[Opcode.METADATA]),
-        "chunks": (4, len(statistics.chunks)),
-        "ns, first log time": (8, statistics.first or 0),
-        "ns, last log time": (8, statistics.last),
-    }
-    for what, (size, number) in true.items():
-        stated = fields.number(size)
-        if stated != number:
-            yield f"the statistics say {stated} {what}, found {number}"
-    inner = Cursor(fields.take(fields.number(4)))
-    stated_counts = {}
-    while inner.left:
-        channel = inner.number(2)
-        stated_counts[channel] = inner.number(8)
-    if {k: v for k, v in stated_counts.items() if v} != dict(statistics.counts):
-        yield "the statistics' counts by channel are not those found"
-
-
-def _chunk_indexes(
-    file: McapFile, pieces: list[Piece], statistics: _FileStatistics
-) -> Iterator[str]:
-    chunks = {chunk.piece.position: chunk for chunk in statistics.chunks}
-    for piece in pieces:
-        fields = Cursor(file.content(piece))
-        times = fields.number(8), fields.number(8)
-        at, length = fields.number(8), fields.number(8)
-        inner = Cursor(fields.take(fields.number(4)))
-        offsets = {}
-        while inner.left:
-            channel = inner.number(2)
-            offsets[channel] = inner.number(8)
-        index_bytes, compression = fields.number(8), fields.text()
-        sizes = fields.number(8), fields.number(8)
-        chunk = chunks.pop(at, None)
-        if chunk is None:
-            yield f"a chunk index leads to byte {at}, where no chunk is"
-        elif (times, length, offsets, index_bytes, compression, sizes) != (
-            chunk.times,
-            chunk.piece.length + HEAD_BYTES,
-            chunk.indexes,
-            chunk.index_bytes,
-            chunk.compression,
-            chunk.sizes,
-        ):
-            yield f"the index of the chunk at byte {at} is not as the chunk"
-    if pieces:
-        yield from (f"the chunk at byte {at} has no index" for at in chunks)
-
-
-def _other_indexes(
-    file: McapFile, found: Scan, of_kind: dict[Opcode, list[Piece]]
-) -> Iterator[str]:
-    for kind, opcode, skipped in (
-        (Opcode.ATTACHMENT_INDEX, Opcode.ATTACHMENT, 24),
-        (Opcode.METADATA_INDEX, Opcode.METADATA, 0),
-    ):
-        true = {p.position: p for p in found.pieces if p.opcode == opcode}
-        for piece in of_kind[kind]:
-            fields = Cursor(file.content(piece))
-            at, length = fields.number(8), fields.number(8)
-            fields.take(skipped)
-            name = fields.text()
-            target = true.pop(at, None)
-            if target is None or target.length + HEAD_BYTES != length:
-                yield f"an index of {name!r} leads to byte {at}, where it is not"
-                continue
-            own = Cursor(file.content(target))
-            own.take(16 if opcode == Opcode.ATTACHMENT else 0)
-            if own.text() != name:
-                yield f"an index of {name!r} leads to another record, at byte {at}"
-        if of_kind[kind]:
-            yield from (f"the {opcode.name.lower()} at byte {at} has no index" for at in true)
-
-
-def _group(fields: Cursor, found: Scan) -> Iterator[str]:
-    kind, first, length = fields.number(1), fields.number(8), fields.number(8)
-    group = [p for p in found.summary if first <= p.position < first + length]
-    right = group and group[0].position == first and group[-1].end == first + length
-    if (length and not right) or any(p.opcode != kind for p in group):
-        yield f"a summary offset leads to byte {first}, where its group is not"

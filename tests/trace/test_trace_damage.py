@@ -125,12 +125,12 @@ HOSTILE = {
         HEADER + channel() + channel(topic=b"/b"),
         "channel 1 is declared",
     ),
-    "a text too long": (HEADER + record(12, struct.pack("<I", 2**31) + b"abc"), "longer than"),
+    "a text too long": (HEADER + record(12, struct.pack("<I", 2**31) + b"abcd"), "longer than"),
     "a text that is not UTF-8": (
         HEADER + record(12, struct.pack("<I", 2) + b"\xff\xfe" + b"\0" * 4),
         "UTF-8",
     ),
-    "an attachment too short": (HEADER + record(9, b"abc"), "checksum of an attachment"),
+    "an attachment too short": (HEADER + record(9, b"abc"), "attachment is cut short"),
     "schema 0": (HEADER + record(3, struct.pack("<HIII", 0, 0, 0, 0)), "schema 0"),
     "bytes after the end": (HEADER + record(2, bytes(20)) + MAGIC + b"more", "closing magic"),
 }

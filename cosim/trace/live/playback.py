@@ -7,9 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-from numpy.typing import NDArray
-
 LARGEST_RATE = 1e6
 
 
@@ -23,9 +20,18 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Due:
-    """The messages to send now: their numbers in order, and whether they follow a jump."""
+    """The messages to send now.
 
-    messages: NDArray[np.int64]
+    Attributes
+    ----------
+    latest_ns : the last message of each channel up to this instant [ns]; None for none.
+    first_ns, last_ns : then all of these log times, both included; none if the last is earlier.
+    jumped : whether they follow a jump.
+    """
+
+    latest_ns: int | None
+    first_ns: int
+    last_ns: int
     jumped: bool
 
 
@@ -34,8 +40,7 @@ class Playback:
 
     Parameters
     ----------
-    times_ns : log times [ns], not decreasing, (m,).
-    channels : number of the channel of each message, (m,).
+    first_ns, last_ns : log times of the first and the last message [ns].
     rate : recorded seconds per second, > 0.
     start_ns : where it begins, and where a loop begins again [ns].
     loop : whether to begin again at the end.
@@ -44,25 +49,22 @@ class Playback:
 
     def __init__(
         self,
-        times_ns: NDArray[np.int64],
-        channels: NDArray[np.int64],
+        first_ns: int,
+        last_ns: int,
         *,
         rate: float = 1.0,
         start_ns: int | None = None,
         loop: bool = False,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self._times = times_ns
-        self._of_channel = [np.flatnonzero(channels == c) for c in np.unique(channels)]
-        self.first_ns = int(times_ns[0]) if times_ns.size else 0
-        self.last_ns = int(times_ns[-1]) if times_ns.size else 0
+        self.first_ns, self.last_ns = first_ns, last_ns
         self._begin_ns = self.first_ns if start_ns is None else self._inside(start_ns)
         self._loop, self._clock = loop, clock
         self.rate = rate
         self.status = Status.paused
         self._anchor = (self._begin_ns, clock())
-        self._next = 0
-        self._again: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._next_ns = first_ns
+        self._again: int | None = None
         self._jumped = False
         if start_ns is not None:
             self.seek(start_ns)
@@ -101,29 +103,24 @@ class Playback:
             self.status = Status.paused
         at = self._inside(time_ns)
         self._anchor = (at, self._clock())
-        self._next = int(np.searchsorted(self._times, at, side="right"))
-        counts = [int(np.searchsorted(mine, self._next)) for mine in self._of_channel]
-        last = [mine[n - 1] for mine, n in zip(self._of_channel, counts, strict=True) if n]
-        self._again = np.sort(np.array(last, np.int64))
+        self._next_ns, self._again = at + 1, at
         self._jumped = True
 
     def due(self) -> Due:
         """Return the messages due since the last call; at the end, end or begin again."""
         at = self.position_ns
-        again, jumped = self._again, self._jumped
-        self._again, self._jumped = np.zeros(0, np.int64), False
+        again, jumped, first = self._again, self._jumped, self._next_ns
+        self._again, self._jumped = None, False
         if self.status is not Status.playing:
-            return Due(again, jumped)
-        until = int(np.searchsorted(self._times, at, side="right"))
-        fresh = np.arange(self._next, max(until, self._next), dtype=np.int64)
-        self._next = max(until, self._next)
+            return Due(again, first, first - 1, jumped)
+        self._next_ns = max(first, at + 1)
         if at >= self.last_ns:
             if self._loop and self.last_ns > self._begin_ns:
                 self.seek(self._begin_ns)
             else:
                 self.status = Status.ended
                 self._anchor = (self.last_ns, self._clock())
-        return Due(np.concatenate([again, fresh]), jumped)
+        return Due(again, first, at, jumped)
 
     def _inside(self, time_ns: int) -> int:
         return min(max(time_ns, self.first_ns), self.last_ns)

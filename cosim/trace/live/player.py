@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
+from collections.abc import Collection
+from itertools import chain
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
-
-from cosim.core import InputError, optional
+from cosim.core import InputError
 from cosim.trace.live.playback import LARGEST_RATE, Playback, Status
+from cosim.trace.live.server import Control, Server
+from cosim.trace.live.timed import TimedMessages
 from cosim.trace.reader import Trace
 
 _TICK_S = 0.02
-_AFTER_JUMP_S = 0.05
-"""Pause after a jump, so that the client is notified of it before any message [s]."""
 _AFTER_SUBSCRIPTION_S = 0.25
 """Pause before the start [s]: the server reports a client before it serves it, and clients
 subscribe to one channel after the other."""
-_LATEST = 2**63 - 1
-"""Latest time; messages of later times, which a file may claim, are sent at the end."""
-_BACKLOG = 1 << 17
-_LOOPBACK = "127.0.0.1"
+_STATES = {Status.playing: 0, Status.paused: 1, Status.ended: 3}
 
 
 class Player:
     """A server of a trace on the loopback interface, running within `with`.
 
     Every channel is advertised with its schema before any message is sent. The playback begins
-    when the first client subscribes, so that it misses nothing.
+    when the first client subscribes, so that it misses nothing. The protocol carries no publish
+    time and no sequence number.
 
     Parameters
     ----------
@@ -38,16 +37,17 @@ class Player:
     port : 0 takes any free port.
     start_s : where to begin, from the first message [s].
     loop : begin again at the end.
+    origins : of web pages that may be clients, beside those of Foxglove.
+    token : that clients must give in the address; a new one if None.
 
     Attributes
     ----------
-    port : the port of the server.
     playback : position, rate and status.
 
     Raises
     ------
-    InputError : foxglove-sdk is not installed, there is no trace or no message in it, or a rate,
-        port or start is out of range.
+    InputError : websockets is not installed, there is no trace or no message in it, or a rate,
+        port, start or token is none.
     """
 
     def __init__(
@@ -58,64 +58,44 @@ class Player:
         port: int = 8765,
         start_s: float = 0.0,
         loop: bool = False,
+        origins: Collection[str] = (),
+        token: str | None = None,
     ) -> None:
-        _check(rate, port, start_s)
-        what = "a trace is played with foxglove-sdk"
-        self._sdk = optional("foxglove", "foxglove.websocket", extra="foxglove", what=what)
-        self._path, self._wanted_port = path, port
-        trace = Trace(path, incomplete=True)
-        self._channels = list(trace.channels.values())
-        messages = list(trace.messages())
-        if not messages:
+        _check(rate, port, start_s, token)
+        trace = Trace(path, incomplete=True, by_summary=True)
+        if not any(trace.counts.values()):
             raise InputError(
                 "nothing to play", where=str(path), expected="a trace with messages", got="none"
             )
-        number = {id(channel): i for i, channel in enumerate(self._channels)}
-        times = np.array([min(log, _LATEST) for _, _, log, _, _ in messages], np.int64)
-        order = np.argsort(times, kind="stable")
-        self._messages = [messages[i] for i in order]
-        self._number = np.array([number[id(m[0])] for m in self._messages], np.int64)
-        first = int(times[order[0]])
+        self._channels = dict(trace.channels)
+        self._messages = TimedMessages(trace)
+        first, last = self._messages.first_ns, self._messages.last_ns
         self.playback = Playback(
-            times[order],
-            self._number,
+            first,
+            last,
             rate=rate,
             start_ns=first + round(start_s * 1e9) if start_s else None,
             loop=loop,
         )
-        # guards `playback`; never held while the SDK is called, whose callbacks take it
+        self._server = Server(
+            f"auv-cosim: {path.name}",
+            self._channels,
+            (first, last),
+            port=port,
+            listener=self,
+            origins=origins,
+            token=token,
+        )
+        # guards `playback`, and the order in which its messages and states are sent
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._listened_to = threading.Event()
         self._jumps = 0
         self._begun = False
-        self._news = False
-        self._reported_status = Status.paused
+        self._jump_sent = True
 
     def __enter__(self) -> Self:
-        foxglove = self._sdk
-        # the server does not keep the context alive
-        self._context = context = foxglove.Context()
-        self._advertised = [_advertised(foxglove, channel, context) for channel in self._channels]
-        try:
-            self._server = foxglove.start_server(
-                name=f"auv-cosim: {self._path.name}",
-                host=_LOOPBACK,
-                port=self._wanted_port,
-                capabilities=[foxglove.websocket.Capability.Time],
-                server_listener=_Listener(self),
-                context=context,
-                playback_time_range=(self.playback.first_ns, self.playback.last_ns),
-                message_backlog_size=_BACKLOG,
-            )
-        except (OSError, RuntimeError) as error:
-            raise InputError(
-                "the port cannot be listened on",
-                where=f"{_LOOPBACK}:{self._wanted_port}",
-                got=str(error),
-                hint="another one: --port 0 takes any that is free",
-            ) from error
-        self.port = int(self._server.port)
+        self._server.start()
         self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
         self._thread.start()
         return self
@@ -124,39 +104,45 @@ class Player:
         self._stop.set()
         self._thread.join()
         self._server.stop()
-        for channel in self._advertised:
-            channel.close()
+
+    @property
+    def port(self) -> int:
+        """The port of the server."""
+        return self._server.port
 
     @property
     def url(self) -> str:
-        """The address for clients."""
-        return f"ws://{_LOOPBACK}:{self.port}"
+        """The address for clients, with the token."""
+        return self._server.url
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read of the trace, and why."""
+        return self._messages.damage
 
     @property
     def topics(self) -> list[str]:
         """The topics advertised."""
-        return list(dict.fromkeys(channel.topic for channel in self._channels))
+        return list(dict.fromkeys(channel.topic for channel in self._channels.values()))
 
     def subscribed(self) -> None:
         """Register a subscription: the first one starts the playback."""
         self._listened_to.set()
 
-    def control(self, request: Any) -> Any:
-        """Play, pause, change rate or seek as a client requests, and return the new state."""
-        play = request.playback_command == self._sdk.websocket.PlaybackCommand.Play
-        jumped = request.seek_time is not None
+    def control(self, request: Control) -> None:
+        """Play, pause, change rate or seek as a client requests, and tell all the new state."""
         with self._lock:
-            self.playback.set_rate(request.playback_speed)
-            if jumped:
-                self.playback.seek(request.seek_time)
+            self.playback.set_rate(request.rate)
+            if request.seek_ns is not None:
+                self.playback.seek(request.seek_ns)
                 self._jumps += 1
-            if play:
+            if request.play:
                 self.playback.play()
             else:
                 self.playback.pause()
             self._begun = True
-            self._reported_status, self._news = self.playback.status, False  # by the answer
-            return self._state(jumped=jumped, request=request.request_id)
+            self._jump_sent = request.seek_ns is not None
+            self._tell(jumped=self._jump_sent, name=request.name)
 
     def wait(self) -> None:
         """Wait for an interruption, or for the end of `with` in another thread."""
@@ -164,13 +150,9 @@ class Player:
             pass
 
     def _run(self) -> None:
-        jumps_seen = 0
         while not self._stop.wait(_TICK_S):
             if self._listened_to.is_set() and not self._begun:
                 self._stop.wait(_AFTER_SUBSCRIPTION_S)
-            if self._jumps != jumps_seen:
-                jumps_seen = self._jumps
-                self._stop.wait(_AFTER_JUMP_S)
             self._step()
 
     def _step(self) -> None:
@@ -178,65 +160,45 @@ class Player:
             if self._listened_to.is_set() and not self._begun:
                 self._begun = True
                 self.playback.play()
-            before, jumps = self._reported_status, self._jumps
+            if not self._begun:  # nobody listens: nothing may be missed
+                self._server.send_time(self.playback.position_ns)
+                return
+            before, jumps = self.playback.status, self._jumps
             due = self.playback.due()
             at = self.playback.position_ns
-            looped = due.jumped and before is Status.playing is self.playback.status
-            # an end is reported one step late: the SDK lets it overtake the last messages
-            state = self._state(jumped=looped, request=None) if looped or self._news else None
-            self._news = self.playback.status is not before
-            self._reported_status = self.playback.status
-        if state is not None:
-            self._server.broadcast_playback_state(state)
-        for i in due.messages:
-            if self._jumps != jumps:  # a client jumped: the remaining messages are outdated
+            if due.jumped and not self._jump_sent and before is Status.playing:
+                self._tell(jumped=True)  # a loop begins again
+            self._jump_sent = False
+        latest = [] if due.latest_ns is None else self._messages.latest(due.latest_ns)
+        for message in chain(latest, self._messages.between(due.first_ns, due.last_ns)):
+            with self._lock:
+                # a client jumped, and the remaining messages are outdated; or this is the end
+                if self._jumps != jumps or self._stop.is_set():
+                    return
+                self._server.send(message.channel, message.log_ns, message.payload)
+        with self._lock:
+            if self._jumps != jumps:
                 return
-            _, _, log, _, payload = self._messages[i]
-            self._advertised[self._number[i]].log(bytes(payload), log_time=log)
-        self._server.broadcast_time(at)
+            if self.playback.status is not before:
+                self._tell(jumped=False)
+            self._server.send_time(at)
 
-    def _state(self, *, jumped: bool, request: str | None) -> Any:
-        live, playback = self._sdk.websocket, self.playback
-        words = {
-            Status.playing: live.PlaybackStatus.Playing,
-            Status.paused: live.PlaybackStatus.Paused,
-            Status.ended: live.PlaybackStatus.Ended,
-        }
-        word = words[playback.status]
-        return live.PlaybackState(word, playback.position_ns, playback.rate, jumped, request)
+    def _tell(self, *, jumped: bool, name: str = "") -> None:
+        playback = self.playback
+        at = playback.position_ns
+        self._server.send_state(
+            _STATES[playback.status], at, playback.rate, jumped=jumped, name=name
+        )
 
 
-class _Listener:
-    """The receiver of clients' requests."""
-
-    def __init__(self, player: Player) -> None:
-        self._player = player
-
-    def on_subscribe(self, client: Any, channel: Any) -> None:
-        del client, channel
-        self._player.subscribed()
-
-    def on_unsubscribe(self, client: Any, channel: Any) -> None:
-        """Do nothing: other clients may still be subscribed."""
-
-    def on_playback_control_request(self, request: Any) -> Any:
-        """Pass on a request to play, pause, change rate or seek."""
-        return self._player.control(request)
-
-
-def _advertised(foxglove: Any, channel: Any, context: Any) -> Any:
-    """Advertise a channel with its schema, encoding and metadata in the file."""
-    schema = channel.schema
-    return foxglove.Channel(
-        channel.topic,
-        schema=foxglove.Schema(name=schema.name, encoding=schema.encoding, data=schema.data),
-        message_encoding=channel.encoding,
-        context=context,
-        metadata=dict(channel.metadata),
-    )
-
-
-def _check(rate: float, port: int, start_s: float) -> None:
+def _check(rate: float, port: int, start_s: float, token: str | None) -> None:
+    if token is not None and not re.fullmatch(r"[A-Za-z0-9_-]{8,}", token):
+        raise InputError(
+            "not a token",
+            where="--token",
+            expected="at least eight letters, digits, - or _: it is a part of the address",
+            got=repr(token),
+        )
     if not 0 < rate <= LARGEST_RATE:
         raise InputError(
             "not a rate to play at",

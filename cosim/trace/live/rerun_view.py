@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, optional
+from cosim.core import InputError, optional, written_beside
 from cosim.trace.live.rerun_recording import write_recording
 from cosim.trace.reader import Trace
 from cosim.trace.report.content import content_of
@@ -62,8 +63,8 @@ def view_in_rerun(path: Path, save: Path | None = None) -> ViewResult:
     content = content_of(path)
     pose = _pose(path)
     if save is not None:
-        _check_place(save)
-        write_recording(rr, content, pose, save)
+        with _saved_beside(save) as partial:
+            write_recording(rr, content, pose, partial)
         return ViewResult(path, save, len(content.charts))
     with tempfile.TemporaryDirectory(prefix="cosim-view-") as folder:
         recording = Path(folder, f"{path.name}.rrd")
@@ -153,10 +154,14 @@ def _check_display() -> None:
         )
 
 
-def _check_place(save: Path) -> None:
+@contextmanager
+def _saved_beside(save: Path) -> Iterator[Path]:
+    """Give a path to write a recording to; it becomes `save` when it is complete."""
     try:
         save.parent.mkdir(parents=True, exist_ok=True)
-        save.write_bytes(b"")
+        with written_beside(save) as partial:
+            partial.write_bytes(b"")  # the SDK says nothing of a place that cannot be written
+            yield partial
     except (OSError, ValueError) as error:
         raise InputError(
             "the recording cannot be written", where=str(save), got=str(error)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cosim.trace import verdict
-from cosim.trace.info import describe
+from cosim.trace.info import description_of
 from cosim.trace.layout import HOST_PREFIX
 from cosim.trace.outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
@@ -92,10 +92,11 @@ class Content:
 
 def content_of(path: Path) -> Content:
     """Read a trace, finished or not, or any MCAP file; `InputError` if it is none."""
-    info = describe(path)
-    recording = Recording(Trace(path, incomplete=True))
-    settings = Settings(recording.trace)
-    found = outcome_of(recording.trace.result)
+    trace = Trace(path, incomplete=True)
+    info = description_of(trace, hashed=True)
+    settings = Settings(trace)
+    recording = Recording(trace)
+    found = outcome_of(trace.result)
     outcome = found or RunOutcome(version=0)
     metrics = outcome.metrics
     links = traffic.figures(recording, outcome.links)
@@ -138,8 +139,7 @@ def _sections(
     if craft is not None:
         charted = vehicle.drawn(craft)
         yield Section("vehicle", "The vehicle", list(vehicle.charts_of(craft, recording, settings)))
-    step = recording.trace.run.get("step_ns", "")
-    age = traffic.chart_of(recording, metrics, int(step) if step.isdecimal() else 0)
+    age = traffic.chart_of(recording, metrics)
     if age is not None and age.curves:
         yield Section("age", "The links", [age])
     rest = list(generic.charts_of(recording, charted))
@@ -205,9 +205,8 @@ def _row(series: Series) -> Row:
     finite = values[np.isfinite(values)]
     first, last = (float(v) if np.isfinite(v) else None for v in values[[0, -1]])
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
-    gaps = int(values.size - finite.size)
-    unit = series.unit or ""
-    return Row(series.topic, series.name, unit, values.size, first, least, most, last, gaps)
+    unit, count, gaps = series.unit or "", series.count, series.gaps
+    return Row(series.topic, series.name, unit, count, first, least, most, last, gaps)
 
 
 def _span(recording: Recording) -> tuple[float, float]:

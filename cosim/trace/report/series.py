@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +10,30 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, LossError
 from cosim.trace import Table, Trace
-from cosim.trace.layout import FRAME_TOPIC, LOG_TOPIC, POSE_TOPIC, Signal
+from cosim.trace.layout import (
+    FRAME_TOPIC,
+    LOG_TOPIC,
+    POSE_TOPIC,
+    Signal,
+    dropped_topic,
+    input_topic,
+    link_topic,
+)
+from cosim.trace.report.decimation import Indices, decimated
+from cosim.trace.report.link_record import LinkRecord, LoopRecord
 
 Reals = NDArray[np.float64]
 
 _EPOCH_NS = 10**17
 """Later times are those of a wall clock, and shown from the first message on."""
+LARGE = 4_000_000
+"""Values of a trace that are read at once; of more, only points to draw are kept."""
+
+WILD = 1e12
+"""Values beyond are no sensible numbers."""
+
+_SEGMENTS = 3000
+_POSE = ("eta.", "reference.")
 _NOT_DRAWN = (LOG_TOPIC, FRAME_TOPIC, POSE_TOPIC)
 _STAMP = ("timestamp.", "header.stamp.", "stamp.")
 """Fields that repeat the time of a message."""
@@ -31,6 +49,8 @@ class Series:
         "link", any other topic is a component with the direction "".
     t, values : [s] and in `unit`, same shape; NaN where there is no number.
     stepwise : the value holds until the next one, and is drawn as steps.
+    count, gaps : number of values in the trace, and of those that are no finite numbers; a large
+        trace has more than there are points.
     """
 
     topic: str
@@ -41,6 +61,8 @@ class Series:
     t: Reals
     values: Reals
     stepwise: bool
+    count: int
+    gaps: int
 
     @property
     def full_name(self) -> str:
@@ -49,30 +71,47 @@ class Series:
 
 
 class Recording:
-    """A trace with its topics read.
+    """A trace with its topics read, and thinned if it is large.
+
+    A large trace is read part by part. Of each signal and age the points that a drawing needs are
+    kept: first, last, least and greatest of each segment of time, and the first value beyond all
+    numbers. What is counted or measured is exact.
 
     Attributes
     ----------
-    tables : by topic, of those that could be read; `unread` has the reason for the others.
+    unread : by topic, why it could not be read.
+    log : the lines of the log; None without.
     series : every signal of numbers.
+    links : by name.
+    loop : the age of the measurement behind the command in force; None without a loop.
     origin_ns : log time that is shown as t = 0 [ns].
+    end_ns : greatest log time [ns].
     """
 
     def __init__(self, trace: Trace) -> None:
         self.trace = trace
-        self.tables: dict[str, Table] = {}
         self.unread: dict[str, str] = {}
-        for topic, info in trace.topics.items():
-            if not info.count:
-                continue
+        topics = [topic for topic, info in trace.topics.items() if info.count]
+        while True:
+            self.log: Table | None = None
+            self._signals: dict[tuple[str, str], _Signal] = {}
+            self.links = {name: LinkRecord() for name in _link_names(trace.topics)}
+            self._pair, self.loop = self._loop()
+            readable = [topic for topic in topics if topic not in self.unread]
             try:
-                self.tables[topic] = trace.read(topic)
-            except (InputError, LossError) as error:
-                self.unread[topic] = ", ".join(filter(None, (error.what, error.got)))
-        starts = [int(t.log_time_ns.min()) for t in self.tables.values() if len(t)]
-        first = min(starts, default=0)
+                self._read(readable)
+                break
+            except (InputError, LossError):
+                self._try_each(readable)
+        spans = [trace.spans[topic] for topic in readable]
+        first = min((low for low, _ in spans), default=0)
         self.origin_ns = first if first > _EPOCH_NS else 0
-        self.series = list(self._series())
+        self.end_ns = max((high for _, high in spans), default=0)
+        for link in self.links.values():
+            link.finish(self.end_ns)
+        self.series = [
+            signal.series(self.seconds) for signal in self._signals.values() if signal.count
+        ]
 
     def seconds(self, time_ns: NDArray[np.int64]) -> Reals:
         """Convert log times [ns] to the times shown [s]."""
@@ -84,32 +123,139 @@ class Recording:
             s.name: s for s in self.series if s.component == component and s.direction == direction
         }
 
-    def links(self) -> dict[str, tuple[Table | None, Table | None]]:
-        """Return delivered and dropped messages by link; None where there are none."""
-        topics = [topic for topic in self.trace.topics if topic.startswith("/link/")]
-        links = dict.fromkeys(topic.removesuffix("/dropped") for topic in topics)
-        tables = self.tables
-        return {
-            link.removeprefix("/link/"): (tables.get(link), tables.get(f"{link}/dropped"))
-            for link in links
-        }
+    def _read(self, topics: list[str]) -> None:
+        trace = self.trace
+        sizes = (trace.topics[t].count * (len(trace.topics[t].signals) + 3) for t in topics)
+        if sum(sizes) <= LARGE:
+            self._add(trace.read_all(topics), None)
+            return
+        streamed = [t for t in topics if trace.topics[t].encoding == "protobuf"]
+        spans = [trace.spans[topic] for topic in topics]
+        first, last = min(low for low, _ in spans), max(high for _, high in spans)
+        for tables in trace.parts(streamed):
+            times = [t.log_time_ns for t in tables.values()]
+            length = max(int(t.max()) for t in times) - min(int(t.min()) for t in times)
+            self._add(tables, 1 + _SEGMENTS * length // max(last - first, 1))
+        for topic in topics:
+            if topic not in streamed:
+                self._add({topic: trace.read(topic)}, _SEGMENTS)
 
-    def _series(self) -> Iterator[Series]:
-        for topic, table in self.tables.items():
-            if topic in _NOT_DRAWN or topic.endswith("/dropped") or not len(table):
+    def _try_each(self, topics: list[str]) -> None:
+        """Find the topics that cannot be read."""
+        for topic in topics:
+            try:
+                for _ in self.trace.parts([topic]):
+                    pass
+            except (InputError, LossError) as error:
+                self.unread[topic] = ", ".join(filter(None, (error.what, error.got)))
+
+    def _add(self, tables: Mapping[str, Table], segments: int | None) -> None:
+        for topic, table in tables.items():
+            if topic == LOG_TOPIC:
+                self.log = table if self.log is None else self.log.followed_by(table)
+            if topic not in _NOT_DRAWN and not topic.endswith("/dropped"):
+                self._add_signals(table, segments)
+        for name, link in self.links.items():
+            delivered, dropped = link_topic(name), dropped_topic(name)
+            link.add(tables.get(delivered), tables.get(dropped), segments)
+        if self._pair is not None and self.loop is not None:
+            up, down, points = (tables.get(topic) for topic in self._pair)
+            at = np.zeros(0, np.int64) if points is None else points.log_time_ns
+            self.loop.add(up, down, at, segments)
+
+    def _add_signals(self, table: Table, segments: int | None) -> None:
+        if not len(table):
+            return
+        info = self.trace.topics[table.topic]
+        component, direction = _place(table.topic)
+        order = np.argsort(table.log_time_ns, kind="stable")
+        t = table.log_time_ns[order]
+        known = {s.name: s for s in info.signals}
+        together: dict[str, Reals] = {}
+        for name, column in table.columns.items():
+            if column.dtype.kind not in "fiub" or name.startswith(_STAMP):
                 continue
-            info = self.trace.topics[topic]
-            component, direction = _place(topic)
-            order = np.argsort(table.log_time_ns, kind="stable")
-            t = self.seconds(table.log_time_ns[order])
-            signals = {s.name: s for s in info.signals}
-            for name, column in table.columns.items():
-                if column.dtype.kind not in "fiub" or name.startswith(_STAMP):
-                    continue
-                signal = signals.get(name, Signal(name))
-                values = np.where(table.present[name], column.astype(np.float64), np.nan)[order]
-                stepwise = direction in {"input", "link"} or _steps(signal, info.metadata)
-                yield Series(topic, component, direction, name, signal.unit, t, values, stepwise)
+            signal = self._signals.get((table.topic, name))
+            if signal is None:
+                described = known.get(name, Signal(name))
+                stepwise = direction in {"input", "link"} or _steps(described, info.metadata)
+                place = table.topic, component, direction, name, described.unit
+                signal = _Signal(place, stepwise=stepwise)
+                self._signals[table.topic, name] = signal
+            values = np.where(table.present[name], column.astype(np.float64), np.nan)[order]
+            if name.startswith(_POSE):
+                together[name] = values
+            else:
+                signal.add(t, values, signal.kept(t, values, segments))
+        kept = [self._signals[table.topic, n].kept(t, v, segments) for n, v in together.items()]
+        for name, values in together.items():  # a pose is drawn as a path: its rows stay together
+            self._signals[table.topic, name].add(t, values, np.unique(np.concatenate(kept)))
+
+    def _loop(self) -> tuple[tuple[str, str, str] | None, LoopRecord | None]:
+        """Return the topics of the links up and down and of the points, if there is one loop."""
+        trace = self.trace
+        step = trace.run.get("step_ns", "")
+        outputs = [t for t, info in trace.topics.items() if t.endswith("/output") and info.count]
+        links = [link_topic(name) for name in self.links]
+        there = [t for t in links if t in trace.topics and trace.topics[t].count]
+        pairs = [(up, down) for up in there for down in there if self._closes(up, down)]
+        if len(pairs) != 1 or not step.isdecimal() or not int(step) or not outputs:
+            return None, None
+        points = max(outputs, key=lambda topic: trace.topics[topic].count)
+        return (*pairs[0], points), LoopRecord(int(step), trace.spans[points])
+
+    def _closes(self, up: str, down: str) -> bool:
+        """Whether `up` comes from a plant and `down` from its controller, which has references."""
+        topics = self.trace.topics
+        plant, controller = (
+            {signal.name.partition(".")[0] for signal in topics[t].signals} for t in (up, down)
+        )
+        if plant == controller or len(plant) != 1 or len(controller) != 1:
+            return False
+        inputs = topics.get(input_topic(next(iter(controller))))
+        return inputs is not None and any(s.name.startswith("reference.") for s in inputs.signals)
+
+
+class _Signal:
+    """The points kept of one signal, and how many there were."""
+
+    def __init__(self, place: tuple[str, str, str, str, str | None], *, stepwise: bool) -> None:
+        self.count = self._gaps = 0
+        self._place, self._stepwise = place, stepwise
+        self._parts: list[tuple[NDArray[np.int64], Reals]] = []
+        self._wild = False
+
+    def kept(self, t: NDArray[np.int64], values: Reals, segments: int | None) -> Indices:
+        """Return the numbers of the points to keep of a part."""
+        if segments is None:
+            return np.arange(t.size)
+        chosen = [decimated((t - t[0]) / 1e9, values, segments, stepwise=self._stepwise)]
+        wild = ~np.isfinite(values) | (np.abs(values) > WILD)
+        if not self._wild and wild.any():
+            self._wild = True
+            chosen.append(np.array([int(np.argmax(wild))]))
+        return np.unique(np.concatenate(chosen))
+
+    def add(self, t: NDArray[np.int64], values: Reals, kept: Indices) -> None:
+        self.count += t.size
+        self._gaps += t.size - int(np.isfinite(values).sum())
+        self._parts.append((t[kept], values[kept]))
+
+    def series(self, seconds: Callable[[NDArray[np.int64]], Reals]) -> Series:
+        times, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+        if (np.diff(times) < 0).any():
+            order = np.argsort(times, kind="stable")
+            times, values = times[order], values[order]
+        t = seconds(times)
+        return Series(*self._place, t, values, self._stepwise, self.count, self._gaps)
+
+
+def _link_names(topics: Iterable[str]) -> list[str]:
+    prefix = link_topic("")
+    names = (
+        t.removeprefix(prefix).removesuffix("/dropped") for t in topics if t.startswith(prefix)
+    )
+    return list(dict.fromkeys(names))
 
 
 def _place(topic: str) -> tuple[str, str]:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.trace import foxglove
-from cosim.trace.layout import LOG_TOPIC
 from cosim.trace.outcome import BAD, OPEN, RunOutcome
-from cosim.trace.report.series import Recording
+from cosim.trace.report.series import WILD, Recording
 from cosim.trace.run_events import counted
 
 _LEVELS = {number: word for word, number in foxglove.LEVELS.items()}
@@ -37,7 +36,7 @@ class TimelineEntry:
 
 def log_of(recording: Recording) -> list[Line]:
     """Return the lines of the log, oldest first."""
-    table = recording.tables.get(LOG_TOPIC)
+    table = recording.log
     if table is None or not {"level", "name", "message"} <= set(table.columns):
         return []
     t = recording.seconds(table.log_time_ns)
@@ -70,7 +69,7 @@ def timeline_of(
 def _beyond_numbers(recording: Recording) -> Iterator[TimelineEntry]:
     """Yield when an output was first not finite, or beyond 1e12."""
     for series in recording.series:
-        wild = np.flatnonzero(~np.isfinite(series.values) | (np.abs(series.values) > 1e12))
+        wild = np.flatnonzero(~np.isfinite(series.values) | (np.abs(series.values) > WILD))
         if wild.size and series.direction == "output":
             what = f"{series.full_name} is {series.values[wild[0]]:.3g}"
             yield TimelineEntry(float(series.t[wild[0]]), BAD, what)

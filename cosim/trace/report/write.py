@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, write_whole
 from cosim.trace.report.content import content_of
 from cosim.trace.report.html_page import page
 from cosim.trace.verdict import Check
@@ -67,7 +67,7 @@ def write_report(trace: Path, output: Path | None = None) -> Report:
         )
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(text)
+        write_whole(target, text)
     except (OSError, ValueError) as error:
         raise InputError(
             "the report cannot be written", where=str(target), got=str(error)

@@ -6,6 +6,7 @@ import base64
 import builtins
 import json
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import pytest
 from cli.shell import cosim, trace_of
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
+from recorded_runs import write_run
 from websockets.sync.client import connect
 
 from cosim.core.errors import InputError
@@ -225,7 +227,8 @@ def test_play_runs_until_a_signal_ends_it(tmp_path: Path) -> None:
         ) as process:
             assert process.stdout is not None
             received = json.loads(process.stdout.readline())
-            assert received["url"] == f"ws://127.0.0.1:{received['port']}"
+            assert received["url"].startswith(f"ws://127.0.0.1:{received['port']}/?token=")
+            assert received["not_sent"] == ["publish time", "sequence number"]
             try:
                 with client(received["url"]) as seen:
                     assert set(received["topics"]) == set(seen.channels)
@@ -258,15 +261,109 @@ def test_play_refuses_invalid_input(tmp_path: Path) -> None:
             assert refused.error["got"]
 
 
-def test_without_the_sdk_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_websockets_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message says what to install."""
     real = builtins.__import__
 
     def without(name: str, *rest: Any) -> Any:
-        if name.startswith("foxglove"):
-            raise ImportError("No module named 'foxglove'")
+        if name.startswith("websockets"):
+            raise ImportError("No module named 'websockets'")
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError, match=r"auv-cosim\[foxglove\]"):
         Player(trace_of("paper-example"), port=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "refused"),
+    [
+        ({}, False),
+        ({"origin": "https://app.foxglove.dev"}, False),
+        ({"origin": "http://localhost:8080"}, False),
+        ({"host": "localhost"}, False),
+        ({"token": ""}, True),
+        ({"token": "?token="}, True),
+        ({"token": "?token=wrong"}, True),
+        ({"token": "?token=é"}, True),
+        ({"origin": "https://evil.example"}, True),
+        ({"origin": "null"}, True),
+        ({"origin": "http://localhost:8081"}, True),
+        ({"origin": "https://app.foxglove.dev.evil.example"}, True),
+        ({"host": "evil.example"}, True),
+        ({"host": "127.0.0.1.evil.example"}, True),
+    ],
+)
+def test_only_who_has_the_token_and_an_allowed_origin_is_served(
+    change: dict[str, str], *, refused: bool
+) -> None:
+    """A web page of any other origin, or of a name that leads to this machine, gets nothing."""
+    origins = ["http://localhost:8080/"]
+    with Player(trace_of("paper-example"), port=0, origins=origins) as player:
+        address, _, token = player.url.partition("?")
+        query = change.get("token", f"?{token}")
+        lines = [
+            f"GET /{query} HTTP/1.1",
+            f"Host: {change.get('host', '127.0.0.1')}:{player.port}",
+            "Upgrade: websocket",
+            "Connection: Upgrade",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+            "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Protocol: foxglove.sdk.v1",
+        ]
+        if "origin" in change:
+            lines.append(f"Origin: {change['origin']}")
+        with socket.create_connection(("127.0.0.1", player.port), timeout=10) as plain:
+            plain.sendall("\r\n".join([*lines, "", ""]).encode())
+            answer = plain.recv(4096)
+    assert address.startswith("ws://127.0.0.1:")
+    # of what is no HTTP, nothing is said
+    status = answer.split(b" ")[1] if answer else b""
+    assert status in ({b"403", b"400", b""} if refused else {b"101"})
+    assert (b"serverInfo" in answer) <= (not refused)
+
+
+def test_the_token_is_new_each_time_or_as_given() -> None:
+    path = trace_of("paper-example")
+    tokens = {Player(path, port=0).url for _ in range(3)}
+    assert len(tokens) == 3
+    given = Player(path, port=0, token="mine-own")  # noqa: S106
+    assert given.url.endswith("?token=mine-own")
+    for wrong in ("", "short", "with&other=fields", "with a space"):
+        with pytest.raises(InputError, match="token"):
+            Player(path, port=0, token=wrong)
+
+
+def test_nonsense_of_a_client_is_answered_and_harmless() -> None:
+    """The connection stays, and serves what is asked for next."""
+    nonsense: list[str | bytes] = [
+        "no JSON",
+        "[]",
+        '{"op": "subscribe"}',
+        '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}',
+        b"\x03\x00",
+        b"\x09abc",
+        b"",
+    ]
+    with Player(trace_of("paper-example"), port=0, rate=20) as player, client(player.url) as seen:
+        for each in nonsense:
+            seen._socket.send(each)
+        seen.subscribe("/plant/output")
+        assert seen.until("message")[1][0] == "/plant/output"
+
+
+def test_a_damaged_chunk_is_passed_over(tmp_path: Path) -> None:
+    """What comes behind it is played; the exit code says that something was not."""
+    path = write_run(tmp_path / "a.mcap", 300, chunk_bytes=4000)
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    place = summary.chunk_indexes[3].chunk_start_offset
+    data = bytearray(path.read_bytes())
+    data[place + 200] ^= 1
+    path.write_bytes(data)
+    with Player(path, port=0, rate=100) as player, client(player.url) as seen:
+        seen.subscribe("/plant/output")
+        messages, _ = seen.until("message", lambda m: m[1] == 2990 * S // 1000)
+        assert 250 < len(messages) < 300
+        assert len(player.damage) == 1

@@ -1,0 +1,215 @@
+"""What is read in parts is what is read at once, however small the parts are."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from recorded_runs import write_run, write_topics
+
+from cosim.core.errors import InputError
+from cosim.trace import Signal, Trace, TraceWriter, diff, diff_json, export, table_export, verify
+from cosim.trace.live.timed import TimedMessages
+
+STEP = 10_000_000
+
+
+@contextmanager
+def parts_of(monkeypatch: pytest.MonkeyPatch, size: int) -> Iterator[None]:
+    """Read so many bytes at once."""
+    with monkeypatch.context() as patch:
+        patch.setitem(Trace.parts.__kwdefaults__, "part_bytes", size)
+        patch.setattr(Trace.borders, "__defaults__", (size,))
+        patch.setattr(table_export, "_PART_BYTES", size)
+        yield
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> tuple[Path, Path]:
+    """Two runs of small chunks, of which one value differs."""
+    a = write_run(tmp_path / "a.mcap", 300, chunk_bytes=2000)
+    return a, write_run(tmp_path / "b.mcap", 300, changed_at=180, chunk_bytes=3000)
+
+
+def test_a_run_is_verified_in_parts(runs: tuple[Path, Path], monkeypatch: Any) -> None:
+    """Good, and with a value that is not its sender's, and a number that comes twice."""
+    with parts_of(monkeypatch, 1000):
+        assert verify(runs[0]).verdict == "ok"
+        assert len(list(Trace(runs[0]).parts())) > 20
+    for change, check in (("value", "link values"), ("number", "link fates")):
+        path = write_run(runs[0].with_name("c.mcap"), 300, chunk_bytes=2000, wrong=change)
+        with parts_of(monkeypatch, 1000):
+            found = verify(path)
+        assert found.to_json() == verify(path).to_json()
+        assert check in {c.name for c in found.checks if c.verdict == "failed"}
+
+
+def test_traces_are_compared_in_parts(runs: tuple[Path, Path], monkeypatch: Any) -> None:
+    """At the same instants, at others, and the beginning of a run."""
+    a, b = runs
+    other = write_run(a.with_name("c.mcap"), 250, step_ns=STEP * 6 // 5, chunk_bytes=2000)
+    part = write_run(a.with_name("d.mcap"), 200, changed_at=180, chunk_bytes=2000)
+    for one, two, options in ((a, b, {}), (a, other, {}), (part, a, {"prefix": True})):
+        with parts_of(monkeypatch, 2**40):
+            whole = diff_json(diff(one, two, **options))
+        with parts_of(monkeypatch, 1500):
+            found = diff_json(diff(one, two, **options))
+        assert found == whole
+        assert not found["equal"]
+    first = diff(a, b).parted[0]
+    assert (first.first_s, first.differing) == (1.8, 1)
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_tables_are_written_in_parts(
+    runs: tuple[Path, Path], tmp_path: Path, monkeypatch: Any, to: Any
+) -> None:
+    for options in ({}, {"wide": True}, {"wide": True, "start": 0.5, "end": 2.0}):
+        found = []
+        for size in (2**40, 1500):
+            with parts_of(monkeypatch, size):
+                out = tmp_path / f"{size}-{len(options)}"
+                written = export(runs[0], out, to, **options)
+            if to == "csv":
+                found.append([(w.rows, w.path.read_bytes()) for w in written])
+            else:
+                import pyarrow.parquet as pq  # noqa: PLC0415 - of the extra
+
+                found.append([(w.rows, pq.read_table(w.path).to_pydict()) for w in written])
+        assert found[0] == found[1]
+        assert found[0][0][0] > 100
+
+
+def test_a_value_stays_in_force_from_part_to_part(tmp_path: Path, monkeypatch: Any) -> None:
+    """A topic with a row in a hundred, of which one value is missing."""
+    with TraceWriter(tmp_path / "a.mcap", run={}, chunk_bytes=500) as writer:
+        fast = writer.add_topic("/f/output", [Signal("x")], schema_name="t.F")
+        slow = writer.add_topic("/s/output", [Signal("y"), Signal("z")], schema_name="t.S")
+        for k in range(400):
+            writer.write(fast, k, [k])
+            if k % 100 == 30:
+                writer.write(slow, k, [k, None if k == 130 else -k])
+        path = writer.finish({})
+    with parts_of(monkeypatch, 600):
+        (one,) = export(path, tmp_path / "w.csv", "csv", wide=True)
+    rows = [line.split(",") for line in one.path.read_text().splitlines()[1:]]
+    assert [row[2] for row in rows[:30]] == [""] * 30
+    assert [float(row[2]) for row in rows[30:]] == [
+        30 + (k - 30) // 100 * 100 for k in range(30, 400)
+    ]
+    assert float(rows[200][3]) == -30
+
+
+def test_a_full_disk_leaves_no_file_under_a_final_name(
+    runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither new, nor in the place of an old one, nor half of one beside it."""
+
+    def full(self: Any, sheet: Any) -> None:
+        del self
+        if sheet.rows:
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("cosim.trace.table_files.CsvFile.append", full)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "plant.output.csv").write_text("old")
+    with pytest.raises(InputError, match="cannot be written"):
+        export(runs[0], out, "csv")
+    assert [path.name for path in out.iterdir()] == ["plant.output.csv"]
+    assert (out / "plant.output.csv").read_text() == "old"
+
+
+@pytest.mark.parametrize("ordered", [True, False])
+def test_messages_come_in_order_of_time(tmp_path: Path, *, ordered: bool) -> None:
+    """From any instant on, with the state there, of files in any order."""
+    choose = random.Random(1)  # noqa: S311 - to be repeatable
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=300, compression=CompressionType.ZSTD)
+        writer.start("", "test")
+        channels = [writer.register_channel(f"/{i}", "json", 0) for i in range(3)]
+        every = []
+        for k in range(400):
+            at = k // 2 if ordered else choose.randrange(200)
+            number = channels[2] if k == 17 else channels[choose.randrange(2)]
+            every.append((at, number, b"%d" % k))
+            writer.add_message(number, at, b"%d" % k, at, k)
+        writer.finish()
+    every.sort(key=lambda message: message[0])
+    messages = TimedMessages(Trace(path))
+    assert (messages.first_ns, messages.last_ns) == (every[0][0], every[-1][0])
+    for first, last in ((0, 199), (50, 120), (77, 77), (150, 10**6), (60, 59)):
+        found = [(m.log_ns, m.channel, bytes(m.payload)) for m in messages.between(first, last)]
+        assert found == [m for m in every if first <= m[0] <= last]
+    for at in (0, 5, 100, 199):
+        state = {m.channel: (m.log_ns, bytes(m.payload)) for m in messages.latest(at)}
+        true = {number: time for time, number, _ in every if time <= at}
+        assert {number: time for number, (time, _) in state.items()} == true
+        assert all((time, n, data) in every for n, (time, data) in state.items())
+    assert messages.damage == []
+
+
+def test_the_first_message_is_there_before_the_last_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One chunk is opened for it, and one for the state at an instant."""
+    trace = Trace(write_run(tmp_path / "a.mcap", 300, chunk_bytes=2000))
+    messages = TimedMessages(trace)
+    opened = []
+    real = Trace.read_segment
+    monkeypatch.setattr(
+        Trace, "read_segment", lambda self, s: opened.append(s.position) or real(self, s)
+    )
+    assert next(messages.between(messages.first_ns, messages.last_ns)).log_ns == 0
+    assert len(opened) <= 2 < len(trace.segments) / 5
+    opened.clear()
+    assert len(messages.latest(messages.last_ns)) == 4
+    assert len(opened) <= 3
+
+
+def test_many_topics_cost_no_more_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each message is looked at once, whatever the number of topics."""
+    looked = []
+    real = np.argsort
+
+    def counting(array: Any, *args: Any, **more: Any) -> Any:
+        looked.append(np.size(array))
+        return real(array, *args, **more)
+
+    monkeypatch.setattr(np, "argsort", counting)
+    per_message = []
+    for topics in (10, 100):
+        path = write_topics(tmp_path / f"{topics}.mcap", topics, rows=20)
+        looked.clear()
+        tables = Trace(path).read_all()
+        assert {len(table) for table in tables.values()} == {20}
+        per_message.append(sum(looked) / (20 * topics))
+    assert per_message[1] <= 1.5 * per_message[0]
+
+
+def test_info_of_a_large_file_is_from_its_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No data are read, and no hash is made up; with --hash it is there."""
+    from cosim.trace import content_hash, describe  # noqa: PLC0415
+
+    with TraceWriter(tmp_path / "a.mcap", run={}) as writer:
+        topic = writer.add_topic("/a/output", [Signal("x")], schema_name="t.A")
+        for k in range(100):
+            writer.write(topic, k, [k])
+        path = writer.finish({"status": "finished"})
+    small = describe(path)
+    monkeypatch.setattr("cosim.trace.info.MOST_HASHED_BYTES", 10)
+    with monkeypatch.context() as patch:
+        patch.setattr("cosim.trace.reader.read_segment", None)
+        patch.setattr("cosim.trace.reader.by_scan", None)
+        large = describe(path)
+    assert large["content_hash"] is None
+    assert {**large, "content_hash": content_hash(path)} == small == describe(path, hashed=True)
