@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import cosim
-from cosim.cli.verbs import VERBS, loaded
+from cosim.cli.verbs import TRACE_VERBS, VERBS, loaded
 from cosim.scenario import builtin_names, json_schema
 from cosim.study import Study, builtin_studies
 
@@ -125,7 +125,8 @@ def test_no_key_of_the_product_bears_a_retired_noun() -> None:
 
 def test_no_option_bears_a_retired_noun() -> None:
     """Every verb of the command line, hidden ones included."""
-    found = [item for name in VERBS for item in commands(loaded(name), f"cosim {name}")]
+    every = VERBS | TRACE_VERBS
+    found = [item for name in every for item in commands(loaded(name, every[name]), name)]
     assert len(found) > 150
     assert offending(iter(found)) == []
 

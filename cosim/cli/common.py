@@ -12,9 +12,6 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cosim.cli.terminal import console
-from cosim.core import StoppedError, TerminatedError
-from cosim.fmu import DEFAULT_FLAVOUR
-from cosim.scenario import FmuCache, InterruptedRun, TerminatedRun
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -71,31 +68,3 @@ def progress() -> Iterator[Callable[[str, float], None]]:
             bar.update(task, description=what, completed=share)
 
         yield report_progress
-
-
-@contextmanager
-def interruptions_reported() -> Iterator[None]:
-    """Say, when a supervised run is interrupted, what it has left.
-
-    Raises
-    ------
-    StoppedError, TerminatedError : after Ctrl-C, or SIGTERM.
-    """
-    try:
-        yield
-    except (InterruptedRun, TerminatedRun) as ended:
-        kind = StoppedError if isinstance(ended, InterruptedRun) else TerminatedError
-        outcome = ended.outcome
-        raise kind(
-            "interrupted" if kind is StoppedError else "terminated",
-            where=None if outcome.trace is None else str(outcome.trace),
-            got=f"{outcome.headline}: {outcome.reason}",
-            hint=f"the trace is complete up to t = {outcome.simulated_s:g} s",
-        ) from None
-
-
-def make_fmu_cache(
-    fmus: Path, folder: Path | None = None, flavour: str = DEFAULT_FLAVOUR
-) -> FmuCache:
-    """Return the cache in which a run finds its FMUs, or builds them."""
-    return FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)

@@ -16,11 +16,10 @@ from cosim.cli.common import (
     RunFlavour,
     SetOption,
     answer,
-    interruptions_reported,
-    make_fmu_cache,
     progress,
 )
 from cosim.cli.run_view import demo_view, outcome_view
+from cosim.cli.runs import interruptions_reported, make_fmu_cache
 from cosim.cli.step_check_view import step_check_view
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.master import EngineName, Pace

@@ -1,4 +1,4 @@
-"""Runs and reruns, formatted for a terminal."""
+"""Runs, formatted for a terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts_table, number, plain
-from cosim.replay import Rerun
 from cosim.scenario import Demo, Outcome
 from cosim.trace import age_lines
 
@@ -101,24 +100,6 @@ def demo_view(demo: Demo) -> RenderableType:
         f"\n             cosim trace diff {' '.join(str(outcome.trace) for outcome in outcomes)}",
     )
     return Group(table, files)
-
-
-def rerun_view(result: Rerun) -> RenderableType:
-    """Show whether a rerun gave the same messages."""
-    if result.identical and not result.finished:
-        return Text.assemble(
-            ("identical", "bold green"),
-            f" as far as it goes: {result.original} did not finish, and the rerun begins "
-            "with all of its messages, bit for bit",
-        )
-    if result.identical:
-        return Text.assemble(
-            ("identical", "bold green"),
-            f": the rerun gave every message of {result.original}, "
-            f"bit for bit\ncontent hash {result.original_hash}",
-        )
-    lines = "\n".join(f"  {line}" for line in result.differences[:20])
-    return Text.assemble(("not identical", "bold red"), f" to {result.original}\n{lines}")
 
 
 def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:

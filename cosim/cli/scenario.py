@@ -16,8 +16,8 @@ from cosim.cli.common import (
     JsonOption,
     SetOption,
     answer,
-    make_fmu_cache,
 )
+from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, titles_table
 from cosim.core import CosimError, InputError
 from cosim.scenario import (

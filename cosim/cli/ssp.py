@@ -16,9 +16,9 @@ from cosim.cli.common import (
     JsonOption,
     RunFlavour,
     answer,
-    make_fmu_cache,
     progress,
 )
+from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, facts_table
 from cosim.core import InputError
 from cosim.scenario import SspExport, SspImport, export_ssp, import_ssp, load, prepare

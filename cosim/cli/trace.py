@@ -13,15 +13,13 @@ from typing import Annotated
 import typer
 from rich.text import Text
 
-from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, make_fmu_cache, progress
-from cosim.cli.run_view import rerun_view
+from cosim.cli.common import JsonOption, answer, progress
 from cosim.cli.terminal import console
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
-from cosim.cli.trace_inject import inject
 from cosim.cli.trace_view import recovery_view, report_view, verification_view
+from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError
-from cosim.replay import rerun as run_again
 from cosim.trace import (
     Player,
     describe,
@@ -33,6 +31,7 @@ from cosim.trace import (
 )
 
 trace_app = typer.Typer(
+    cls=TraceVerbs,
     no_args_is_help=True,
     help="Read, verify, recover, compare, show, export and rerun recorded traces.",
 )
@@ -59,21 +58,6 @@ def info(
     """Show what a trace contains: run, topics, links, result, content hash."""
     description = describe(file, hashed=hashed)
     answer(as_json, lambda: description, lambda: render(description))
-
-
-@trace_app.command()
-def rerun(
-    file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
-    out: Annotated[Path | None, typer.Option(help="File to keep the new trace in.")] = None,
-    fmus: FmusOption = FMUS,
-    as_json: JsonOption = False,
-) -> None:
-    """Repeat a run from its trace alone and compare the two (exit code 1 if they differ)."""
-    with progress() as report_progress:
-        result = run_again(file, make_fmu_cache(fmus), output=out, progress=report_progress)
-    answer(as_json, result.to_json, lambda: rerun_view(result))
-    if not result.identical:
-        raise typer.Exit(CheckFailedError.exit_code)
 
 
 @trace_app.command()
@@ -269,7 +253,7 @@ def view(
     answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
 
 
-for elsewhere in (export, diff, inject):
+for elsewhere in (export, diff):
     trace_app.command()(elsewhere)
 
 

@@ -15,10 +15,10 @@ from cosim.cli.common import (
     JsonOption,
     RunFlavour,
     answer,
-    make_fmu_cache,
     progress,
 )
-from cosim.cli.trace_view import inject_json, inject_view
+from cosim.cli.replay_view import inject_json, inject_view
+from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError, ComponentError, InputError
 from cosim.fmu import FmuDescription
 from cosim.network import Jitter, PacketLink, TransportLink

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -71,6 +71,20 @@ VERBS = {
     ),
 }
 
+TRACE_VERBS = {
+    "rerun": Verb(
+        "trace_rerun",
+        "rerun",
+        "Repeat a run from its trace alone and compare the two (exit code 1 if they differ).",
+    ),
+    "inject": Verb(
+        "trace_inject",
+        "inject",
+        "Feed recorded signals into one FMU and record its outputs in a new trace.",
+    ),
+}
+"""Those of `trace` that run something; reading a trace needs no more than its reader."""
+
 STYLE: dict[str, Any] = {
     "add_completion": False,
     "pretty_exceptions_enable": False,
@@ -80,23 +94,30 @@ STYLE: dict[str, Any] = {
 
 
 class VerbsOnUse(TyperGroup):
-    """A group that lists `VERBS`, and loads the one that is called."""
+    """A group that lists `verbs` after its own commands, and loads the one that is called."""
+
+    verbs: ClassVar[dict[str, Verb]] = VERBS
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        for name, verb in VERBS.items():
+        for name, verb in self.verbs.items():
             self.add_command(TyperCommand(name, help=verb.help, hidden=verb.hidden))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Load the command that is named, then find it as usual."""
-        if args[0] in VERBS:
-            self.add_command(loaded(args[0]))
+        if args[0] in self.verbs:
+            self.add_command(loaded(args[0], self.verbs[args[0]]))
         return super().resolve_command(ctx, args)
 
 
-def loaded(name: str) -> Any:
+class TraceVerbs(VerbsOnUse):
+    """The commands of `cosim trace`."""
+
+    verbs = TRACE_VERBS
+
+
+def loaded(name: str, verb: Verb) -> Any:
     """Return the command of this name, its module loaded."""
-    verb = VERBS[name]
     member = getattr(importlib.import_module(f"cosim.cli.{verb.module}"), verb.member)
     around = typer.Typer(**STYLE)
     if isinstance(member, typer.Typer):

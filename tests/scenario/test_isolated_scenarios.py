@@ -19,7 +19,7 @@ from scenario.test_supervised_runs import LINE, pump
 from shared import fmu_store
 
 import cosim.fmu.isolation.process as process_module
-from cosim.cli.common import make_fmu_cache
+from cosim.cli.runs import make_fmu_cache
 from cosim.master import Limits
 from cosim.scenario import Outcome, Scenario, Supervision, execute_run, json_schema, load, prepare
 from cosim.trace import Trace

@@ -17,7 +17,7 @@ from cli.shell import BUILT_IN, SCENARIOS, cosim
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from shared import fmu_store
 
-from cosim.cli.common import make_fmu_cache
+from cosim.cli.runs import make_fmu_cache
 from cosim.master import Limits
 from cosim.scenario import Outcome, Supervision, execute_run, load, prepare
 from cosim.trace import Trace, content_hash

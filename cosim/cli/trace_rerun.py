@@ -1,0 +1,28 @@
+"""The command that repeats a run from its trace: trace rerun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cosim.cli.common import FMUS, FmusOption, JsonOption, answer, progress
+from cosim.cli.replay_view import rerun_view
+from cosim.cli.runs import make_fmu_cache
+from cosim.core import CheckFailedError
+from cosim.replay import rerun as run_again
+
+
+def rerun(
+    file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
+    out: Annotated[Path | None, typer.Option(help="File to keep the new trace in.")] = None,
+    fmus: FmusOption = FMUS,
+    as_json: JsonOption = False,
+) -> None:
+    """Repeat a run from its trace alone and compare the two (exit code 1 if they differ)."""
+    with progress() as report_progress:
+        result = run_again(file, make_fmu_cache(fmus), output=out, progress=report_progress)
+    answer(as_json, result.to_json, lambda: rerun_view(result))
+    if not result.identical:
+        raise typer.Exit(CheckFailedError.exit_code)
