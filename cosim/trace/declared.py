@@ -39,6 +39,7 @@ class Declarations:
         self.schemas: dict[int, Schema] = {0: Schema()}
         self.channels: dict[int, Channel] = {}
         self._topics: dict[str, dict[int, Channel]] = {}
+        self._added: set[tuple[int, bytes]] = set()
 
     def add(self, others: Others) -> None:
         """Add schema and channel records.
@@ -49,10 +50,14 @@ class Declarations:
             channel has a schema that is not declared.
         """
         for opcode, content in others:
+            record = opcode, bytes(content)
+            if record in self._added:
+                continue  # writers repeat them in the summary, and some in every chunk
             if opcode == Opcode.SCHEMA:
                 self._schema(parsed(mcap.Schema, content))
             elif opcode == Opcode.CHANNEL:
                 self._channel(parsed(mcap.Channel, content))
+            self._added.add(record)
 
     def _schema(self, found: mcap.Schema) -> None:
         schema = Schema(found.name, found.encoding, found.data)
@@ -91,10 +96,15 @@ class DamagedDeclarations:
         self.channels: dict[int, mcap.Channel] = {}
         self.conflicts: list[str] = []
         self._proved: set[tuple[int, int]] = set()
+        self._added: set[tuple[int, bytes, bool]] = set()
 
     def add(self, others: Others, *, proved: bool) -> None:
         """Add schema and channel records; proved : a checksum covers them, and matches."""
         for opcode, content in others:
+            again = opcode, bytes(content), proved
+            if again in self._added:
+                continue
+            self._added.add(again)
             if opcode == Opcode.SCHEMA:
                 self._add(opcode, parsed(mcap.Schema, content), self.schemas, proved=proved)
             elif opcode == Opcode.CHANNEL:
