@@ -13,7 +13,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from cli.shell import cosim
-from shared import share_of
+from shared import sampled, share_of
 from truth_of_loops import loop_of, norm
 from varied_systems import FRIDMAN_SHAKED, NOMOTO_SHIP, chain, varied_system
 
@@ -112,10 +112,7 @@ def test_a_ship_by_every_condition(order: Any) -> None:
     assert check_certificate(found.certificate).valid
 
 
-@pytest.mark.parametrize(
-    "n",
-    [8, 12, pytest.param(16, marks=pytest.mark.slow), pytest.param(24, marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("n", sampled([8, 12, 16, 20, 24], 2))
 def test_a_long_chain_is_certified(n: int) -> None:
     """The solver fails in balanced units, which spread over many decades, and not in its own."""
     system = chain(n)
