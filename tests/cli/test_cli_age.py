@@ -25,6 +25,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_facts_of_a_modem_become_the_age_to_design_for(folder: Path) -> None:
     """Least age .04 + .01, greatest .05 + 2 x .1; the text and the picture say the same."""
     words = ("age", "loop.toml", *FACTS)

@@ -18,6 +18,7 @@ import pytest
 from cli.shell import cosim
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
+from shared import sampled
 from truth.dde import Hold, Solution, solve
 
 from cosim.fmu import component_module
@@ -144,7 +145,7 @@ def test_the_plant_is_the_solution_of_its_equation(folder: Path, flavour: str) -
     np.testing.assert_allclose(result["z[2]"][[1, -1]], [0.25, -0.35], rtol=1e-15)
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("flavour", sampled(FLAVOURS, 1))
 def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -> None:
     """A scenario names both files: the flight is u = K x, sampled, late, through the equation."""
     K = json.loads((folder / "my-design.json").read_text())["K"]
@@ -177,6 +178,7 @@ def test_plant_and_controller_run_from_their_paths(folder: Path, flavour: str) -
     assert np.abs(np.diff(u.values)).max() > 0.05
 
 
+@pytest.mark.slow
 def test_another_plant_is_not_as_designed(folder: Path) -> None:
     """One entry or one delay more, and the guarantee is not claimed; a shorter delay is covered."""
     K = json.loads((folder / "my-design.json").read_text())["K"]

@@ -18,6 +18,7 @@ from foreign.c_fmu import TYPES, c_fmu, every, talker
 from hostile.hostile_fmu import hostile_fmu, misbehaviour
 from isolated import children, isolated_slave
 from pythonfmu import FmuBuilder
+from shared import sampled
 
 import cosim.fmu.isolation.channel as channel_module
 import cosim.fmu.isolation.process as process_module
@@ -284,7 +285,7 @@ slave.step(0.0, 0.5)
 """
 
 
-@pytest.mark.parametrize("fault", ["hang-deaf", "sleep"])
+@pytest.mark.parametrize("fault", sampled(["hang-deaf", "sleep"], 1))
 def test_it_ends_with_the_process_of_the_master(tmp_path: Path, fault: str) -> None:
     """However that is killed, and whatever the slave does then."""
     path = hostile(tmp_path).path

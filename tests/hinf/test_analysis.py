@@ -253,6 +253,7 @@ def test_the_vehicle() -> None:
     assert check_certificate(found.certificate).valid
 
 
+@pytest.mark.slow
 def test_random_loops_are_never_promised_more_than_the_truth() -> None:
     """Certified gammas stay above the exact norm of loops of two to four states, at each order."""
     rng = np.random.default_rng(11)

@@ -247,6 +247,7 @@ def certified_over_grid(system: Any) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_other_delays_of_the_same_system() -> None:
     """A refusal with a reason is still a refusal: no gain stabilises across ten seconds."""
     with pytest.raises(NotAchievableError, match="tried as well"):

@@ -12,6 +12,7 @@ import clarabel
 import numpy as np
 import pytest
 from cli.shell import cosim
+from shared import sampled
 
 from cosim.core.errors import NotAchievableError
 from cosim.hinf import (
@@ -73,7 +74,7 @@ ROUTES: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("route", sampled(ROUTES, 4))
 def test_a_failure_is_never_called_no_solution(route: str, status: str) -> None:
     """The solver's status is named, other ways are, and nothing is claimed of the problem."""
     with pytest.raises(NotAchievableError) as refused:
@@ -120,6 +121,7 @@ def test_constrained_design_reports_a_solver_failure(status: str) -> None:
             assert f"{FAILED} (status {status}" in reason
 
 
+@pytest.mark.slow
 def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     """Nothing is certified at these k1, k2: exit 5, no claim; with a gamma that is proved."""
     late = with_delays(auv_system(), [0.5, 3.0])

@@ -69,6 +69,7 @@ def test_direct_term_decides_about_gamma(gamma: float, feasible: bool) -> None: 
     assert (value < 0) is feasible
 
 
+@pytest.mark.slow
 def test_table_2_where_it_is_impossible_and_where_it_is_not() -> None:
     """gamma = 4: no delay. gamma = 6: 1.0428 s at the printed k1, k2, then to the limit."""
     reported: list[str] = []

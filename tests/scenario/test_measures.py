@@ -213,7 +213,7 @@ def without_time(outcome: Outcome) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "name", [*some(builtin_names(), 5), *VALID], ids=lambda name: Path(name).stem
+    "name", [*some(builtin_names(), 8), *VALID], ids=lambda name: Path(name).stem
 )
 def test_blocks_of_scenarios(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Outcomes of runs that are measured in one block, and point by point, are the same.

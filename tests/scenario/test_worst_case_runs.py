@@ -95,6 +95,7 @@ def test_section_5_passes_more_than_its_direct_term() -> None:
     assert unmet == ["message_age_within_design"]
 
 
+@pytest.mark.slow
 def test_section_5_is_the_loop_with_feedback_one_and_a_half_steps_late() -> None:
     """By another integrator, with the delay that sampling and holding add: the same to 1e-5."""
     metrics = shared_run("paper-worst-case").json["metrics"]
