@@ -29,15 +29,19 @@ def share_of(members: Iterable[Any]) -> list[Any]:
     return found[first % number :: number]
 
 
-def sampled(members: Iterable[Any], kept: int) -> list[Any]:
-    """The first `kept` of them for every run of the tests, and a share of the rest, slow."""
-    found = [*members]
+def slow_share_of(members: Iterable[Any]) -> list[Any]:
+    """A share of them, as parameters of slow tests."""
 
     def slow(one: Any) -> Any:
         return pytest.param(*(one if isinstance(one, tuple) else (one,)), marks=pytest.mark.slow)
 
-    rest = share_of(found[kept:]) if kept < len(found) else []
-    return [*found[:kept], *(slow(one) for one in rest)]
+    return [slow(one) for one in share_of(members)]
+
+
+def sampled(members: Iterable[Any], kept: int) -> list[Any]:
+    """The first `kept` of them for every run of the tests, and a share of the rest, slow."""
+    found = [*members]
+    return [*found[:kept], *slow_share_of(found[kept:])]
 
 
 def share_below(folder: Path) -> None:

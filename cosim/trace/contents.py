@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.trace.declared import Declarations
 from cosim.trace.messages import Messages, on_channels
-from cosim.trace.records import DamageError
+from cosim.trace.records import LATEST_NS, DamageError
 
 
 @dataclass(slots=True)
@@ -32,7 +32,7 @@ class Segment:
     index_size: int = 0
     channels: frozenset[int] | None = None
     start_ns: int = 0
-    end_ns: int = 2**64 - 1
+    end_ns: int = LATEST_NS
     data_size: int = 0
     damaged: bool = False
 

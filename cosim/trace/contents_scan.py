@@ -10,7 +10,7 @@ from mcap.records import Attachment, Header, Metadata
 
 from cosim.trace.contents import Contents, Segment, declared_only
 from cosim.trace.messages import Messages
-from cosim.trace.records import DamageError, parsed
+from cosim.trace.records import LATEST_NS, DamageError, parsed
 from cosim.trace.walk import Record, Walk
 
 
@@ -66,7 +66,7 @@ def _note(record: Record, messages: Messages, found: Contents, *, damaged: bool)
             index_size=sum(9 + len(content) for _, content in record.indexes),
             channels=found.sets.setdefault(frozenset(ids), frozenset(ids)),
             start_ns=int(times.min()) if ids else 0,
-            end_ns=int(times.max()) if ids else 2**64 - 1,
+            end_ns=int(times.max()) if ids else LATEST_NS,
             data_size=len(messages.data),
             damaged=damaged,
         )

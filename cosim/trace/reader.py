@@ -28,15 +28,13 @@ from cosim.trace.gather import TopicRows
 from cosim.trace.layout import Signal
 from cosim.trace.messages import Messages, on_channels
 from cosim.trace.outcome import RunOutcome, outcome_of
-from cosim.trace.records import DamageError, open_trace
+from cosim.trace.records import LATEST_NS, DamageError, open_trace
 from cosim.trace.summary import from_summary
 from cosim.trace.table import Index, Series, Table, series_of
 from cosim.trace.topic_info import TopicInfo, window_ns
 
 PART_BYTES = 2**23
 """Payload of the rows that a stream holds at once [bytes]."""
-
-_ALWAYS = 2**64 - 1
 
 __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 
@@ -313,7 +311,7 @@ class Trace:
                 found.append(segment.start_ns - 1)
                 filled = 0
             filled += segment.data_size
-        return [*found, _ALWAYS]
+        return [*found, LATEST_NS]
 
     def empty(self, topic: str) -> Table:
         """Return a table with the columns of a protobuf topic, and no rows."""
@@ -331,7 +329,7 @@ class Trace:
         for block in self._segments(wanted, first, last):
             messages, place = block, places[block.heads["channel"]]
             inside = place >= 0
-            if first > 0 or last < 2**64 - 1:
+            if first > 0 or last < LATEST_NS:
                 log = block.heads["log"]
                 inside &= (log >= first) & (log <= last)
             if not inside.all():
@@ -388,7 +386,7 @@ class Trace:
         wanted = None
         if topics is not None:
             wanted = {number for number, channel in channels.items() if channel.topic in topics}
-        for each in self._segments(wanted, 0, _ALWAYS):
+        for each in self._segments(wanted, 0, LATEST_NS):
             block = each if wanted is None else each.part(on_channels(each, wanted))
             heads = block.heads
             columns = [heads[key].tolist() for key in ("channel", "sequence", "log", "publish")]
@@ -397,7 +395,7 @@ class Trace:
 
     def blocks(self) -> Iterator[Messages]:
         """Yield the messages in file order, a chunk at a time; `LossError` where one is damaged."""
-        return self._segments(None, 0, 2**64 - 1)
+        return self._segments(None, 0, LATEST_NS)
 
     @property
     def segments(self) -> Sequence[Segment]:

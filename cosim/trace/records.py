@@ -32,6 +32,9 @@ MAX_CHUNK_BYTES = 2**28
 HEAD = struct.Struct("<BQ")
 """Opcode and length of a record."""
 
+LATEST_NS = 2**64 - 1
+"""The latest log time that a message can have [ns]."""
+
 _CHUNK = struct.Struct("<QQQII")
 _MESSAGE_BYTES = 22
 _INSIDE_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)

@@ -12,6 +12,7 @@ from cosim.core import InputError
 from cosim.trace.declared import Channel
 from cosim.trace.gather import decoder_of
 from cosim.trace.layout import Signal
+from cosim.trace.records import LATEST_NS
 from cosim.trace.table import Table
 
 Spans = Mapping[str, tuple[int, int]]
@@ -84,11 +85,11 @@ class Readable(Protocol):
 def window_ns(start: float | None, end: float | None) -> tuple[int, int]:
     """Return a time window in nanoseconds, both ends included; None is no bound."""
     bounds = []
-    for name, seconds, default in (("start", start, 0), ("end", end, 2**64 - 1)):
+    for name, seconds, default in (("start", start, 0), ("end", end, LATEST_NS)):
         if seconds is None:
             bounds.append(default)
         elif math.isfinite(seconds):
-            bounds.append(min(max(round(seconds * 1e9), -1), 2**64 - 1))
+            bounds.append(min(max(round(seconds * 1e9), -1), LATEST_NS))
         else:
             raise InputError("not a time", where=name, expected="finite seconds", got=repr(seconds))
     low, high = bounds

@@ -5,29 +5,27 @@ Every reader of whole files uses this walk. It holds one chunk at a time.
 
 from __future__ import annotations
 
-import os
 import re
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
-    AttachmentIndex,
     Channel,
-    ChunkIndex,
     Footer,
     Header,
     McapRecord,
     Metadata,
-    MetadataIndex,
     Schema,
 )
 
+from cosim.trace.file_bytes import WINDOW, FileBytes, NamedRecord
 from cosim.trace.messages import Messages, Others, find_messages, salvaged_messages
 from cosim.trace.records import (
     HEAD,
@@ -52,32 +50,9 @@ keep : as skip, and yield what is left of damaged chunks and attachments, marked
 _CANDIDATE = re.compile(rb"(?=[\x02-\x06\x09\x0c\x0f].{4}\x00\x00\x00\x00)", re.DOTALL)
 """Where a record that can prove itself, of less than 4 GiB, could begin."""
 
-_LEAST_BYTES: dict[int, int] = {
-    Opcode.HEADER: 8,
-    Opcode.FOOTER: 20,
-    Opcode.SCHEMA: 14,
-    Opcode.CHANNEL: 16,
-    Opcode.MESSAGE: 22,
-    Opcode.CHUNK: 40,
-    Opcode.MESSAGE_INDEX: 6,
-    Opcode.CHUNK_INDEX: 60,
-    Opcode.ATTACHMENT: 36,
-    Opcode.ATTACHMENT_INDEX: 48,
-    Opcode.STATISTICS: 46,
-    Opcode.METADATA: 8,
-    Opcode.METADATA_INDEX: 20,
-    Opcode.SUMMARY_OFFSET: 17,
-    Opcode.DATA_END: 4,
-}
-_EXACT_BYTES: dict[int, int] = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
-_PRIVATE = 0x80
-"""From here on opcodes are the applications' own."""
-_MOST_BYTES = 2**30
-"""No record but an attachment is longer; a claim beyond it is damage."""
 _BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 """What lies within chunks, or outside them in a file that has none."""
 _LOOSE_BYTES = 2**20
-_WINDOW = 2**20
 _PARSED: dict[int, type[McapRecord]] = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
@@ -85,8 +60,6 @@ _PARSED: dict[int, type[McapRecord]] = {
     Opcode.METADATA: Metadata,
     Opcode.ATTACHMENT: Attachment,
 }
-_Index = tuple[int, int, int | None]
-"""Opcode, end and, of a chunk, packed size of the record that an index leads to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,33 +122,6 @@ class Record:
         return self.others
 
 
-class FileBytes:
-    """Bytes of an open file by their place; at most a window of it is in memory."""
-
-    def __init__(self, stream: BinaryIO) -> None:
-        self.size = os.fstat(stream.fileno()).st_size
-        self._stream = stream
-        self._at, self._window = 0, b""
-
-    def __call__(self, position: int, size: int) -> bytes:
-        """Return `size` bytes, fewer at the end of the file; `DamageError` if reading fails."""
-        begin = position - self._at
-        if not 0 <= begin <= len(self._window) - size:
-            try:
-                self._stream.seek(position)
-                self._window = self._stream.read(max(size, _WINDOW))
-            except OSError as error:
-                raise DamageError(f"reading failed: {error.strerror}") from error
-            self._at, begin = position, 0
-        return self._window[begin : begin + size]
-
-    def checksum(self, first: int, last: int, before: int = 0) -> int:
-        """Return the CRC-32 of the bytes first to last - 1, continued from `before`."""
-        for at in range(first, last, _WINDOW):
-            before = zlib.crc32(self(at, min(_WINDOW, last - at)), before)
-        return before
-
-
 class Walk:
     """One walk over a file; iterate over it once.
 
@@ -211,14 +157,14 @@ class Walk:
         self.proved = self.whole = self.chunked = self.summed = False
         self.lost: int | None = 0
         self._known: set[int] = set()
-        self._places: dict[int, _Index] | None = None
+        self._places: dict[int, NamedRecord] | None = None
         self._checksum: int | None = 0
         self._sure = len(MAGIC)
         self._visited: set[int] = set()
 
     def __iter__(self) -> Iterator[Record]:
         with open_trace(self._path) as stream:
-            self._file = FileBytes(stream)
+            self._file = FileBytes(stream, any_opcode=self._policy == "stop")
             self.size = self._file.size
             self._start()
             while self.position < self.size and self.footer is None:
@@ -236,7 +182,8 @@ class Walk:
         start = self._file(0, len(MAGIC))
         self.position = len(MAGIC)
         if start != MAGIC:
-            header = self._fault(len(MAGIC)) is None and self._head(len(MAGIC))[0] == Opcode.HEADER
+            at, file = len(MAGIC), self._file
+            header = file.fault(at) is None and file.head(at)[0] == Opcode.HEADER
             if self._policy == "stop" or not header:
                 check_start(start, self.size, self._path)
             self._lose(0, len(MAGIC), "the magic bytes at the start are not there")
@@ -245,7 +192,7 @@ class Walk:
     def _next(self) -> Record | None:
         """Take what lies at the position, and go on behind it."""
         position = self.position
-        reason = self._fault(position)
+        reason = self._file.fault(position)
         if reason is not None:
             if self._policy == "stop":
                 raise DamageError(reason)
@@ -260,10 +207,10 @@ class Walk:
             if self.position == position:
                 self._skip(position, None)
             return record
-        opcode, end = self._head(position)
+        opcode, end = self._file.head(position)
         if opcode == Opcode.MESSAGE:
             return self._loose(position)
-        record = Record(opcode, position, end, self._file(position + HEAD.size, end - position - 9))
+        record = Record(opcode, position, end, self._file.content(position, end))
         try:
             self._open(record)
         except DamageError as error:
@@ -313,8 +260,8 @@ class Walk:
     def _loose(self, position: int) -> Record:
         """Take the messages outside chunks that begin here."""
         places, at = [], position
-        while at - position < _LOOSE_BYTES and self._fault(at) is None:
-            opcode, end = self._head(at)
+        while at - position < _LOOSE_BYTES and self._file.fault(at) is None:
+            opcode, end = self._file.head(at)
             if opcode != Opcode.MESSAGE:
                 break
             places.append(at - position)
@@ -346,11 +293,11 @@ class Walk:
 
     def _indexes(self, position: int) -> list[tuple[int, bytes]]:
         found = []
-        while self._fault(position) is None:
-            opcode, end = self._head(position)
+        while self._file.fault(position) is None:
+            opcode, end = self._file.head(position)
             if opcode != Opcode.MESSAGE_INDEX:
                 break
-            found.append((position, self._file(position + HEAD.size, end - position - HEAD.size)))
+            found.append((position, self._file.content(position, end)))
             position = end
         return found
 
@@ -359,8 +306,7 @@ class Walk:
         opcode, end, _ = self._index().get(position, (0, 0, None))
         if not opcode or end > self.size:
             return None
-        content = self._file(position + HEAD.size, end - position - HEAD.size)
-        record = Record(opcode, position, end, content)
+        record = Record(opcode, position, end, self._file.content(position, end))
         try:
             self._open(record)
         except DamageError as error:
@@ -374,9 +320,9 @@ class Walk:
         named = self._index().get(record.position)
         if named is not None and named[1] <= self.size and named[0] == record.opcode:
             end = named[1]
-            record.content = self._file(record.position + HEAD.size, end - record.position - 9)
+            record.content = self._file.content(record.position, end)
             record.end = end
-        elif not self._plausible(record.end):
+        elif not self._file.plausible(record.end):
             self._skip(record.position, reason)
             return None
         record.indexes = self._indexes(record.end) if record.opcode == Opcode.CHUNK else []
@@ -411,43 +357,16 @@ class Walk:
         record.messages, record.others = found
         return bool(len(record.messages) or record.others)
 
-    def _index(self) -> dict[int, _Index]:
+    def _index(self) -> dict[int, NamedRecord]:
         """Return where chunks, attachments and metadata lie, as the summary has it, by position.
 
         Only of a summary that its checksum proves; read at the first damage.
         """
         if self._places is None:
             self._places = {}
-            try:
-                self._places = dict(self._named_in_summary())
-            except DamageError:
-                self._places = {}
+            with suppress(DamageError):
+                self._places = dict(self._file.named())
         return self._places
-
-    def _named_in_summary(self) -> Iterator[tuple[int, _Index]]:
-        tail = HEAD.size + 20 + len(MAGIC)
-        at = self.size - tail
-        if at < len(MAGIC) or self._head(at) != (Opcode.FOOTER, self.size - len(MAGIC)):
-            return
-        footer = parsed(Footer, self._file(at + HEAD.size, 20))
-        start, checksum = footer.summary_start, footer.summary_crc
-        if not len(MAGIC) < start < at or checksum != self._file.checksum(start, at + 25):
-            return
-        while start < at and self._fault(start) is None:
-            opcode, end = self._head(start)
-            content = self._file(start + HEAD.size, end - start - HEAD.size)
-            if opcode == Opcode.CHUNK_INDEX:
-                chunk = parsed(ChunkIndex, content)
-                place = chunk.chunk_start_offset
-                yield place, (Opcode.CHUNK, place + chunk.chunk_length, chunk.compressed_size)
-            elif opcode == Opcode.ATTACHMENT_INDEX:
-                attachment = parsed(AttachmentIndex, content)
-                place = attachment.offset
-                yield place, (Opcode.ATTACHMENT, place + attachment.length, None)
-            elif opcode == Opcode.METADATA_INDEX:
-                metadata = parsed(MetadataIndex, content)
-                yield metadata.offset, (Opcode.METADATA, metadata.offset + metadata.length, None)
-            start = end
 
     def _finish(self) -> None:
         """Check what lies behind the footer, or that it is missing."""
@@ -475,35 +394,6 @@ class Walk:
         elif behind:
             self._lose(position + len(MAGIC), self.size, "bytes after the end of the file")
 
-    def _head(self, position: int) -> tuple[int, int]:
-        """Return opcode and end of the record at a place."""
-        opcode, length = HEAD.unpack(self._file(position, HEAD.size))
-        return opcode, position + HEAD.size + length
-
-    def _fault(self, position: int) -> str | None:
-        """Return why no record can lie at a place; None if one can."""
-        left = self.size - position - HEAD.size
-        if left < 0:
-            return f"the file ends after {self.size} bytes, without its closing records"
-        opcode, length = HEAD.unpack(self._file(position, HEAD.size))
-        known, private = opcode in _LEAST_BYTES, opcode >= _PRIVATE
-        strange = not (known or private) and self._policy != "stop"
-        if opcode == 0 or strange or length != _EXACT_BYTES.get(opcode, length):
-            return f"no record at byte {position}"
-        if length > left:
-            return f"the record at byte {position} is cut short"
-        if known and length < _LEAST_BYTES[opcode]:
-            name = Opcode(opcode).name.lower().replace("_", " ")
-            return f"record at byte {position}: the {name} is cut short"
-        if not private and opcode != Opcode.ATTACHMENT and length > _MOST_BYTES:
-            return f"the record at byte {position} claims {length} bytes"
-        return None
-
-    def _plausible(self, position: int) -> bool:
-        """Whether a record, the closing magic or the end could lie at a place."""
-        left = self._file(position, len(MAGIC))
-        return left == MAGIC[: len(left)] or self._fault(position) is None
-
     def _lose(self, first: int, last: int, reason: str) -> None:
         self.damage.append(Damage(first, last - first, reason))
 
@@ -522,23 +412,24 @@ class Walk:
         self.position = end
 
     def _candidate(self, position: int, *, bare: bool) -> int:
-        for begin in range(position, self.size, _WINDOW):
-            window = self._file(begin, _WINDOW + HEAD.size)
+        for begin in range(position, self.size, WINDOW):
+            window = self._file(begin, WINDOW + HEAD.size)
             for match in _CANDIDATE.finditer(window):
                 at = begin + match.start()
-                if match.start() < _WINDOW and self._proves_itself(at, bare=bare):
+                if match.start() < WINDOW and self._proves_itself(at, bare=bare):
                     return at
         return self.size
 
     def _proves_itself(self, position: int, *, bare: bool) -> bool:
         """Whether a record lies at a place; bare : whether messages outside chunks may."""
-        if self._fault(position) is not None or not self._plausible(self._head(position)[1]):
+        if self._file.fault(position) is not None:
             return False
-        opcode, end = self._head(position)
+        opcode, end = self._file.head(position)
+        if not self._file.plausible(end):
+            return False
         if opcode in _BARE and not bare and self.ended is None:
             return False
-        content = self._file(position + HEAD.size, end - position - HEAD.size)
-        record = Record(opcode, position, end, content)
+        record = Record(opcode, position, end, self._file.content(position, end))
         if opcode == Opcode.MESSAGE:
             return int.from_bytes(record.content[:2], "little") in self._known
         try:

@@ -17,7 +17,7 @@ from cli.shell import SCENARIOS
 from fed import Release, blocks_of_one, fed, random_blocks
 from master.scalar import scalar_fmu
 from random_runs import RandomRuns
-from shared import fmu_store, share_of
+from shared import fmu_store, slow_share_of
 
 from cosim.hinf import AuvDesignSettings, auv_system
 from cosim.master import Run, System
@@ -175,8 +175,7 @@ def some(members: Iterable[Any], number: int) -> list[Any]:
     """Every so many as they are; the others, or a share of them, as slow ones."""
     given = [*members]
     left = [one for i, one in enumerate(given) if i % number]
-    slow = [pytest.param(one, marks=pytest.mark.slow) for one in share_of(left)]
-    return [*given[::number], *slow]
+    return [*given[::number], *slow_share_of(left)]
 
 
 @pytest.mark.parametrize("seed", some(range(SYSTEMS), 8))

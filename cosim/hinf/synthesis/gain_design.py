@@ -349,18 +349,21 @@ def greatest_delay(
     known = ages_are_known(system) and order is not None
     errors: list[tuple[str, NotAchievableError]] = []
     found: GreatestDelay | None = None
+    plain: GreatestDelay | NotAchievableError | None = None
     for condition, improves in _conditions_of_delay(system, order, given=given):
         if found is not None and not improves:
             continue
         try:
             tried = _delay_by(
-                of_any_age(system), gamma, (one, two), condition, delay_index, limit, look
+                of_any_age(system), gamma, (one, two), condition, delay_index, limit, look, plain
             )
         except NoGainError:
             raise
         except NotAchievableError as error:
+            plain = error if condition is None else plain
             errors.append(("Theorem 2" if condition is None else f"order {condition}", error))
             continue
+        plain = tried if condition is None else plain
         if found is None or tried.delay > _WORTH * found.delay:
             found = tried
     if known:
@@ -402,8 +405,12 @@ def _delay_by(
     delay_index: int,
     limit: float,
     search: bool,  # noqa: FBT001
+    plain: GreatestDelay | NotAchievableError | None,
 ) -> GreatestDelay:
-    """Find the greatest delay by Theorem 2, or by the condition of order N."""
+    """Find the greatest delay by Theorem 2, or by the condition of order N.
+
+    plain : as in `bessel_legendre_delay`.
+    """
     if order is None:
         return delay_of_theorem_2(
             system, gamma, *scalars, delay_index=delay_index, limit=limit, search=search
@@ -414,6 +421,7 @@ def _delay_by(
         delay_index=delay_index,
         limit=limit,
         search=search,
+        plain=plain,
     )
 
 

@@ -268,12 +268,15 @@ def bessel_legendre_delay(
     delay_index: int = 0,
     limit: float = DELAY_LIMIT,
     search: bool = False,
+    plain: GreatestDelay | NotAchievableError | None = None,
 ) -> GreatestDelay:
     """Find the greatest delay as `greatest_delay` does, with order N.
 
     Continuation from the gain at the greatest delay of Theorem 2; nothing is refuted beyond
     the end. At N > 0 the proof covers exactly that delay, or every one up to it
     (`Design.covers_smaller_delays`).
+
+    plain : what `greatest_delay` gave of the same arguments, or raised; None: not tried yet.
 
     Raises
     ------
@@ -284,16 +287,20 @@ def bessel_legendre_delay(
     def at(d: float) -> Loop:
         return Loop(with_delay(system, delay_index, d), order, gamma)
 
-    try:
-        plain = greatest_delay(
-            system, gamma, k1, k2, delay_index=delay_index, limit=limit, search=search
-        )
+    if plain is None:
+        try:
+            plain = greatest_delay(
+                system, gamma, k1, k2, delay_index=delay_index, limit=limit, search=search
+            )
+        except NotAchievableError as error:
+            plain = error
+    if isinstance(plain, GreatestDelay):
         K, start = plain.design.K, plain.delay
-    except NotAchievableError as error:
+    else:
         start = _SHORT * limit
         short = at(start).initial_gains()
         if not short:
-            raise error from None
+            raise plain from None
         K = short[0]
     check_order(order, at(start).system)
     passed = continue_gain(at, K, start, limit)
